@@ -56,7 +56,7 @@ from engine.structure import Tilt
 from hiding.visibility import SHOWS, shown_beside
 
 from dynident.diagnosis import Change, FrictionDifference, diagnose
-from dynident.diagnosis.series import measured, series, what_may_change
+from dynident.diagnosis.series import build_measure, monitor_days, reduce_day
 from dynident.identification import identify
 from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot
@@ -162,8 +162,8 @@ def judged(pair: Pair) -> Outcome:
         changes, friction = found_between.changes or (), found_between.friction
         right = [one for one in changes if _is_right(pair, one, robot)]
     else:
-        measure = what_may_change(model, with_temperature=pair.warm)
-        found = series(measure, [measured(measure, one.name, [one]) for one in recordings]).changes
+        measure = build_measure(model, with_temperature=pair.warm)
+        found = monitor_days(measure, [reduce_day(measure, one.name, [one]) for one in recordings]).changes
         changes = tuple(one.change for one in found)
         on_time = [one.change for one in found if one.earliest <= pair.since <= one.latest]
         right = [one for one in on_time if _is_right(pair, one, robot)]

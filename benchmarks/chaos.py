@@ -39,10 +39,10 @@ from mischief.weather import BRIEF, STORM, Mischief, Weather
 from sqlalchemy import select
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import examine
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.doctor import check_storage
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import patiently
+from dynident_service.storage.patience import retry_while_away
 from dynident_service.storage.records import FINAL, NewJob
 from dynident_service.storage.tables import JobEventRow, JobRow, ResourceRow
 
@@ -64,7 +64,7 @@ class Told:
 class Submitter(threading.Thread):
     """Asks for jobs, evenly over some time, each until it is accepted."""
 
-    def __init__(self, number: int, seconds: float, port: int, body: dict[str, Any], ledger: Ledger) -> None:
+    def __init__(self, number: int, seconds: float, port: int, body: dict[str, Any], ledger: JobQueue) -> None:
         super().__init__(daemon=True)
         self.told = Told()
         self._number = number
@@ -82,7 +82,7 @@ class Submitter(threading.Thread):
                     self.told.accepted[name] = self._identification(http, name)
                 else:
                     job = NewJob("report", "small_jobs:count", {"steps": 10, "pause": 0.15})
-                    self.told.accepted[name] = patiently(lambda job=job: self._ledger.enqueue(job), 300)
+                    self.told.accepted[name] = retry_while_away(lambda job=job: self._ledger.enqueue(job), 300)
                 time.sleep(self._pause)
 
     def _identification(self, http: httpx2.Client, name: str) -> str:
@@ -176,7 +176,7 @@ class Trial:
             folder, own = Path(name), Database(losable.url)
             with (on_a_cluster if self.with_cluster else two_services)(folder, losable.url) as party:
                 body = asyncio.run(prepare(Connection(party.port)))
-                submitter = Submitter(self.number, self.seconds, party.port, body, Ledger(own))
+                submitter = Submitter(self.number, self.seconds, party.port, body, JobQueue(own))
                 told, mischief = submitter.told, Mischief(party, losable, self.weather, self.seed)
                 began = time.monotonic()
                 submitter.start()
@@ -184,7 +184,7 @@ class Trial:
                     if what := mischief.next():
                         told.happened[what] += 1
                 peace = time.monotonic()
-                until_all_ended(Ledger(own), submitter)
+                until_all_ended(JobQueue(own), submitter)
                 calm = time.monotonic() - peace
             found, objects = Ledgers.of(own), ObjectStore((folder / "data" / "objects").as_uri(), folder / "cache")
             wrong = [*faults(found, told.accepted), *damage(own, objects)]
@@ -213,14 +213,14 @@ def unexpected(told: Told, party: Party) -> Iterator[str]:
 
 def damage(own: Database, objects: ObjectStore) -> Iterator[str]:
     """Say which files are lost, damaged by their hashes, or owned by nobody and not marked to be deleted."""
-    yield from (f"{one.trouble}: {one.what}: {one.detail}" for one in examine(own, objects))
+    yield from (f"{one.trouble}: {one.what}: {one.detail}" for one in check_storage(own, objects))
 
 
-def until_all_ended(ledger: Ledger, submitter: Submitter) -> None:
+def until_all_ended(ledger: JobQueue, submitter: Submitter) -> None:
     """Leave all in peace, until there is nothing to do any more."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
-        if not submitter.is_alive() and set(patiently(ledger.counts, 60)) <= FINAL:
+        if not submitter.is_alive() and set(retry_while_away(ledger.count_by_state, 60)) <= FINAL:
             return
         time.sleep(0.2)
 

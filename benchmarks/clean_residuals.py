@@ -27,8 +27,8 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.diagnosis import compare
-from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.words import ABOVE_NOISE, over_noise
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.words import ABOVE_NOISE, compute_residual_over_noise
 from dynident.identification import identify
 
 QUANTILES = (0.5, 0.75, 0.9, 0.95, 1.0)
@@ -51,7 +51,7 @@ def largest(case: Case, folder: Path) -> float:
     training = recorded(case, folder).recordings(held_out=False)
     found = identify(as_described(arm_by_name(case.arm), case.noise), training)
     comparisons = [compare(found, recording) for recording in training]
-    ratios = over_noise(comparisons, sensor_noise(training, found.preprocessing))
+    ratios = compute_residual_over_noise(comparisons, estimate_sensor_noise(training, found.preprocessing))
     print(case.name, *(f"{ratio:.1f}" for ratio in ratios), flush=True)
     return float(ratios.max())
 

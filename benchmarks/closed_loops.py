@@ -17,7 +17,7 @@ import numpy as np
 from common import FloatArray, median_time, show
 from machines import MACHINES, five_bar, machine, states
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot
@@ -43,13 +43,13 @@ def wide_five_bar() -> Robot:
 
 
 def measure(name: str, robot: Robot) -> tuple[str, ...]:
-    q = robot.linkage.closure.postures(np.random.default_rng(0), M)
+    q = robot.linkage.closure.draw_postures(np.random.default_rng(0), M)
     _, dq, ddq = states(robot, M)
     closed, tree = entries_of(robot), entries_of(robot.tree)
-    whole = robot.linkage.positions(q)
+    whole = robot.linkage.compute_positions(q)
     speed, acceleration = np.random.default_rng(1).normal(size=(2, *whole.shape))
     with_loops, of_tree = samples_a_second(lambda: closed(q, dq, ddq), lambda: tree(whole, speed, acceleration))
-    gap = robot.linkage.closure.conditions(q)[0].max()
+    gap = robot.linkage.closure.compute_gaps_and_conditions(q)[0].max()
     joints = f"{robot.n}, {robot.tree.n}"
     return name, joints, f"{with_loops:,.0f}", f"{of_tree:,.0f}", f"{with_loops / of_tree:.2f}", f"{gap:.0e}"
 
@@ -62,8 +62,8 @@ def samples_a_second(*runs: Callable[[], object]) -> list[float]:
 
 def entries_of(robot: Robot):
     signals = Signals(robot)
-    observation = Observation.of(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
-    given = {"reference": ReferenceParameters.nothing(robot), "memory": np.zeros((M, 0))}
+    observation = Observation.from_columns(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
+    given = {"reference": ReferenceParameters.massless(robot), "memory": np.zeros((M, 0))}
     return lambda q, dq, ddq: observation.evaluate(q, dq, ddq, **given)
 
 

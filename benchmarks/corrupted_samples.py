@@ -18,7 +18,7 @@ import numpy as np
 from spoilt import KINDS, NOISES, N, arm_signals, corrupt
 
 from dynident.recordings import JointLimits, RecordedJoints
-from dynident.recordings.conditioning.steps import usual_steps
+from dynident.recordings.conditioning.steps import measure_usual_steps
 from dynident.recordings.importing import condition_arrays
 
 RATES = (60.0, 100.0, 200.0, 500.0, 1000.0)
@@ -74,7 +74,7 @@ def calibrate(seed: int) -> None:
     print("noise     order   swings of 2 to 4 usual steps in 10^6   largest")
     for noise, order in product(NOISES, (1, 2)):
         steps = np.diff(NOISES[noise](rng, (1_000_000,)), n=order)
-        usual = usual_steps(steps[:, None])[:-1, 0]
+        usual = measure_usual_steps(steps[:, None])[:-1, 0]
         swings = (np.minimum(np.abs(steps[1:]), np.abs(steps[:-1])) / usual)[steps[1:] * steps[:-1] < 0.0]
         print(f"{noise:9} {order:5} {np.count_nonzero((swings >= 2.0) & (swings < 4.0)):38} {swings.max():9.1f}")
 

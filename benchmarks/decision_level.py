@@ -21,11 +21,11 @@ import numpy as np
 from common import FloatArray, show
 from scipy import signal
 
-from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.gate import ALPHA, judge
+from dynident.diagnosis.candidates.family import compute_familywise_p
+from dynident.diagnosis.candidates.gate import ALPHA, combine_scores
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import contributions, score_candidates
+from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
 
 JOINTS, MODEL = 3, 10
 WIDTHS = (1,) * 60 + (2,) * 20 + (3,) * 10 + (7,) * 10
@@ -61,11 +61,13 @@ def drawn(rng: np.random.Generator, n_stretches: int, long: int) -> tuple[float,
     grams = tuple(_gram(rng, rows, columns, n_stretches) for _ in range(JOINTS))
     position = tuple(np.arange(columns) for _ in range(JOINTS))
     counts = np.full((n_stretches, JOINTS), float(long * ROWS))
-    data = Products.of(grams, position, counts, np.zeros(n_stretches, dtype=np.intp))
+    data = Products.from_grams(grams, position, counts, np.zeros(n_stretches, dtype=np.intp))
     base, noise, joints = np.arange(MODEL), np.ones(JOINTS), tuple(range(JOINTS))
     scores = [score_candidates(data, base, candidates, noise, kind)[1] for kind in ("interleaved", "contiguous")]
-    judged = [judge(pair, joints, noise) for pair in zip(*scores, strict=True)]
-    p = family_wise_p(np.array([item.gains for item in judged]), contributions(data, base, candidates, noise))
+    judged = [combine_scores(pair, joints, noise) for pair in zip(*scores, strict=True)]
+    p = compute_familywise_p(
+        np.array([item.gains for item in judged]), compute_contributions(data, base, candidates, noise)
+    )
     named = any(item.t > 0 and item.drop > 0 and value <= ALPHA for item, value in zip(judged, p, strict=True))
     return float(p.min()), named
 

@@ -28,19 +28,19 @@ from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.observation.model import DesignModel, design_model
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.observation.model import DesignModel, build_design_model
 from dynident.excitation.optimising import optimise
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import search
+from dynident.excitation.optimising.optimise import search_stepwise
 from dynident.excitation.optimising.problem import DesignProblem
-from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
-from dynident.motion.limits.bounds import Bounds, bounds_of
-from dynident.motion.limits.shrinking import Shrinking
+from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.motion.limits.bounds import Bounds, build_bounds
+from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.motion.trajectories.family import Family
 from dynident.motion.trajectories.fourier import FourierFamily
-from dynident.progress import silent
-from dynident.regressors.base_parameters import random_observation, select_base
+from dynident.progress import ignore_progress
+from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 
@@ -72,11 +72,11 @@ class Scene:
 
     def condition(self, x: FloatArray) -> float:
         """Condition number of coefficients (m, n) once they keep the limits on a fine grid; infinite where none do."""
-        fitting = Shrinking(self.family, self.bounds, self.model).shrink(x)
+        fitting = AmplitudeScaler(self.family, self.bounds, self.model).scale_down(x)
         if fitting is None:
             return float("inf")
-        yardstick = yardstick_of(self.model, CriterionChoice(), {})
-        return Judge(self.family, self.model, yardstick, n_samples=1000).values(fitting).condition_number
+        yardstick = build_design_criterion(self.model, CriterionChoice(), {})
+        return CandidateEvaluator(self.family, self.model, yardstick, n_samples=1000).evaluate(fitting).condition_number
 
 
 def main() -> None:
@@ -86,13 +86,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     # Told is processor time, and the rivals try one start after the other, too.
-    optimise.processors = lambda: 1
+    optimise.count_processors = lambda: 1
     robot = robot_from_library("franka_panda")
-    model = pivoted(design_model(robot, EFFECTS))
+    model = pivoted(build_design_model(robot, EFFECTS))
     family: Family = FourierFamily(5, 10.0)
-    bounds = bounds_of(robot, {})
-    judge = Judge(family, model, yardstick_of(model, CriterionChoice(), {}))
-    candidates = random_candidates(family, bounds, model, judge, count=N_STARTS, seed=asked.seed)
+    bounds = build_bounds(robot, {})
+    judge = CandidateEvaluator(family, model, build_design_criterion(model, CriterionChoice(), {}))
+    candidates = draw_candidates(family, bounds, model, judge, count=N_STARTS, seed=asked.seed)
     assert isinstance(family, FourierFamily)
     starts = tuple(candidate.x for candidate in candidates)
     scene = Scene(robot, model, family, bounds, starts, asked.seed, 0.0, asked.patience)
@@ -126,8 +126,8 @@ def timed(run: Callable[[], float], scene: Scene) -> tuple[float, float]:
 
 def pivoted(model: DesignModel) -> DesignModel:
     """The same model with base parameters chosen by QR with pivoting, the best conditioned ones first."""
-    everything = Observation.of(model.robot, model.columns, model.signals)
-    w = random_observation(everything, 200)
+    everything = Observation.from_columns(model.robot, model.columns, model.signals)
+    w = evaluate_at_random_states(everything, 200)
     norms = np.linalg.norm(w, axis=0)
     scaled = np.where(norms > 1e-8 * norms.max(), w / np.maximum(norms, 1e-300), 0.0)
     order = qr(scaled, mode="r", pivoting=True)[1]
@@ -138,13 +138,15 @@ def pivoted(model: DesignModel) -> DesignModel:
 
 def our_design(scene: Scene) -> float:
     """Search until the goal is reached."""
-    yardstick = yardstick_of(scene.model, CriterionChoice(), {})
-    judge = Judge(scene.family, scene.model, yardstick)
-    candidates = random_candidates(scene.family, scene.bounds, scene.model, judge, count=N_STARTS, seed=scene.seed)
-    problem = DesignProblem(scene.family, scene.model, yardstick.smooth, scene.bounds)
-    shrinking = Shrinking(scene.family, scene.bounds, scene.model)
+    yardstick = build_design_criterion(scene.model, CriterionChoice(), {})
+    judge = CandidateEvaluator(scene.family, scene.model, yardstick)
+    candidates = draw_candidates(scene.family, scene.bounds, scene.model, judge, count=N_STARTS, seed=scene.seed)
+    problem = DesignProblem(scene.family, scene.model, yardstick.smooth_criterion, scene.bounds)
+    shrinking = AmplitudeScaler(scene.family, scene.bounds, scene.model)
     best = np.inf
-    for found in search(problem, shrinking, judge, candidates, Budget(N_STARTS, scene.patience), silent):
+    for found in search_stepwise(
+        problem, shrinking, judge, candidates, Budget(N_STARTS, scene.patience), ignore_progress
+    ):
         best = min(best, scene.condition(found.best.x))
         if best <= scene.goal:
             break
@@ -208,7 +210,7 @@ def _places(model: DesignModel) -> list[int]:
     theirs = ("M", "MX", "MY", "MZ", "XX", "XY", "YY", "XZ", "YZ", "ZZ")
     n, names = model.robot.n, model.robot.joint_names
     made = []
-    for column in model.kept[: model.n_parameters]:
+    for column in model.base_columns[: model.n_parameters]:
         joint = names.index(column.link)
         if column.effect == "rigid_body":
             made.append(10 * joint + theirs.index(column.parameter))

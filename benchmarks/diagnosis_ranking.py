@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool
-from dynident.diagnosis.candidates.products import folds, products
+from dynident.diagnosis.candidates.products import products_from_reduction, split_folds
 from dynident.diagnosis.candidates.scoring import score_candidates
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.regressors.stream import filtered_samples, reduce_recordings
+from dynident.regressors.stream import reduce_recordings, stream_filtered_samples
 from dynident.robot import robot_from_library, to_pinocchio
 
 IndexArray = NDArray[np.intp]
@@ -46,7 +46,9 @@ def main() -> None:
     pool = build_pool(model.model)
     building = time.process_time() - start
     start = time.process_time()
-    data = products(reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.standard_inertia()))
+    data = products_from_reduction(
+        reduce_recordings(pool.observation, [recording], PREPROCESSING, model.estimate.standard_inertia())
+    )
     reducing = time.process_time() - start
     base = np.arange(pool.n_base, dtype=np.intp)
     start = time.process_time()
@@ -110,7 +112,7 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
     """W (m, n, c) and Y (m, n) after the parallel filter, and the number of the stretch that each row is in."""
     observation = pool.observation
     w, y, t = [], [], []
-    for part in filtered_samples(observation, recording, PREPROCESSING, model.estimate.standard_inertia()):
+    for part in stream_filtered_samples(observation, recording, PREPROCESSING, model.estimate.standard_inertia()):
         dense = np.zeros((len(part.t), observation.robot.n, observation.n_columns))
         dense[:, observation.entry_rows, observation.entry_columns] = part.values
         w.append(dense)
@@ -123,7 +125,7 @@ def rows_of(pool: Pool, recording: Recording, model: Identification) -> tuple[Fl
 def held_out(w: FloatArray, y: FloatArray, stretch: IndexArray) -> FloatArray:
     """Residual (m, n) of every row, predicted by a fit to the other folds."""
     rest = np.empty_like(y)
-    for left_out in folds(int(stretch.max()) + 1, "interleaved"):
+    for left_out in split_folds(int(stretch.max()) + 1, "interleaved"):
         test = np.isin(stretch, left_out)
         fitted = np.linalg.lstsq(w[~test].reshape(-1, w.shape[2]), y[~test].reshape(-1), rcond=None)[0]
         rest[test] = y[test] - w[test] @ fitted

@@ -37,14 +37,14 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.residuals.stretches import compute_t
 from dynident.diagnosis.search import contest, search
-from dynident.diagnosis.search.state import State, judge_all
+from dynident.diagnosis.search.state import State, score_all
 from dynident.identification import identify
-from dynident.identification.shapes.shapes import between
+from dynident.identification.shapes.shapes import list_between
 from dynident.regressors.model import Model
 
 RIVALS, STARTS = 0.3, 12
@@ -109,14 +109,14 @@ def contests_of(case: Case, folder: Path) -> list[Contest]:
 def listening(case: Case) -> Iterator[list[Contest]]:
     """Contests as they are fought, and once more with more rivals and starts."""
     heard: list[Contest] = []
-    fight = contest.settled
+    fight = contest.compare_names
 
     def settled(
         model: Model,
         pool: Pool,
         state: State,
         choice: contest.Choice,
-        judged: Sequence[JudgedCandidate],
+        judged: Sequence[ScoredCandidate],
         products: Callable[[Pool], PhasedProducts],
     ) -> contest.Choice:
         with patch.object(contest, "_CONTENDS", RIVALS), patch.object(contest, "_STARTS", STARTS):
@@ -134,24 +134,24 @@ def weighed(
     model: Model,
     pool: Pool,
     state: State,
-    chosen: JudgedCandidate,
-    judged: Sequence[JudgedCandidate],
+    chosen: ScoredCandidate,
+    judged: Sequence[ScoredCandidate],
     products: Callable[[Pool], PhasedProducts],
 ) -> Contest | None:
     """All that take part, or None where none of them is hidden on the joint."""
     own = [item for item in judged if item.candidate == chosen.candidate]
-    contenders = list(dict.fromkeys([*own, *contest._contenders(chosen, judged)]))
+    contenders = list(dict.fromkeys([*own, *contest._find_contenders(chosen, judged)]))
     names = dict.fromkeys(item.candidate.effect for item in contenders)
     if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
         return None
-    parents = {finer: item for item in contenders for finer in between(item.candidate.choice)}
-    finer = contest.finer_pool(model, pool, state, list(parents))
+    parents = {finer: item for item in contenders for finer in list_between(item.candidate.choice)}
+    finer = contest.build_finer_pool(model, pool, state, list(parents))
     data = products(finer)
-    kinds = [data.kinds(one.columns) for one in finer.candidates]
+    kinds = [data.find_row_kinds(one.columns) for one in finer.candidates]
     common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)
-    again = judge_all(data, finer, tuple(range(finer.n_base)), finer.candidates, state.noise, kinds=common)
+    again = score_all(data, finer, tuple(range(finer.n_base)), finer.candidates, state.noise, kinds=common)
     rivals = []
-    best: dict[bool, JudgedCandidate] = {}
+    best: dict[bool, ScoredCandidate] = {}
     for name in names:
         grid = [item for item in contenders if item.candidate.effect == name]
         gains = [
@@ -168,10 +168,10 @@ def weighed(
     return Contest(case.name, tuple(rivals), round(t, 3), round(f, 3))
 
 
-def _apart(right: JudgedCandidate, wrong: JudgedCandidate) -> tuple[float, float]:
+def _apart(right: ScoredCandidate, wrong: ScoredCandidate) -> tuple[float, float]:
     more = wrong.gains - right.gains
     better = wrong if more.sum() > 0 else right
-    return t_of(more), float(more.sum()) * (len(more) - 1) / max(float(better.after_weighted.sum()), 1e-300)
+    return compute_t(more), float(more.sum()) * (len(more) - 1) / max(float(better.after_weighted.sum()), 1e-300)
 
 
 def is_right(case: Case, candidate: Candidate, pool: Pool) -> bool:

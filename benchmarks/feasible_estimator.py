@@ -14,7 +14,7 @@ from common import median_time, show, simulated_samples
 from compared import compared
 
 from dynident.effects import EffectChoice
-from dynident.estimation import weighted_factor
+from dynident.estimation import build_weighted_factor
 from dynident.identification import Identification, IdentificationChoices, identify, reidentify
 from dynident.recordings import Preprocessing, recording_from_arrays
 from dynident.robot import robot_from_library, to_pinocchio
@@ -36,7 +36,7 @@ def main() -> None:
 
     found = ours()
     assert found.estimate.standard is not None
-    assert smallest_pseudo_inertia(found.estimate.standard.inertias(found.model)).min() > 0
+    assert smallest_pseudo_inertia(found.estimate.standard.to_inertias(found.model)).min() > 0
     ours_time = median_time(ours, REPEATS)
     theirs_time = median_time(lambda: in_cvxpy(found), REPEATS)
     ours_cost, theirs_cost = cost(found, found.values), cost(found, in_cvxpy(found))
@@ -55,14 +55,14 @@ def main() -> None:
 
 
 def cost(found: Identification, values: np.ndarray) -> float:
-    factor = weighted_factor(found.data.equations, found.estimate.solution.noise)
+    factor = build_weighted_factor(found.data.equations, found.estimate.solution.noise)
     return float(np.sum((factor[:, :-1] @ values - factor[:, -1]) ** 2))
 
 
 def in_cvxpy(found: Identification) -> np.ndarray:
     """Base parameters of the feasible standard parameters that fit best."""
     model = found.model
-    factor = weighted_factor(found.data.equations, found.estimate.solution.noise)
+    factor = build_weighted_factor(found.data.equations, found.estimate.solution.noise)
     standard = cp.Variable(len(model.columns))
     not_negative = ("rotor_inertia", "coulomb", "viscous")
     constraints = [standard[k] >= 0 for k, column in enumerate(model.columns) if column.effect in not_negative]

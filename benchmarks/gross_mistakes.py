@@ -49,16 +49,16 @@ from hiding.manners import Manners
 from hiding.recorded import recorded
 from placebos.subjects import REAL_ARMS, imported
 
-from dynident.identification.mistakes.bands import motion_of, whole_motion_of
-from dynident.identification.mistakes.checks import checks_against
-from dynident.identification.mistakes.scales import scales_of
+from dynident.identification.mistakes.bands import filter_motion, filter_whole_motion
+from dynident.identification.mistakes.checks import build_dynamics_checks
+from dynident.identification.mistakes.scales import find_torque_scales
 from dynident.identification.mistakes.search import (
-    delay_among,
-    excess_in,
-    left_of,
-    mistakes_of,
+    find_delay,
+    find_excess_of_motion,
+    find_motion_faults,
+    measure_unexplained_share,
 )
-from dynident.identification.mistakes.swaps import Mistake, Motion, mistakes_among
+from dynident.identification.mistakes.swaps import ColumnFault, Motion, list_possible_faults
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
 
@@ -83,15 +83,15 @@ def main() -> None:
     amounts = [("recording", "late as it is", "20 ms later", "20 ms earlier", "gains x 10 noticed")]
     with tempfile.TemporaryDirectory() as folder:
         for name, robot, recording in _recordings(seed, options.cases, Path(folder)):
-            motion = motion_of(recording)
+            motion = filter_motion(recording)
             if motion is None:
                 continue
             amounts.append((name, *_delays(robot, recording), _gains(robot, motion)))
-            told = mistakes_of(robot, motion)
+            told = find_motion_faults(robot, motion)
             if told is None:
                 continue
             untouched.append((name, len(told[0]), told[1]))
-            possible = list(mistakes_among(np.ones(robot.n, dtype=bool)))
+            possible = list(list_possible_faults(np.ones(robot.n, dtype=bool)))
             chosen = [possible[k] for k in rng.permutation(len(possible))[: options.each]]
             planted += [(one.kind, *_tried(robot, motion, one)) for one in chosen]
     show(
@@ -112,17 +112,17 @@ def main() -> None:
     show("Planted mistakes", rows)
 
 
-def _tried(robot: Robot, motion: Motion, mistake: Mistake) -> tuple[float, bool, bool, bool]:
+def _tried(robot: Robot, motion: Motion, mistake: ColumnFault) -> tuple[float, bool, bool, bool]:
     """Harm of a mistake, whether it is noticed, whether what is named undoes it, and whether it blocks."""
-    wrong = mistake.mended(motion)
-    usual, bad = left_of(robot, motion), left_of(robot, wrong)
-    told = mistakes_of(robot, wrong)
+    wrong = mistake.mend(motion)
+    usual, bad = measure_unexplained_share(robot, motion), measure_unexplained_share(robot, wrong)
+    told = find_motion_faults(robot, wrong)
     found = told[0] if told else ()
     mended = wrong
     for one in found:
-        mended = one.mistake.mended(mended)
+        mended = one.mistake.mend(mended)
     named = bool(found) and mistake in (found[0].mistake, *found[0].alike)
-    cured = named or (bool(found) and left_of(robot, mended) <= usual * 1.05)
+    cured = named or (bool(found) and measure_unexplained_share(robot, mended) <= usual * 1.05)
     return float(np.log(bad / usual)), bool(found), cured, any(one.certain for one in found)
 
 
@@ -130,8 +130,8 @@ def _delays(robot: Robot, recording: Recording) -> tuple[str, ...]:
     """What is said of the delay: as it is, and with torques moved; a mistake is marked."""
     told = []
     for seconds in (0.0, LATE, -LATE):
-        whole = whole_motion_of(recording if seconds == 0.0 else _moved_torque(recording, seconds))
-        found = None if whole is None else delay_among(robot, *whole)
+        whole = filter_whole_motion(recording if seconds == 0.0 else _moved_torque(recording, seconds))
+        found = None if whole is None else find_delay(robot, *whole)
         told.append("-" if found is None else f"{1e3 * found.seconds:.1f} ms{' !' if found.is_mistake else ''}")
     return tuple(told)
 
@@ -147,12 +147,12 @@ def _moved_torque(recording: Recording, seconds: float) -> Recording:
 
 def _gains(robot: Robot, motion: Motion) -> str:
     """On how many joints a gain ten times too large is noticed, alone and with the right power; and false alarms."""
-    usual = scales_of(robot, motion, excess_in(robot, motion))
+    usual = find_torque_scales(robot, motion, find_excess_of_motion(robot, motion))
     right = 0
     for joint in range(robot.n):
         times = np.where(np.arange(robot.n) == joint, 10.0, 1.0)
         large = replace(motion, tau=motion.tau * times)
-        found = scales_of(robot, large, excess_in(robot, large)) or ()
+        found = find_torque_scales(robot, large, find_excess_of_motion(robot, large)) or ()
         right += [(one.joint, one.power) for one in found] == [(joint, 10.0)]
     return f"{right} of {robot.n}" + (f", untouched {len(usual)}" if usual else "")
 
@@ -165,7 +165,7 @@ def _other_faults(seed: int) -> list[tuple[str, str, str, str, str]]:
         for arm in FAULTY:
             for draw in range(FAULTS):
                 robot, motion = spoiled(arm, np.random.default_rng([seed, draw]))
-                told = mistakes_of(robot, motion)
+                told = find_motion_faults(robot, motion)
                 found = [one for one in told[0] if one.mistake.kind != "torque scaled"] if told else []
                 count, named, refused = count + 1, named + bool(found), refused + any(one.certain for one in found)
                 most = max([most, *(float(np.log(one.left_with / one.left_without)) for one in found)])
@@ -183,11 +183,15 @@ def _drawn_frictions(seed: int) -> list[tuple[str, ...]]:
             sizes = np.exp(rng.normal(0.0, SPREAD, robot.n) + rng.normal(0.0, SPREAD))
             drives = replace(usual, coulomb=usual.coulomb * sizes, viscous=usual.viscous * sizes)
             motion = _moved(robot, rng, drives)
-            told = mistakes_of(robot, motion)
-            alarms += bool((told and told[0]) or scales_of(robot, motion, excess_in(robot, motion)))
+            told = find_motion_faults(robot, motion)
+            alarms += bool(
+                (told and told[0]) or find_torque_scales(robot, motion, find_excess_of_motion(robot, motion))
+            )
             for joint in range(robot.n):
                 large = replace(motion, tau=motion.tau * np.where(np.arange(robot.n) == joint, 10.0, 1.0))
-                found = {one.joint for one in scales_of(robot, large, excess_in(robot, large)) or ()}
+                found = {
+                    one.joint for one in find_torque_scales(robot, large, find_excess_of_motion(robot, large)) or ()
+                }
                 planted, noticed, wrong = planted + 1, noticed + bool(found), wrong + bool(found - {joint})
         rows.append((arm, *map(str, (DRAWN, alarms, planted, noticed, wrong))))
     return rows
@@ -225,12 +229,12 @@ def _short(robot: Robot, runs: Sequence[Recording], rng: np.random.Generator) ->
     said, counts = [], np.zeros(3, dtype=int)
     names = [f"{kind}{joint + 1}" for kind in ("q", "tau") for joint in range(robot.n)]
     for short in runs:
-        checks = checks_against(robot)(short, names[: robot.n], names[robot.n :]) or ()
+        checks = build_dynamics_checks(robot)(short, names[: robot.n], names[robot.n :]) or ()
         said += [one.name for one in checks if one.status != "ok"]
-        motion = motion_of(short)
+        motion = filter_motion(short)
         if motion is None:
             continue
-        possible = list(mistakes_among(np.ones(robot.n, dtype=bool)))
+        possible = list(list_possible_faults(np.ones(robot.n, dtype=bool)))
         for k in rng.permutation(len(possible))[:FEW]:
             harm, noticed, cured, _ = _tried(robot, motion, possible[k])
             counts += np.array([True, noticed, cured]) if harm >= HARMLESS else 0
@@ -260,7 +264,7 @@ def _scaled(arm: str, rng: np.random.Generator) -> tuple[Robot, Motion]:
 
 def _moved(robot: Robot, rng: np.random.Generator, drives: Drives | None = None) -> Motion:
     """Filtered rows of a robot, with the engine's usual drives or others."""
-    motion = motion_of(_run(robot, fourier_motion(robot, 16.0, int(rng.integers(2**31)), Arm.step), rng, drives))
+    motion = filter_motion(_run(robot, fourier_motion(robot, 16.0, int(rng.integers(2**31)), Arm.step), rng, drives))
     assert motion is not None
     return motion
 

@@ -40,7 +40,7 @@ from scipy import stats
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.gate import ALPHA
 from dynident.diagnosis.search import sticking
-from dynident.diagnosis.search.sticking import halts_of, held_at_rest
+from dynident.diagnosis.search.sticking import find_halts, find_static_friction
 from dynident.identification import extend, identify
 
 # The package shows the function of that name, not the module.
@@ -95,18 +95,18 @@ def joints_of(case: Case, folder: Path) -> list[Joint]:
     named = {joint for choice in recommended for joint in choice.joints if choice.effect == "stribeck"}
     there = {robot.joint_names[j] for placed in case.hidden if placed.effect == "stribeck" for j in placed.joints}
     comparisons = [compare(grown, recording) for recording in training]
-    *_, held = held_at_rest(grown, training, comparisons, None)
+    *_, held = find_static_friction(grown, training, comparisons, None)
     by_halts = {robot.joint_names[j] for one in held for j in one.judged.joints}
     found = []
     for j, joint in enumerate(robot.joint_names):
-        halts = halts_of(comparisons, j)
+        halts = find_halts(comparisons, j)
         if not len(halts.beyond) or joint in there & named:
             continue
         residual = comparisons[0].noise[j]
         counted = tuple(
             int(((halts.share >= share) & (halts.beyond >= times * residual)).sum()) for share, times in LIMITS
         )
-        same = len(halts.beyond), counted, robot.n, halts.are_alike, halts.are_as_friction_has_them, joint in by_halts
+        same = len(halts.beyond), counted, robot.n, halts.are_alike, halts.look_like_friction, joint in by_halts
         found.append(Joint(case.name, joint, joint in there, *same))
     print(*found, sep="\n", flush=True)
     return found

@@ -27,7 +27,7 @@ from compared import compared
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import Identification, IdentificationChoices, identify_model
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import build_model
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
@@ -57,8 +57,8 @@ def main() -> None:
 
     def identified() -> Identification:
         choices = IdentificationChoices(effects=EFFECTS, estimator="wls")
-        reference = ReferenceParameters.nothing(robot)
-        found = identify_model(ours, [recorded()], [], choices, preprocessing, reference, silent)
+        reference = ReferenceParameters.massless(robot)
+        found = identify_model(ours, [recorded()], [], choices, preprocessing, reference, ignore_progress)
         assert found.statistics.standard_deviations.shape == (ours.n_parameters,)
         return found
 

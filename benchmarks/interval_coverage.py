@@ -29,13 +29,13 @@ from common import FloatArray
 from scipy.signal import lfilter
 
 from dynident.effects import Column, EffectChoice, MemorySignal, ReferenceParameters
-from dynident.effects.memory import step
+from dynident.effects.memory import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
 from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
 from dynident.identification.shapes.shapes import refine_shapes
 from dynident.identification.study.prediction import predict
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_library, to_pinocchio
@@ -85,7 +85,7 @@ def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
     """Presliding by the stop operator, from a state of zero."""
     signal, z, out = MemorySignal("stop", 0, 0.02), 0.0, np.zeros(len(q))
     for k in range(1, len(q)):
-        z = step(signal, z, q[k] - q[k - 1])
+        z = step_state(signal, z, q[k] - q[k - 1])
         out[k] = 8.0 * z
     return out
 
@@ -183,7 +183,9 @@ def study(recordings: int, first: int = 0, estimator: EstimatorName = "wls", mem
         recording = arm.recorded(seed, memory)
         filters = choose_preprocessing([recording])
         choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters, estimator=estimator)
-        found = identify_model(model, [recording], [], choices, filters, ReferenceParameters.nothing(arm.robot), silent)
+        found = identify_model(
+            model, [recording], [], choices, filters, ReferenceParameters.massless(arm.robot), ignore_progress
+        )
         errors.append(found.values - truth)
         deviations.append(found.statistics.standard_deviations)
         for name in AVAILABLE_COVARIANCES:

@@ -45,7 +45,7 @@ from hiding.sessions import draw_session
 from hiding.site import Site
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
 from dynident.diagnosis.search import pruning, refine
@@ -199,10 +199,10 @@ def named(case: Case, folder: Path) -> Named:
 def listening(case: str, effect: str, having: set[str]) -> Iterator[list[Weighed]]:
     """How the joints of the hidden effect's group are weighed when the search is over."""
     heard: list[Weighed] = []
-    weigh, judge = pruning.trimmed, pruning._gains
-    rows: list[tuple[str, bool, JudgedCandidate]] = []
+    weigh, judge = pruning.trim_joints, pruning._has_gain
+    rows: list[tuple[str, bool, ScoredCandidate]] = []
 
-    def gains(data: PhasedProducts, pool: Pool, state: State, alone: JudgedCandidate, least_t: float) -> bool:
+    def gains(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
         holds = judge(data, pool, state, alone, least_t)
         if alone.candidate.effect == effect and least_t != pruning._STAYS_T:
             rows.append((alone.candidate.joints[0], holds, alone))

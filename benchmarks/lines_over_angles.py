@@ -31,7 +31,7 @@ from hiding.recorded import recorded
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import compare
-from dynident.diagnosis.residuals.lines import angle_spectrum, peaks
+from dynident.diagnosis.residuals.lines import compute_angle_power, find_peaks
 from dynident.identification import identify
 
 LIMITS = (8.0, 12.0, 15.0, 18.0, 21.0, 24.0, 30.0, 50.0)
@@ -81,21 +81,21 @@ def _standing(case: Case, folder: Path | None) -> Iterator[Standing]:
     comparisons = [compare(model, recording) for recording in training]
     hidden = {p.joints[0]: dict(p.shape)["k"] for p in case.hidden if p.effect == "torque_ripple"}
     for joint, description in enumerate(robot.joints):
-        q = np.concatenate([c.q[c.telling[:, joint], joint] for c in comparisons])
-        residual = np.concatenate([c.residual[c.telling[:, joint], joint] for c in comparisons])
+        q = np.concatenate([c.q[c.counted_rows[:, joint], joint] for c in comparisons])
+        residual = np.concatenate([c.residual[c.counted_rows[:, joint], joint] for c in comparisons])
         if description.kind != "revolute" or len(q) < LEAST_ROWS or np.ptp(q) < LEAST_ANGLE:
             continue
-        k, power = angle_spectrum(q, residual)
+        k, power = compute_angle_power(q, residual)
         ripple = hidden.get(joint)
         if ripple is None:
-            yield Standing(case.name, joint, sum(bool(peaks(k, power, limit)) for limit in LIMITS), ripple=False)
+            yield Standing(case.name, joint, sum(bool(find_peaks(k, power, limit)) for limit in LIMITS), ripple=False)
         elif ripple * np.ptp(q) > 4 * np.pi:
             yield Standing(case.name, joint, _exceeded(k, power, ripple, float(np.ptp(q))), ripple=True)
 
 
 def _exceeded(k: FloatArray, power: FloatArray, ripple: float, span: float) -> int:
     """How many of the limits a line does that is no further from the ripple than lines are wide."""
-    return sum(any(abs(line - ripple) < 2 * np.pi / span for line in peaks(k, power, limit)) for limit in LIMITS)
+    return sum(any(abs(line - ripple) < 2 * np.pi / span for line in find_peaks(k, power, limit)) for limit in LIMITS)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from common import FloatArray, show
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
 from dynident.diagnosis import Diagnosis, examine
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
@@ -44,9 +44,9 @@ from dynident.simulation import (
     Sensors,
     SimulationRequest,
     TrueEffect,
+    build_typical_effect,
+    list_drive_effects,
     simulate,
-    typical_drive,
-    typical_effect,
 )
 
 ARMS = ("ur5", "ur10", "franka_panda")
@@ -143,10 +143,10 @@ def _drawn(rng: np.random.Generator, pair: Sequence[str]) -> Case:
     arm = str(rng.choice(ARMS))
     robot = robot_from_library(arm)
     hidden, rival = (str(name) for name in rng.permutation(pair))
-    possible = [set(effect_by_id(name).applicable(robot)) for name in pair if effect_by_id(name).scope == "joint"]
+    possible = [set(get_effect(name).applicable(robot)) for name in pair if get_effect(name).scope == "joint"]
     joint = robot.joint_names[int(rng.choice(sorted(set.intersection(*possible))))]
     size = float(rng.uniform(0.6, 1.5))
-    typical = typical_effect(robot, hidden, joint if effect_by_id(hidden).scope == "joint" else "")
+    typical = build_typical_effect(robot, hidden, joint if get_effect(hidden).scope == "joint" else "")
     placed = replace(typical, values=tuple((name, size * value) for name, value in typical.values))
     return _other_motion(Case(arm, placed, rival, 0, 0.0, 0.0, 0.0), rng)
 
@@ -205,7 +205,7 @@ def _between(found: Diagnosis, case: Case) -> bool:
 
 def _names(case: Case) -> list[str]:
     pair = (case.hidden.effect, case.rival)
-    return sorted({*pair, *(other for name in pair for other in effect_by_id(name).confused_with)} - set(_model(case)))
+    return sorted({*pair, *(other for name in pair for other in get_effect(name).confused_with)} - set(_model(case)))
 
 
 def _is_right(found: Diagnosis, case: Case) -> bool:
@@ -286,7 +286,7 @@ def first_motion(robot: Robot, case: Case) -> Reference:
 def measured(robot: Robot, case: Case, motion: Reference, run: int, name: str) -> Recording:
     """What the virtual arm records on a motion."""
     sensors = Sensors(sampling_rate=_RATE)
-    effects = (*typical_drive(robot), case.hidden)
+    effects = (*list_drive_effects(robot), case.hidden)
     seed = (case.seed + run) % 2**31
     taken = simulate(robot, SimulationRequest(motion, effects, sensors=sensors, seed=seed))
     return recording_from_arrays(taken.t, taken.q, taken.tau, joint_names=robot.joint_names, name=name)

@@ -25,7 +25,7 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.estimation import find_outlying_spans
-from dynident.estimation.outlying_spans import STANDS_OUT
+from dynident.estimation.outlying_spans import OUTLYING_RATIO
 from dynident.identification import identify
 
 
@@ -37,7 +37,7 @@ def main() -> None:
     told = sorted(zip(found, (case.name for case in cases), strict=True), reverse=True)
     rows = [("case", "squared residual of the span that stands out most, over the rest")]
     rows += [(name, f"{ratio:.1f}") for ratio, name in told[:10]]
-    rows.append((f"above {STANDS_OUT:g}", str(sum(ratio > STANDS_OUT for ratio in found))))
+    rows.append((f"above {OUTLYING_RATIO:g}", str(sum(ratio > OUTLYING_RATIO for ratio in found))))
     seconds = time.perf_counter() - start
     show(f"Spans that stand out, seed {given.seed}, {len(cases)} cases, {seconds:.0f} s", rows)
 

@@ -14,7 +14,7 @@ import numpy as np
 from common import FloatArray
 
 from dynident.robot import Robot, robot_from_library, robot_from_urdf
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 Kind = Literal["rigid", "elastic", "poor"]
 KINDS: tuple[Kind, ...] = ("rigid", "elastic", "poor")
@@ -64,7 +64,7 @@ def recorded_columns(robot: Robot, kind: Kind, rng: np.random.Generator) -> Colu
             dq + size * rattle * np.cos(angle),
             ddq - size * rattle**2 * np.sin(angle),
         )
-    torque = described_torque(robot, q, dq, ddq)
+    torque = compute_described_torque(robot, q, dq, ddq)
     peak = np.maximum(np.abs(torque).max(axis=0), 0.05 * np.abs(torque).max())
     if kind == "elastic":
         # The motor stands up to 0.05 rad ahead of its link.

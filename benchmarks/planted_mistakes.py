@@ -37,13 +37,13 @@ from imports import DATA, SETS, robot_of
 from planted_arms import drawn_arms
 
 from dynident.desk.robots import load_robot
-from dynident.identification.mistakes.bands import motion_of, whole_motion_of
-from dynident.identification.mistakes.search import delay_among, left_of, parallel_to_the_one_before
+from dynident.identification.mistakes.bands import filter_motion, filter_whole_motion
+from dynident.identification.mistakes.search import find_delay, find_parallel_axes, measure_unexplained_share
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
 from dynident.recordings.sources import ArraySource
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 MORE_SETS = (*SETS, "dfki_double_pendulum", "kinova_gen3")
 LATE, NEAR = 0.02, 0.006
@@ -230,7 +230,7 @@ def plant_mistakes(columns: Columns, robot: Robot, rng: np.random.Generator, pai
     told = f"torques of joints {first} to {n} x {factor:.0f}"
     if set(range(first - 1, n + 1)) <= set(moving):
         yield Planted("outer gains", told, _times(columns, {f"{effort}{k}": factor for k in range(first, n + 1)}))
-    for joint in (int(one) + 1 for one in np.flatnonzero(parallel_to_the_one_before(robot))):
+    for joint in (int(one) + 1 for one in np.flatnonzero(find_parallel_axes(robot))):
         if not {joint - 1, joint} <= set(moving):
             continue
         counted = {f"q{joint}": columns[f"q{joint}"] + columns[f"q{joint - 1}"]}
@@ -282,7 +282,7 @@ def _of_description(columns: Columns, robot: Robot, effort: str, rng: np.random.
     factors[6:9] = 1e3
     yield Planted("grams", "description in grams", columns, robot=replace(robot, inertias=robot.inertias * factors))
     q = np.stack([columns[f"q{k + 1}"] for k in range(robot.n)], axis=1)
-    load = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    load = compute_described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
     if np.ptp(load, axis=0).max() < 1e-3:
         return
     load = load + 2e-3 * np.abs(load).max() * rng.normal(size=load.shape)
@@ -354,7 +354,7 @@ def try_mistake(robot: Robot, right: Read, planted: Planted) -> Outcome:
         if cure is None or turn == MOST_CURES:
             break
         ordered &= any(one.status == "error" and one.apply is not None for one in new)
-        said = cure.of(said)
+        said = cure.apply_to(said)
         read = read_file(robot, planted.columns, said)
     cured = noticed and planted.kind not in TOLD_ONLY and _is_cured(robot, right, read, planted, said)
     wrongly = said != RecordingMetadata() and ordered and read.recording is not None and not cured
@@ -371,11 +371,13 @@ def _harm(robot: Robot, right: Read, planted: Planted) -> bool:
     read = read_file(robot, planted.columns, RecordingMetadata(accept=accept))
     if read.recording is None or right.recording is None:
         return True
-    usual, bad = (motion_of(one.recording) for one in (right, read) if one.recording is not None)
+    usual, bad = (filter_motion(one.recording) for one in (right, read) if one.recording is not None)
     if usual is None or bad is None:
         return True
     as_it_was = robot if planted.gravity is None else replace(robot, gravity=planted.gravity)
-    return float(np.log(left_of(robot, bad) / left_of(as_it_was, usual))) >= HARMLESS
+    return (
+        float(np.log(measure_unexplained_share(robot, bad) / measure_unexplained_share(as_it_was, usual))) >= HARMLESS
+    )
 
 
 def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: RecordingMetadata) -> bool:
@@ -386,16 +388,16 @@ def _is_cured(robot: Robot, right: Read, read: Read, planted: Planted, said: Rec
     now, then = (signals_of(one.recording) for one in (right, read) if one.recording is not None)
     if now.shape == then.shape and np.allclose(now, then, rtol=1e-3, atol=1e-3 * np.abs(now).max(axis=0)):
         return True
-    usual, left = motion_of(right.recording), motion_of(read.recording)
+    usual, left = filter_motion(right.recording), filter_motion(read.recording)
     if planted.kind.endswith("x 10") or usual is None or left is None:
         return False
-    return left_of(robot, left) <= 1.05 * left_of(robot, usual)
+    return measure_unexplained_share(robot, left) <= 1.05 * measure_unexplained_share(robot, usual)
 
 
 def _natural(robot: Robot, right: Read) -> float:
     """The delay that the torque of the untouched file has, by the robot's dynamics: drives filter it."""
-    whole = None if right.recording is None else whole_motion_of(right.recording)
-    found = None if whole is None else delay_among(robot, *whole)
+    whole = None if right.recording is None else filter_whole_motion(right.recording)
+    found = None if whole is None else find_delay(robot, *whole)
     return 0.0 if found is None else found.seconds
 
 

@@ -32,7 +32,7 @@ from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.regressors.model import build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 RATE = 500.0
 
@@ -45,18 +45,18 @@ def main() -> None:
     asked = parser.parse_args()
     robot = arm_by_name("ur5")
     model = build_model(robot, DEFAULT_EFFECTS)
-    reference = model.reference(np.zeros(model.n_parameters))
+    reference = model.build_reference(np.zeros(model.n_parameters))
     with tempfile.TemporaryDirectory() as name:
         folder = asked.keep or Path(name)
         runs = [recorded(robot, folder, asked.samples, seed) for seed in range(asked.recordings)]
 
         def reduced(at_once: int) -> tuple[float, Reduction]:
-            side_by_side.processors = lambda: at_once
+            side_by_side.count_processors = lambda: at_once
             began = time.monotonic()
             found = reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 10), reference)
             return time.monotonic() - began, found
 
-        several = side_by_side.processors()
+        several = side_by_side.count_processors()
         (_, _), (alone, one), (together, other) = reduced(1), reduced(1), reduced(several)
     same = all(np.array_equal(a.factors, b.factors) for a, b in zip(one.equations, other.equations, strict=True))
     rows = [
@@ -85,7 +85,7 @@ def written(robot: Robot, folder: Path, samples: int, seed: int) -> Path:
             size, phase = 0.15 * rng.normal(size=robot.n), rng.uniform(0.0, 2 * np.pi, robot.n)
             q += size * np.sin(2 * np.pi / 10.0 * harmonic * t[:, None] + phase)
         dq = np.gradient(q, 1 / RATE, axis=0)
-        tau = described_torque(robot, q, dq, np.gradient(dq, 1 / RATE, axis=0)) + np.sign(dq)
+        tau = compute_described_torque(robot, q, dq, np.gradient(dq, 1 / RATE, axis=0)) + np.sign(dq)
         tau += 0.1 * rng.normal(size=tau.shape)
         columns = {f"{kind}{j + 1}": of[:, j] for kind, of in (("q", q), ("tau", tau)) for j in range(robot.n)}
         pq.write_table(pa.table({"t": t, **columns}), source)

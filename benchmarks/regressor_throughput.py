@@ -15,10 +15,10 @@ import pinocchio
 from common import FloatArray, median_time, show
 from compared import compared
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.regressors.observation import Observation
 from dynident.robot import robot_from_library, to_pinocchio
-from dynident.robot.pinocchio_model import dynamic_parameters
+from dynident.robot.pinocchio_model import to_dynamic_parameters
 
 N_BLOCK, N_LOOP, REPEATS = 65536, 2000, 7
 N_PART = 2048
@@ -33,13 +33,13 @@ def main() -> None:
 def measure(name: str) -> None:
     robot = robot_from_library(name)
     signals = Signals(robot)
-    observation = Observation.of(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
+    observation = Observation.from_columns(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
     function = whole_matrix(observation, signals)
     model = to_pinocchio(robot)
     data = model.createData()
     q, dq, ddq = np.random.default_rng(0).uniform(-2, 2, (3, N_BLOCK, robot.n))
     few = (q[:N_LOOP], dq[:N_LOOP], ddq[:N_LOOP])
-    reference, memory = ReferenceParameters.nothing(robot), np.zeros((N_BLOCK, 0))
+    reference, memory = ReferenceParameters.massless(robot), np.zeros((N_BLOCK, 0))
 
     def compiled() -> FloatArray:
         return observation.evaluate(q, dq, ddq, reference=reference, memory=memory)
@@ -87,8 +87,8 @@ def whole_matrix(observation: Observation, signals: Signals) -> ca.Function:
 def agreement(observation: Observation, entries: FloatArray, expected: FloatArray) -> float:
     """Largest difference to Pinocchio's torque for random parameters, relative to the largest torque."""
     values = np.random.default_rng(1).uniform(-1, 1, observation.n_columns)
-    ours = observation.torque(entries, values)
-    theirs = expected @ dynamic_parameters(values.reshape(-1, 10)).reshape(-1)
+    ours = observation.compute_torque(entries, values)
+    theirs = expected @ to_dynamic_parameters(values.reshape(-1, 10)).reshape(-1)
     return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
 

@@ -259,8 +259,8 @@ def starts(one: Made, rate: float, smeared: float) -> Starts:
     finally:
         row_phases._SMEARED = before
     floor = noise * float(np.sqrt((low_pass(recording.sampling_rate, found.preprocessing.torque_cutoff) ** 2).sum()))
-    beside = [equation.beside for equation in found.data.training.equations]
-    partial = [(0.0, 0) if b is None else (b.partial.squares(found.values[e.columns]), b.partial.count)
+    beside = [equation.rest_rows for equation in found.data.training.equations]
+    partial = [(0.0, 0) if b is None else (b.partial.sum_squares(found.values[e.columns]), b.partial.count)
                for b, e in zip(beside, found.data.training.equations, strict=True)]  # fmt: skip
     squares, count = (np.array(column, dtype=np.float64) for column in zip(*partial, strict=True))
     peaks = {p.link: p for p in found.parameters if p.effect == "stribeck"}
@@ -384,7 +384,7 @@ class Turns:
 def turns_of(recording: Recording, exact: Sequence[Measured] | None, joints: Sequence[int]) -> Turns:
     """The turns of some joints; `exact` are the runs behind the recording's segments."""
     free, length, stuck = [], [], []
-    known = phases.phases_of(recording)
+    known = phases.find_phases(recording)
     for index, segment in enumerate(recording.segments):
         t, q = _path(recording, index) if exact is None else (exact[index].t, exact[index].q)
         # Time of a segment counts from the recording's start, the engine's from the session's.

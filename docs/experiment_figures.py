@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.reports.figures.design import design_figure
+from dynident.reports.figures.design import draw_design
 from dynident.robot import robot_from_library
 
 FIGURES = Path(__file__).resolve().parent / "figures"
@@ -26,7 +26,7 @@ def main() -> None:
     """Design, draw, write."""
     for name, (robot_name, request) in SHOWN.items():
         robot = robot_from_library(robot_name)
-        figure = design_figure(design_experiment(robot, request), robot)
+        figure = draw_design(design_experiment(robot, request), robot)
         (FIGURES / f"{name}.svg").write_text(f"{figure}\n", encoding="utf-8")
 
 

@@ -16,16 +16,16 @@ from tempfile import TemporaryDirectory
 from dynident.diagnosis import Diagnosis, compare, evidence
 from dynident.excitation import design_experiment
 from dynident.identification import Identification
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.reports.figures.candidates import candidates_figure
-from dynident.reports.figures.design import design_figure
-from dynident.reports.figures.evidence import evidence_figure
-from dynident.reports.figures.ladder import models_figure
-from dynident.reports.figures.residuals import residual_figure
-from dynident.reports.figures.torque import torque_figure
+from dynident.reports.figures.candidates import draw_candidates
+from dynident.reports.figures.design import draw_design
+from dynident.reports.figures.evidence import draw_evidence
+from dynident.reports.figures.ladder import draw_models
+from dynident.reports.figures.residuals import draw_residuals
+from dynident.reports.figures.torque import draw_torque
 from dynident_service.cli import inputs
-from dynident_service.cli.designing import proposed_design
+from dynident_service.cli.designing import load_proposed_design
 from dynident_service.cli.options import Reading
 
 HERE = Path(__file__).resolve().parent
@@ -54,22 +54,22 @@ def run(folder: Path) -> None:
 
 def draw(folder: Path) -> dict[str, str]:
     """The figures by name, from the files that the commands left."""
-    first, better = (inputs.model_of(folder / name) for name in ("model.npz", "better.npz"))
-    found = inputs.stored_diagnosis(folder / "diagnosis.json")
+    first, better = (inputs.load_model(folder / name) for name in ("model.npz", "better.npz"))
+    found = inputs.load_diagnosis(folder / "diagnosis.json")
     robot = first.model.robot
     joint = robot.joint_names.index(JOINT)
     reading = Reading()
     files = [folder / name for name in ("run1.csv", "run2.csv")]
-    with inputs.loaded(files, robot, reading, silent, [folder / "validation.csv"]) as (given, tried):
-        run1, run2 = inputs.recordings_of(given)
-        validation = inputs.recordings_of(tried)[0]
+    with inputs.load_recordings(files, robot, reading, ignore_progress, [folder / "validation.csv"]) as (given, tried):
+        run1, run2 = inputs.extract_recordings(given)
+        validation = inputs.extract_recordings(tried)[0]
         compared = compare(first, validation)
         return {
-            "compare": torque_figure(compared, [joint], "validation"),
-            "where": residual_figure([compare(first, run1)], [joint]),
-            "ranking": candidates_figure(found.candidates[:_BARS]),
+            "compare": draw_torque(compared, [joint], "validation"),
+            "where": draw_residuals([compare(first, run1)], [joint]),
+            "ranking": draw_candidates(found.candidates[:_BARS]),
             "evidence": _both(first, found, [run1]),
-            "next": design_figure(design_experiment(robot, proposed_design(folder / "diagnosis.json")), robot),
+            "next": draw_design(design_experiment(robot, load_proposed_design(folder / "diagnosis.json")), robot),
             "decided": _both(first, found, [run1, run2]),
             "ladder": _ladder(better, found),
         }
@@ -78,7 +78,7 @@ def draw(folder: Path) -> dict[str, str]:
 def _both(first: Identification, found: Diagnosis, recordings: list[Recording]) -> str:
     """What the first name and its rival explain of the same data."""
     rival = next(item for item in found.candidates if item.effect == RIVAL)
-    return evidence_figure(evidence(first, [found.candidates[0], rival], recordings), first.model.robot)
+    return draw_evidence(evidence(first, [found.candidates[0], rival], recordings), first.model.robot)
 
 
 def _ladder(model: Identification, found: Diagnosis) -> str:
@@ -86,7 +86,7 @@ def _ladder(model: Identification, found: Diagnosis) -> str:
     held_out = models[-1].held_out
     assert held_out is not None
     measured = (held_out.measured / held_out.counts) ** 0.5
-    return models_figure(models, found.noise_floor / measured)
+    return draw_models(models, found.noise_floor / measured)
 
 
 def main() -> None:

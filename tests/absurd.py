@@ -8,7 +8,7 @@ from functools import partial
 from math import inf, nan
 from typing import Any, get_args, get_origin
 
-from dynident_service.hints import hint_of
+from dynident_service.hints import resolve_hint
 
 ABSURD: tuple[float, ...] = (1e300, 1e-300, inf, nan, -1, 0, 2**70)
 
@@ -23,7 +23,7 @@ def absurd_requests(request: Any) -> Iterator[Change]:
     """
     for one in fields(request):
         try:
-            hint = hint_of(type(request), one)
+            hint = resolve_hint(type(request), one)
         except NameError:  # A part that the module names for type checkers alone: it has cases of its own.
             continue
         for path, number, make in _absurd_values(getattr(request, one.name), hint):

@@ -441,21 +441,21 @@ def _read_description(path: Path, kind: str) -> None:
 
 def _read_mesh(path: Path) -> None:
     from dynident.errors import DynidentError
-    from dynident.robot.meshes import hulls_of, surface_of_mesh
-    from dynident.robot.surfaces import thinned
+    from dynident.robot.meshes import build_hulls, read_surface
+    from dynident.robot.surfaces import thin_surface
 
     try:
-        surface = surface_of_mesh(path, np.ones(3), np.eye(4))
+        surface = read_surface(path, np.ones(3), np.eye(4))
     except ValueError as error:  # what its docstring promises
         raise DynidentError(str(error)) from None
-    hulls_of(surface)
-    thinned(surface, 12)
+    build_hulls(surface)
+    thin_surface(surface, 12)
 
 
 def _read_recording(path: Path) -> None:
     from dynident.errors import DynidentError
     from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
-    from dynident.recordings.as_recorded import AsRecorded, FileOfRobot
+    from dynident.recordings.as_recorded import RecordedSignals, RobotFile
     from dynident.recordings.formats import open_source
 
     joints = RecordedJoints(JOINTS)
@@ -474,7 +474,7 @@ def _read_recording(path: Path) -> None:
     metadata = RecordingMetadata(columns=columns)
     with tempfile.TemporaryDirectory() as folder:
         import_recording(path, Path(folder) / "stored.parquet", joints, metadata=metadata)
-    AsRecorded(FileOfRobot(path, metadata, joints)).thinned(100)
+    RecordedSignals(RobotFile(path, metadata, joints)).thin_rows(100)
 
 
 def _last(name: str) -> str:

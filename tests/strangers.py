@@ -15,7 +15,7 @@ from oracles import arm, fourier_motion, pinocchio_torque
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.identification.imports.proposal import Proposal
-from dynident.identification.robot_recordings import Cured, import_cured
+from dynident.identification.robot_recordings import CuredRecording, import_cured
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 
@@ -63,7 +63,9 @@ def write(path: Path, columns: dict[str, FloatArray]) -> Path:
     return path
 
 
-def read(robot: Robot, folder: Path, columns: dict[str, FloatArray], /, cures: int = 0, **said: object) -> Cured:
+def read(
+    robot: Robot, folder: Path, columns: dict[str, FloatArray], /, cures: int = 0, **said: object
+) -> CuredRecording:
     """Read columns as a file of a robot."""
     path = write(folder / "log.parquet", columns)
     return import_cured(robot, path, folder / "read.parquet", RecordingMetadata(**said), most=cures)  # type: ignore[arg-type]
@@ -74,7 +76,7 @@ def guess(robot: Robot, columns: dict[str, FloatArray]) -> Proposal:
     return propose(Sample(tuple(columns), np.column_stack(list(columns.values())), {}), robot)
 
 
-def signals(found: Cured) -> tuple[FloatArray, FloatArray]:
+def signals(found: CuredRecording) -> tuple[FloatArray, FloatArray]:
     """Positions and torques of a recording that was read."""
     rows = list(found.recording.source.rows(0, found.recording.n_samples, 1 << 16))
     return np.concatenate([one.q for one in rows]), np.concatenate([one.tau for one in rows])

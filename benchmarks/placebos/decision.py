@@ -13,24 +13,24 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis import compare
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.residuals.leads import find_leads
-from dynident.diagnosis.residuals.resolution import resolution
-from dynident.diagnosis.search.refine import improved
-from dynident.diagnosis.search.search import search
-from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.residuals.leads import propose_shapes
+from dynident.diagnosis.residuals.resolution import compute_resolution
+from dynident.diagnosis.search.refine import improve_reference
+from dynident.diagnosis.search.search import search_findings
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.identification import Identification
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, joints_with_friction
-from dynident.regressors.stream import FilteredSamples, filtered_samples
+from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
+from dynident.regressors.stream import FilteredSamples, stream_filtered_samples
 from placebos.shifting import IndexArray, SamplesOf, remembered
 
 Change = Callable[[Observation, SamplesOf], SamplesOf]
@@ -60,7 +60,7 @@ class ChangedRows:
 
     def folded(self, pool: Pool, plain: SamplesOf) -> PhasedProducts:
         """The same from rows that are made already."""
-        return gather(
+        return gather_products(
             pool.observation,
             self.model.signals,
             self.recordings,
@@ -74,7 +74,9 @@ class ChangedRows:
         """The same, with the torque predicted by the model with these findings in it."""
         found = [finding.judged.candidate.choice for finding in findings]
         preprocessing = self.identification.preprocessing
-        return replace(self, reference=improved(self.model, found, self.recordings, preprocessing, self.reference))
+        return replace(
+            self, reference=improve_reference(self.model, found, self.recordings, preprocessing, self.reference)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +94,9 @@ class Question:
         """Everything of the catalogue that could be missing, and what the residual suggests."""
         preprocessing = identification.preprocessing
         comparisons = [compare(identification, recording) for recording in recordings]
-        resolved = resolution(comparisons, preprocessing)
-        pool = build_pool(identification.model, None, find_leads(comparisons, recordings, identification), resolved)
-        floor = sensor_noise(recordings, preprocessing)
+        resolved = compute_resolution(comparisons, preprocessing)
+        pool = build_pool(identification.model, None, propose_shapes(comparisons, recordings, identification), resolved)
+        floor = estimate_sensor_noise(recordings, preprocessing)
         plain = remembered(_rows(identification, pool, identification.estimate.next_reference()))
         return cls(identification, tuple(recordings), pool, floor, plain)
 
@@ -104,15 +106,15 @@ class Question:
         rows = ChangedRows(self.identification, self.recordings, self.identification.estimate.next_reference(), change)
         data = rows.folded(pool, self.plain)
         start = self._start(data)
-        first = judge_all(data, pool, start.base, pool.at_first, start.noise)
-        picks, _ = search(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, silent)
+        first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+        picks, _ = search_findings(data, pool, start, first, DEFAULT_MOST_EFFECTS, rows, ignore_progress)
         return tuple(_told(pick) for pick in picks)
 
     def kinds_of(self, recording: Recording, samples: FilteredSamples) -> IndexArray:
         """(m, n): whether a joint moves, turns round, stands, or moves beside a halt: each another kind of equation."""
         phases = _phases(self.identification, self.pool, recording)
-        found = phases.at(samples.segment, samples.t)
-        partial = phases.partial(samples.segment, samples.t, found, samples.held)
+        found = phases.phases_at(samples.segment, samples.t)
+        partial = phases.find_partial_rows(samples.segment, samples.t, found, samples.held)
         return np.where(partial, _PARTIAL, found).astype(np.intp)
 
     def _start(self, data: PhasedProducts) -> State:
@@ -120,7 +122,7 @@ class Question:
         picks = find_contacts(data, self.pool, base, noise, self.identification.preprocessing)
         for finding in picks:
             base += finding.columns
-        return State(base, noise_left(data, base) if picks else noise, self.floor, picks)
+        return State(base, estimate_residual_noise(data, base) if picks else noise, self.floor, picks)
 
 
 def _rows(identification: Identification, pool: Pool, reference: FloatArray) -> SamplesOf:
@@ -128,14 +130,14 @@ def _rows(identification: Identification, pool: Pool, reference: FloatArray) -> 
 
     def samples_of(recording: Recording) -> Iterable[FilteredSamples]:
         phases = _phases(identification, pool, recording)
-        return filtered_samples(pool.observation, recording, preprocessing, reference, phases=phases)
+        return stream_filtered_samples(pool.observation, recording, preprocessing, reference, phases=phases)
 
     return samples_of
 
 
 def _phases(identification: Identification, pool: Pool, recording: Recording) -> RowPhases:
-    phases = RowPhases.of(pool.observation, recording, identification.preprocessing)
-    return phases.about(joints_with_friction(pool.observation, pool.n_base))
+    phases = RowPhases.from_recording(pool.observation, recording, identification.preprocessing)
+    return phases.with_friction_of(find_joints_with_friction(pool.observation, pool.n_base))
 
 
 def _told(pick: Finding) -> str:

@@ -70,7 +70,7 @@ class ShiftedCandidates:
         """The rows of a recording, a run at a time."""
         for samples in whole_runs(self.samples_of(recording)):
             kinds = self.kinds_of(recording, samples)
-            run = recording.run_label(samples.segment)
+            run = recording.name_segment(samples.segment)
             possible = wrong_shares(samples.tau)
             values = samples.values.copy()
             for (effect, joint, row), entries in self._groups():

@@ -11,19 +11,19 @@ from urllib.parse import quote
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.keys import Holder
-from dynident_service.logs import FIELDS, answering
+from dynident_service.keys import KeyHolder
+from dynident_service.logs import FIELDS, set_current_request
 from dynident_service.middleware import HOLDER
 from dynident_service.problem_responses import REQUEST_ID
 
-SANE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+VALID_REQUEST_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 """Pattern of an id that is accepted from the caller; anything else would be written into the log unchecked."""
 CLIENT_LEFT = 499
 """Status in the log of a request whose client left before the answer; HTTP has none for it."""
 log = logging.getLogger("dynident.access")
 
 
-class Access:
+class AccessLog:
     """Middleware that gives every request its id (`X-Request-ID`: the caller's, or a new one) and logs its answer.
 
     Query and headers are not logged, as they may hold credentials.
@@ -37,13 +37,13 @@ class Access:
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
         sent_identifier = Headers(scope=scope).get(REQUEST_ID, "")
-        identifier = sent_identifier if SANE.fullmatch(sent_identifier) else secrets.token_hex(8)
+        identifier = sent_identifier if VALID_REQUEST_ID.fullmatch(sent_identifier) else secrets.token_hex(8)
         # Never reset: an unexpected error is answered and logged outside of this middleware. As each request is a task
         # of its own, the id reaches no other request.
-        answering(identifier)
+        set_current_request(identifier)
         status: int | None = None
 
-        async def marked(message: Message) -> None:
+        async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
@@ -53,17 +53,17 @@ class Access:
         began = time.perf_counter()
         without_answer = CLIENT_LEFT
         try:
-            await self._app(scope, receive, marked)
+            await self._app(scope, receive, send_with_id)
         except Exception:
             without_answer = 500
             raise
         finally:
-            _tell(scope, without_answer if status is None else status, 1e3 * (time.perf_counter() - began))
+            _log_request(scope, without_answer if status is None else status, 1e3 * (time.perf_counter() - began))
 
 
-def _tell(scope: Scope, status: int, milliseconds: float) -> None:
+def _log_request(scope: Scope, status: int, milliseconds: float) -> None:
     holder = scope.get(HOLDER)
-    key = holder.name if isinstance(holder, Holder) else None
+    key = holder.name if isinstance(holder, KeyHolder) else None
     path = quote(scope["path"])  # no line breaks, whatever was asked for
     fields = {
         "method": scope["method"],

@@ -15,24 +15,24 @@ from starlette.types import Scope
 
 from dynident.version import __version__
 from dynident_service import traces
-from dynident_service.access import Access
-from dynident_service.documentation import mount as mount_documentation
-from dynident_service.fair_shares import party_of_address
+from dynident_service.access import AccessLog
+from dynident_service.documentation import mount_docs_page as mount_documentation
+from dynident_service.fair_shares import name_address_party
 from dynident_service.headers import SafeHeaders
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.nursery import ForkServer
 from dynident_service.keys import KeyRing
 from dynident_service.limits import Admission, BodyLimit, set_threads
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import Audit, Gate, Timing
+from dynident_service.middleware import AccessControl, AuditLog, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID
-from dynident_service.problem_responses import install as install_problems
+from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
-from dynident_service.quotas import UploadRoom, limits_of
+from dynident_service.quotas import UploadRoom, get_quota_limits
 from dynident_service.routes import ROUTERS
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
-from dynident_service.traces import Tracing
-from dynident_service.workbench import mount as mount_workbench
+from dynident_service.traces import RequestTracing
+from dynident_service.workbench import mount_workbench as mount_workbench
 
 DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
 model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
@@ -44,7 +44,7 @@ PROBLEM = {
 log = logging.getLogger("dynident.service")
 
 
-def create_app(settings: Settings | None = None, nursery: Nursery | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, nursery: ForkServer | None = None) -> FastAPI:
     """Assemble the application; nothing is opened before it starts.
 
     Parameters
@@ -66,22 +66,22 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         set_threads(settings)
-        science = nursery or Nursery()
+        science = nursery or ForkServer()
         opening = open_services(settings, science)
         services = await to_thread.run_sync(opening.__enter__)
         if settings.traces:
-            traces.begin()
+            traces.begin_tracing()
         try:
             app.state.services = services
-            app.state.keys = _keys_of(services)
-            metrics.watch_jobs(services.ledger.counts, services.ledger.strain, settings.data_dir)
+            app.state.keys = _open_key_ring(services)
+            metrics.watch_jobs(services.job_queue.count_by_state, services.job_queue.measure_health, settings.data_dir)
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)
             if nursery is None:
                 science.close()
             if settings.traces:
-                await to_thread.run_sync(traces.end)
+                await to_thread.run_sync(traces.end_tracing)
 
     app = FastAPI(
         title="dynident",
@@ -100,12 +100,12 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
         app.include_router(router)
     mount_documentation(app)
     mount_workbench(app)
-    install_problems(app, _methods_by_path(app))
+    install_problems(app, _make_method_lookup(app))
     # Middleware runs in reverse order: the last one added is the first that a request meets. Ids and headers come
     # first so that refusals carry them too; bodies are read only after the key was checked.
     app.add_middleware(UploadRoom, settings=settings, database=lambda: app.state.services.database)
     app.add_middleware(BodyLimit, settings=settings)
-    app.add_middleware(Gate, settings=settings, keys=lambda: app.state.keys)
+    app.add_middleware(AccessControl, settings=settings, keys=lambda: app.state.keys)
     if settings.allowed_origins:
         app.add_middleware(
             CORSMiddleware,
@@ -114,43 +114,43 @@ def create_app(settings: Settings | None = None, nursery: Nursery | None = None)
             allow_headers=["*"],
             expose_headers=["Location", REQUEST_ID],
         )
-    app.add_middleware(Audit)
-    app.add_middleware(Admission, settings=settings, party_of=_party_of(app))
-    app.add_middleware(Timing, metrics=metrics)
+    app.add_middleware(AuditLog)
+    app.add_middleware(Admission, settings=settings, party_of=_make_party_lookup(app))
+    app.add_middleware(RequestTiming, metrics=metrics)
     app.add_middleware(SafeHeaders)
-    app.add_middleware(Tracing)
-    app.add_middleware(Access)
+    app.add_middleware(RequestTracing)
+    app.add_middleware(AccessLog)
     return app
 
 
-def _party_of(app: FastAPI) -> Callable[[Scope], str]:
+def _make_party_lookup(app: FastAPI) -> Callable[[Scope], str]:
     """Return a function that names the party of a request: its key, or its address before keys are loaded."""
 
-    def party_of(scope: Scope) -> str:
+    def find_party(scope: Scope) -> str:
         keys: KeyRing | None = getattr(app.state, "keys", None)
-        return party_of_address(scope) if keys is None else keys.party_of(scope)
+        return name_address_party(scope) if keys is None else keys.find_party(scope)
 
-    return party_of
+    return find_party
 
 
-def _keys_of(services: Services) -> KeyRing:
+def _open_key_ring(services: Services) -> KeyRing:
     keys = KeyRing(services.settings, services.database)
     if services.settings.needs_keys and keys.is_empty():
         raise RuntimeError(
             f"refusing to listen on {services.settings.host} without any API key: make one with "
             "`python -m dynident_service.new_key NAME`, or listen on 127.0.0.1"
         )
-    if any(astuple(limits_of(services.settings))) and not services.settings.needs_keys:
+    if any(astuple(get_quota_limits(services.settings))) and not services.settings.needs_keys:
         log.warning("quotas count by key, and no key is asked for (DYNIDENT_REQUIRE_KEYS): nobody is limited")
     return keys
 
 
-def _methods_by_path(app: FastAPI) -> Callable[[str], list[str]]:
-    def allowed(path: str) -> list[str]:
+def _make_method_lookup(app: FastAPI) -> Callable[[str], list[str]]:
+    def find_methods(path: str) -> list[str]:
         methods: set[str] = set()
         for template, operations in app.openapi()["paths"].items():
             if compile_path(template)[0].match(path):
                 methods |= {name.upper() for name in operations}
         return sorted(methods) or ["GET"]
 
-    return allowed
+    return find_methods

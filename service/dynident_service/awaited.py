@@ -15,16 +15,16 @@ from fastapi import Request
 
 from dynident_service.fair_shares import SharedPlaces, SharedQueue, Ticket
 from dynident_service.jobs.calls import Answer, Call
-from dynident_service.jobs.confinement import Confinement, Limits
-from dynident_service.jobs.nursery import Exit, Nursery
-from dynident_service.jobs.pool import Child, ChildPool
-from dynident_service.jobs.vitals import processor_time
-from dynident_service.limits import party_of_request, take_long
+from dynident_service.jobs.confinement import ComputationLimits, Confinement
+from dynident_service.jobs.nursery import ForkServer, ProcessExit
+from dynident_service.jobs.pool import ChildPool, ChildProcess
+from dynident_service.jobs.vitals import measure_processor_time
+from dynident_service.limits import find_request_party, mark_long
 from dynident_service.problems import ProblemError
 
 T = TypeVar("T")
 
-MOST_WAITING = 30
+MAX_WAITING = 30
 """Upper limit for requests that wait for a child process or have one, shared by key; further ones get 429."""
 LOOK = 0.25
 """Seconds between looks whether the client is still there."""
@@ -34,15 +34,15 @@ file. No computation of ours holds the interpreter for a second.
 """
 
 
-class Awaited:
+class InteractiveCompute:
     """Runs computations of requests in child processes, as many at a time as there are children.
 
     The children are shared by key, and one of several is reserved for short computations.
     """
 
-    def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
+    def __init__(self, size: int, nursery: ForkServer, confinement: Confinement | None = None) -> None:
         self._pool = ChildPool(size, nursery, confinement)
-        self._waiting = SharedPlaces(MOST_WAITING)
+        self._waiting = SharedPlaces(MAX_WAITING)
         self._queue = SharedQueue(size)
         self._threads = anyio.CapacityLimiter(size)
 
@@ -52,7 +52,7 @@ class Awaited:
         function: str,
         gives: type[T],
         arguments: Mapping[str, object],
-        limits: Limits | None = None,
+        limits: ComputationLimits | None = None,
         *,
         is_long: bool = False,
     ) -> T:
@@ -79,29 +79,32 @@ class Awaited:
             429 if too many requests wait, 503 if it takes too long, 408 if the client left, or the problem of the
             function.
         """
-        party = party_of_request(request.scope)
+        party = find_request_party(request.scope)
         if not self._waiting.may_take(party):
             detail = (
-                f"{self._waiting.held[party]} of your requests are computed or wait for it, of {MOST_WAITING} that "
+                f"{self._waiting.held[party]} of your requests are computed or wait for it, of {MAX_WAITING} that "
                 "may, of which some stay free for others; try again."
             )
             raise ProblemError(429, detail, title="Too busy")
-        take_long(request.scope)
+        mark_long(request.scope)
         over = threading.Event()
         answer: Answer | None = None
         ticket = Ticket(party, is_long)
         self._waiting.take(party)
         try:
-            async with _while_client_waits(request, over), self._queue.turn_of(ticket):
+            async with _while_client_waits(request, over), self._queue.wait_for_turn(ticket):
                 answer = await to_thread.run_sync(
-                    self._compute, Call(function, arguments, limits=limits or Limits()), over, limiter=self._threads
+                    self._compute,
+                    Call(function, arguments, limits=limits or ComputationLimits()),
+                    over,
+                    limiter=self._threads,
                 )
         finally:
             self._waiting.give_back(party)
         if answer is None:
             raise ProblemError(408, "The client left before its answer was there.", title="Client left")
         if answer.problem is not None:
-            raise ProblemError.of(answer.problem)
+            raise ProblemError.from_problem(answer.problem)
         value: T = answer.value
         return value
 
@@ -123,9 +126,9 @@ class Awaited:
                     detail = f"This takes longer than {call.limits.longest:.0f} s, which is more than it may take."
                     raise ProblemError(503, detail, title="Took too long")
                 if watch.is_stuck():
-                    raise _unreadable("kept the program that read it busy without any progress")
+                    raise _make_unreadable_problem("kept the program that read it busy without any progress")
         except EOFError as error:
-            raise _died(self._pool.replace(child), call.limits) from error
+            raise _make_death_problem(self._pool.replace(child), call.limits) from error
         except BaseException:
             self._pool.replace(child)
             raise
@@ -137,7 +140,7 @@ class Awaited:
 class _ProgressWatch:
     """Detects a child that uses its processor without sending heartbeats."""
 
-    def __init__(self, child: Child) -> None:
+    def __init__(self, child: ChildProcess) -> None:
         self._child = child
         self._heartbeats = -1
         self._since = 0.0
@@ -149,13 +152,20 @@ class _ProgressWatch:
             return False
         moment = time.monotonic()
         if self._heartbeats != self._child.heartbeats:
-            self._heartbeats, self._since, self._used = self._child.heartbeats, moment, processor_time(self._child.pid)
+            self._heartbeats, self._since, self._used = (
+                self._child.heartbeats,
+                moment,
+                measure_processor_time(self._child.pid),
+            )
             return False
         # The cheap condition comes first: processor time is read from the system only if the child may be stuck.
-        return moment - self._since > STUCK_SECONDS and processor_time(self._child.pid) - self._used > STUCK_SECONDS
+        return (
+            moment - self._since > STUCK_SECONDS
+            and measure_processor_time(self._child.pid) - self._used > STUCK_SECONDS
+        )
 
 
-def _died(end: Exit | None, limits: Limits) -> ProblemError:
+def _make_death_problem(end: ProcessExit | None, limits: ComputationLimits) -> ProblemError:
     """Return the problem of a child that died."""
     # The kernel kills with SIGKILL when memory runs out, and with SIGXCPU at the limit of processor time.
     if end is None or end.code == -signal.SIGKILL:
@@ -163,15 +173,17 @@ def _died(end: Exit | None, limits: Limits) -> ProblemError:
         return ProblemError(503, detail, title="Process died")
     if end.code == -signal.SIGXCPU:
         seconds = f"{limits.processor_seconds or limits.longest:.0f} s"
-        return _unreadable(f"took the program that read it more than {seconds}, far more than a file of its size takes")
-    return _unreadable(f"ended the process that read it ({_describe_exit(end.code)})")
+        return _make_unreadable_problem(
+            f"took the program that read it more than {seconds}, far more than a file of its size takes"
+        )
+    return _make_unreadable_problem(f"ended the process that read it ({_describe_exit(end.code)})")
 
 
 def _describe_exit(code: int) -> str:
     return f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
 
 
-def _unreadable(event: str) -> ProblemError:
+def _make_unreadable_problem(event: str) -> ProblemError:
     """Return the problem of input that could not be read; `event` continues the sentence "What was sent"."""
     detail = (
         f"What was sent {event}. If it is a file, it is most probably damaged: have it written anew, and send files "

@@ -84,26 +84,26 @@ class Contract(TypedDict):
     components: Components
 
 
-def client_types(contract: Contract) -> str:
+def build_request_types(contract: Contract) -> str:
     """Return the text of the module with the types of requests."""
     schemas = contract["components"]["schemas"]
-    return _module(_with_parts(schemas, _REQUESTS), ())
+    return _write_module(_collect_schemas(schemas, _REQUESTS), ())
 
 
-def description_types(contract: Contract) -> str:
+def build_description_types(contract: Contract) -> str:
     """Return the text of the module with the types that describe robots and recordings."""
     schemas = contract["components"]["schemas"]
-    schemas_by_name, there = _with_parts(schemas, _DESCRIPTIONS), _with_parts(schemas, _REQUESTS)
-    return _module(
+    schemas_by_name, there = _collect_schemas(schemas, _DESCRIPTIONS), _collect_schemas(schemas, _REQUESTS)
+    return _write_module(
         {name: schema for name, schema in schemas_by_name.items() if name not in there},
         sorted(there.keys() & schemas_by_name),
     )
 
 
-def answer_types(contract: Contract) -> dict[str, str]:
+def build_answer_types(contract: Contract) -> dict[str, str]:
     """Return the texts of the modules with the types of answers, by file name."""
     schemas = contract["components"]["schemas"]
-    reached = {module: _with_parts(schemas, names) for module, names in _ANSWERS.items()}
+    reached = {module: _collect_schemas(schemas, names) for module, names in _ANSWERS.items()}
     homes: dict[str, str] = {}
     # A schema that answers of two modules contain moves to a shared one, so that neither imports the other.
     for module, schemas_of_it in reached.items():
@@ -115,18 +115,18 @@ def answer_types(contract: Contract) -> dict[str, str]:
     }
     texts = {}
     for module, names in by_module.items():
-        shared = {part for name in names for part in _named(schemas[name], ())} & set(by_module[_SHARED])
-        more = [_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []
-        classes = [_class(name, schemas[name], total=name not in _SPARSE) for name in names]
+        shared = {part for name in names for part in _find_references(schemas[name], ())} & set(by_module[_SHARED])
+        more = [_write_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []
+        classes = [_write_class(name, schemas[name], total=name not in _SPARSE) for name in names]
         text = "\n\n".join(["\n".join([_HEAD.replace("What requests take", "What is answered"), *more]), *classes])
-        texts[f"{module}.py"] = _answered(text, free)
-    imports = [_import(target, names) for target, names in sorted(by_module.items())]
+        texts[f"{module}.py"] = _use_json_containers(text, free)
+    imports = [_write_import(target, names) for target, names in sorted(by_module.items())]
     everything = ["__all__ = [", *(f'    "{name}",' for name in sorted(homes.keys() - free)), "]", ""]
     words = '"""What is answered, by the contract: written by `python -m dynident_service.openapi`, not by hand."""\n\n'
     return {"__init__.py": words + "".join(imports) + "\n" + "\n".join(everything), **texts}
 
 
-def _answered(text: str, free: Iterable[str]) -> str:
+def _use_json_containers(text: str, free: Iterable[str]) -> str:
     """Adapt the text of a module to answers: containers are those of JSON, and names in `free` accept anything."""
     for name in free:
         text = text.replace(name, _ANYTHING)
@@ -136,30 +136,32 @@ def _answered(text: str, free: Iterable[str]) -> str:
     return text.replace("from typing import Any, Literal, TypedDict", f"from typing import {used}")
 
 
-def _import(module: str, names: Sequence[str]) -> str:
+def _write_import(module: str, names: Sequence[str]) -> str:
     names = sorted(names, key=str.casefold)
     lines = "".join(f"    {name},\n" for name in names)
     line = f"from dynident_client.answers.{module} import {', '.join(names)}\n"
     return line if len(line) <= _WIDTH + 1 else f"from dynident_client.answers.{module} import (\n{lines})\n"
 
 
-def _with_parts(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
+def _collect_schemas(schemas: Mapping[str, Any], requests: Iterable[str]) -> dict[str, Any]:
     """Return schemas by name, with all schemas that they refer to."""
     collected = {name: schemas[name] for name in requests}
     to_do = list(collected)
     while to_do:
         name = to_do.pop()
-        for other in _named(schemas[name], _STATED.get(name, ())):
+        for other in _find_references(schemas[name], _STATED.get(name, ())):
             if other not in collected:
                 collected[other] = schemas[other]
                 to_do.append(other)
     return collected
 
 
-def _module(schemas_by_name: Mapping[str, Any], imported: Sequence[str]) -> str:
-    classes = [_class(name, schemas_by_name[name]) for name in sorted(schemas_by_name)]
+def _write_module(schemas_by_name: Mapping[str, Any], imported: Sequence[str]) -> str:
+    classes = [_write_class(name, schemas_by_name[name]) for name in sorted(schemas_by_name)]
     choices = [
-        line for name in sorted(_STATED.keys() & schemas_by_name) for line in _choices(name, schemas_by_name[name])
+        line
+        for name in sorted(_STATED.keys() & schemas_by_name)
+        for line in _write_choices(name, schemas_by_name[name])
     ]
     more = f"\nfrom dynident_client.requests import {', '.join(imported)}\n" if imported else ""
     head = f"{_HEAD}{more}" + "".join(["\n", *choices] if choices else [])
@@ -168,7 +170,7 @@ def _module(schemas_by_name: Mapping[str, Any], imported: Sequence[str]) -> str:
     return text if takes_anything else text.replace("import Any, Literal", "import Literal")
 
 
-def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
+def _find_references(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
     text = json.dumps(
         {name: schema_of_field for name, schema_of_field in schema.get("properties", {}).items() if name not in but}
     )
@@ -176,11 +178,11 @@ def _named(schema: Mapping[str, Any], but: tuple[str, ...]) -> Iterator[str]:
         yield part.partition('"')[0]
 
 
-def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
+def _write_class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
     but = _STATED.get(name, ())
-    called = f"{_stem(name)}Options" if name in _STATED else name
+    called = f"{_strip_suffix(name)}Options" if name in _STATED else name
     # A keyword of Python cannot be a field of a class; the functional form of TypedDict accepts it.
-    words = {field: _hint(about) for field, about in schema["properties"].items() if iskeyword(field)}
+    words = {field: _write_hint(about) for field, about in schema["properties"].items() if iskeyword(field)}
     above = f"_{called}" if words else "TypedDict"
     fields = ", ".join(f'"{field}": {hint}' for field, hint in words.items())
     lines = [f'{above} = TypedDict("{above}", {{{fields}}})', "", ""] if words else []
@@ -189,30 +191,32 @@ def _class(name: str, schema: Mapping[str, Any], *, total: bool = False) -> str:
     for field, about in schema["properties"].items():
         if field in but or field in words:
             continue
-        lines += _field(field, about)
+        lines += _write_field(field, about)
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _stem(name: str) -> str:
+def _strip_suffix(name: str) -> str:
     """Return the name of a body without its suffix."""
     return re.sub("(Request|Metadata)(-Input)?$", "", name)
 
 
-def _choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
+def _write_choices(name: str, schema: Mapping[str, Any]) -> Iterator[str]:
     """Yield a type for each field with fixed choices that the methods name themselves."""
     for field in _STATED[name]:
         if "enum" in (about := schema["properties"][field]):
-            yield from (f"{line}\n" for line in _lines(f"{_stem(name)}{field.title()} =", _hint(about)))
+            yield from (
+                f"{line}\n" for line in _wrap_type(f"{_strip_suffix(name)}{field.title()} =", _write_hint(about))
+            )
 
 
-def _field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
-    yield from _lines(f"    {name}:", _hint(about))
+def _write_field(name: str, about: Mapping[str, Any]) -> Iterator[str]:
+    yield from _wrap_type(f"    {name}:", _write_hint(about))
     if words := about.get("description"):
         first, *rest = textwrap.wrap(f'"""{words}"""', _WIDTH - 4, break_long_words=False)
         yield from (f"    {line}" for line in (first, *rest))
 
 
-def _lines(head: str, hint: str) -> Iterator[str]:
+def _wrap_type(head: str, hint: str) -> Iterator[str]:
     """Yield a type annotation, split over several lines if it is too long."""
     if len(head) + len(hint) + 1 <= _WIDTH:
         yield f"{head} {hint}"
@@ -224,18 +228,18 @@ def _lines(head: str, hint: str) -> Iterator[str]:
     yield f"{margin}]"
 
 
-def _hint(about: Mapping[str, Any]) -> str:
+def _write_hint(about: Mapping[str, Any]) -> str:
     if "$ref" in about:
         return str(about["$ref"]).rpartition("/")[2]
     if "anyOf" in about:
-        return " | ".join(dict.fromkeys(_hint(member) for member in about["anyOf"]))
+        return " | ".join(dict.fromkeys(_write_hint(member) for member in about["anyOf"]))
     if "enum" in about or "const" in about:
         return f"Literal[{', '.join(json.dumps(value) for value in about.get('enum', [about.get('const')]))}]"
     if "prefixItems" in about:
-        return f"tuple[{', '.join(_hint(member) for member in about['prefixItems'])}]"
+        return f"tuple[{', '.join(_write_hint(member) for member in about['prefixItems'])}]"
     if about.get("type") == "array":
-        return f"Sequence[{_hint(about.get('items', {}))}]"
+        return f"Sequence[{_write_hint(about.get('items', {}))}]"
     if about.get("type") == "object":
         values = about.get("additionalProperties")
-        return f"Mapping[str, {_hint(values)}]" if isinstance(values, Mapping) else _ANYTHING
+        return f"Mapping[str, {_write_hint(values)}]" if isinstance(values, Mapping) else _ANYTHING
     return _SIMPLE.get(str(about.get("type")), "Any")

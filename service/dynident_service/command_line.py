@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from dynident.extras import install_hint
+from dynident.extras import format_install_hint
 from dynident.version import __version__
 from dynident_service.environment import hide_secrets
 
@@ -25,15 +25,15 @@ def main() -> None:
         hide_secrets()  # first of all, as it starts the program again
     gc.set_threshold(_YOUNG)
     try:
-        from dynident_service.cli.app import program
+        from dynident_service.cli.app import create_application
     except ModuleNotFoundError as missing:
         if missing.name not in ("typer", "rich", "click"):
             raise
         sys.exit(
             f"dynident: the command line needs the package {missing.name}, which the light installation leaves out; "
-            f"{install_hint(missing.name)}"
+            f"{format_install_hint(missing.name)}"
         )
-    program(sys.argv[1] if sys.argv[1:] else None)(prog_name="dynident")
+    create_application(sys.argv[1] if sys.argv[1:] else None)(prog_name="dynident")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import socket
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from dynident_service.fair_shares import SharedPlaces, party_of_address
+from dynident_service.fair_shares import SharedPlaces, name_address_party
 from dynident_service.headers import SAFE
 from dynident_service.problems import MEDIA_TYPE, make_problem
 from dynident_service.settings import Settings
@@ -18,7 +18,7 @@ UNREAD_LIMIT = "TCP_USER_TIMEOUT"
 """Name of the socket option; only Linux has it."""
 
 
-def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
+def create_protocol(settings: Settings) -> type[asyncio.Protocol]:
     """Return the HTTP protocol that enforces the limits of the settings; connections are shared by address."""
     places = SharedPlaces(settings.max_connections)
 
@@ -28,14 +28,14 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
             self._waiting: asyncio.TimerHandle | None = None
-            self._party = party_of_address({"client": self.client})
+            self._party = name_address_party({"client": self.client})
             self._has_place = places.may_take(self._party)
-            _limit_unread(transport, settings.answer_timeout_seconds)
+            _set_unread_timeout(transport, settings.answer_timeout_seconds)
             if self._has_place:
                 places.take(self._party)
                 self._wait_for_a_request()
             else:
-                transport.write(_refusal(settings.max_connections))
+                transport.write(_build_refusal(settings.max_connections))
                 transport.close()
 
         def data_received(self, data: bytes) -> None:
@@ -72,7 +72,7 @@ def protocol_with(settings: Settings) -> type[asyncio.Protocol]:
     return Bounded
 
 
-def _limit_unread(transport: asyncio.Transport, seconds: float) -> None:
+def _set_unread_timeout(transport: asyncio.Transport, seconds: float) -> None:
     """Have the kernel close a connection whose client reads nothing for so long.
 
     Systems other than Linux lack this option. A client that reads nothing then occupies places of its own share only.
@@ -82,7 +82,7 @@ def _limit_unread(transport: asyncio.Transport, seconds: float) -> None:
         opened.setsockopt(socket.IPPROTO_TCP, getattr(socket, UNREAD_LIMIT), max(1, round(1000 * seconds)))
 
 
-def _refusal(most: int) -> bytes:
+def _build_refusal(most: int) -> bytes:
     """Return the complete answer for a connection that is one too many."""
     detail = (
         f"Too many connections are open, of {most} (DYNIDENT_MAX_CONNECTIONS), or of your share of them; "

@@ -60,13 +60,13 @@ def forget_keys() -> None:
     os.environ.pop(KEYS, None)
 
 
-def environment_for_children() -> dict[str, str]:
+def build_child_environment() -> dict[str, str]:
     """Return the environment of a child process, which is this one's without secrets."""
     return {name: value for name, value in os.environ.items() if not is_secret(name, value)}
 
 
 @contextmanager
-def secrets_for_children() -> Iterator[int]:
+def open_child_secrets() -> Iterator[int]:
     """Open a file with the secrets of stores and databases, to be the standard input of a child process."""
     needed = {name: value for name, value in os.environ.items() if is_secret(name, value) and name not in OUR_OWN}
     with open(os.memfd_create("secrets"), "r+b") if hasattr(os, "memfd_create") else TemporaryFile() as file:

@@ -23,18 +23,18 @@ PREFIX = 64
 """Leading bits of an IPv6 address that identify a subscriber, who owns all addresses with that prefix."""
 
 
-def party_of_key(name: str) -> str:
+def name_key_party(name: str) -> str:
     """Return the name of the party with a key."""
     return f"key {name}"
 
 
-def party_of_address(scope: Scope) -> str:
+def name_address_party(scope: Scope) -> str:
     """Return the name of the party that a request without a known key comes from."""
     client = scope.get("client")
-    return f"address {_subscriber(client[0]) if client else ''}"
+    return f"address {_get_subscriber(client[0]) if client else ''}"
 
 
-def _subscriber(host: str) -> str:
+def _get_subscriber(host: str) -> str:
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:  # no address, as of a socket in the file system
@@ -92,7 +92,7 @@ class FairQueue:
     async def wait(self, ticket: Ticket) -> None:
         """Wait until a ticket is admitted; `leave` gives the place back."""
         self._waiting.append(ticket)
-        self._go_on()
+        self._admit_next()
         try:
             await ticket.turn.wait()
         except BaseException:
@@ -102,10 +102,10 @@ class FairQueue:
     def leave(self, ticket: Ticket) -> None:
         """Give back the place of a ticket, or stop waiting, and admit the next one."""
         (self.under_way if ticket.turn.is_set() else self._waiting).remove(ticket)
-        self._go_on()
+        self._admit_next()
 
     @asynccontextmanager
-    async def turn_of(self, ticket: Ticket) -> AsyncIterator[None]:
+    async def wait_for_turn(self, ticket: Ticket) -> AsyncIterator[None]:
         """Wait until a ticket is admitted, and give its place back at the end of the block."""
         await self.wait(ticket)
         try:
@@ -113,16 +113,16 @@ class FairQueue:
         finally:
             self.leave(ticket)
 
-    def may_go_on(self, ticket: Ticket) -> bool:
+    def may_proceed(self, ticket: Ticket) -> bool:
         """Return whether a ticket may be admitted while a place is free."""
         return True
 
-    def _go_on(self) -> None:
+    def _admit_next(self) -> None:
         while len(self.under_way) < self.size:
             held = Counter(ticket.party for ticket in self.under_way)
             # Among equal numbers `min` returns the first one, which has waited longest.
             following = min(
-                filter(self.may_go_on, self._waiting), key=lambda candidate: held[candidate.party], default=None
+                filter(self.may_proceed, self._waiting), key=lambda candidate: held[candidate.party], default=None
             )
             if following is None:
                 return
@@ -137,7 +137,7 @@ class SharedQueue(FairQueue):
     A single place cannot be reserved.
     """
 
-    def may_go_on(self, ticket: Ticket) -> bool:
+    def may_proceed(self, ticket: Ticket) -> bool:
         """Return whether the party of a ticket may have another place for a computation of its length."""
         alike = [other for other in self.under_way if other.is_long == ticket.is_long]
         free = self.size - len(self.under_way)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import anyio
 from anyio import to_thread
 
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.patience import AWAY
 
 SOONEST, LATEST = 0.01, 0.1
@@ -33,10 +33,10 @@ class _Follower:
     news: anyio.Event = field(default_factory=anyio.Event)
 
 
-class Following:
+class JobEventNotifier:
     """Watches for new events of jobs while anybody waits for some."""
 
-    def __init__(self, ledger: Ledger) -> None:
+    def __init__(self, ledger: JobQueue) -> None:
         self._ledger = ledger
         self._followers: set[_Follower] = set()
         self._unseen: set[str] = set()
@@ -45,15 +45,15 @@ class Following:
         self._looked_at_all = 0.0
         self._task: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told = asyncio.Event()
+        self._woken = asyncio.Event()
 
-    def nudge(self) -> None:
+    def wake(self) -> None:
         """Report from any thread that a job has news."""
         loop = self._loop
         if loop is not None and self._followers and not loop.is_closed():
-            loop.call_soon_threadsafe(self._told.set)
+            loop.call_soon_threadsafe(self._woken.set)
 
-    async def until_news(self, job_id: str, last: int) -> None:
+    async def wait_for_news(self, job_id: str, last: int) -> None:
         """Wait until a job has events after `last`, or no longer exists."""
         follower = _Follower(job_id, last)
         self._followers.add(follower)
@@ -61,28 +61,28 @@ class Following:
         if self._task is None:
             self._loop = asyncio.get_running_loop()
             self._looked_at_all = 0.0
-            self._task = asyncio.create_task(self._look())
+            self._task = asyncio.create_task(self._poll())
         try:
             await follower.news.wait()
         finally:
             self._followers.discard(follower)
 
-    async def _look(self) -> None:
+    async def _poll(self) -> None:
         try:
             thread = anyio.CapacityLimiter(1)
             while self._followers:
                 # Many reports that come at once are answered by one query.
                 await asyncio.sleep(SOONEST)
                 if not self._unseen:
-                    await self._until_told(LATEST - SOONEST)
+                    await self._wait_until_woken(LATEST - SOONEST)
                 followed, moment = {follower.job_id for follower in self._followers}, time.monotonic()
                 is_due = moment - self._looked_at_all >= ALL
                 job_ids: Collection[str] = followed if is_due else self._unseen & followed
                 self._unseen = set()
-                self._told.clear()
+                self._woken.clear()
                 try:
                     newest, self._seen = await to_thread.run_sync(
-                        self._ledger.news, self._seen, job_ids, limiter=thread
+                        self._ledger.find_newest_events, self._seen, job_ids, limiter=thread
                     )
                 except AWAY:
                     log.warning("the database is away; those who follow jobs wait")
@@ -98,9 +98,9 @@ class Following:
         finally:
             self._task = None
 
-    async def _until_told(self, longest: float) -> None:
+    async def _wait_until_woken(self, longest: float) -> None:
         try:
             async with asyncio.timeout(longest):
-                await self._told.wait()
+                await self._woken.wait()
         except TimeoutError:
             return

@@ -24,11 +24,11 @@ class SafeHeaders:
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
 
-        async def completed(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in SAFE.items():
                     headers.setdefault(name, value)
             await send(message)
 
-        return await self._app(scope, receive, completed)
+        return await self._app(scope, receive, send_with_headers)

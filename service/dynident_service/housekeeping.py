@@ -13,10 +13,10 @@ from pathlib import Path
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import CURABLE, examine
+from dynident_service.storage.doctor import REPAIRABLE, check_storage
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.retention import KEPT, forget, forget_imports
-from dynident_service.storage.tombstones import sweep
+from dynident_service.storage.retention import IMPORT_LIFETIME, delete_expired, delete_unused_imports
+from dynident_service.storage.tombstones import sweep_objects
 
 EVERY = 60.0
 """Seconds between rounds."""
@@ -53,26 +53,26 @@ class Housekeeping:
         self._stop.set()
         self._thread.join(timeout)
 
-    def round(self) -> None:
+    def run_round(self) -> None:
         """Do one round of all that is due."""
         sweep_folder(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
         # Temporary files of running processes may be of any age, so only those from before this service are removed.
         sweep_folder(self._settings.processes_dir, self._abandoned_before)
         if self._abandoned_before and self._examined is None:
             self._remove_what_was_being_written()
-        forget_imports(self._database, timedelta(seconds=KEPT))
+        delete_unused_imports(self._database, timedelta(seconds=IMPORT_LIFETIME))
         # Swept only after a grace period, since an upload may be about to own a file that looks abandoned.
-        swept = sweep(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
+        swept = sweep_objects(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
             log.info("%d files that nobody owned were deleted", swept)
-        forget(self._database, timedelta(days=self._settings.history_kept_days))
+        delete_expired(self._database, timedelta(days=self._settings.history_kept_days))
         if self._examined is None or time.monotonic() - self._examined >= EXAMINED_EVERY:
-            self.examine()
+            self.check_stored_data()
 
-    def examine(self) -> None:
+    def check_stored_data(self) -> None:
         """Check all stored data, without reading the contents of files."""
-        counts = Counter(defect.trouble for defect in examine(self._database, self._objects, by_hash=False))
-        wrong = {trouble: number for trouble, number in counts.items() if trouble not in CURABLE}
+        counts = Counter(defect.trouble for defect in check_storage(self._database, self._objects, by_hash=False))
+        wrong = {trouble: number for trouble, number in counts.items() if trouble not in REPAIRABLE}
         listed = ", ".join(f"{trouble}: {number}" for trouble, number in sorted(wrong.items()))
         self.condition = f"damaged ({listed}); `dynident doctor` says more" if wrong else "ok"
         if wrong:
@@ -81,7 +81,7 @@ class Housekeeping:
 
     def _remove_what_was_being_written(self) -> None:
         """Remove unfinished files of a killed service from the object store and the cache."""
-        for path in (*self._objects.leftovers(), *self._settings.cache_dir.glob("tmp*")):
+        for path in (*self._objects.list_leftovers(), *self._settings.cache_dir.glob("tmp*")):
             with suppress(FileNotFoundError):
                 if path.stat().st_mtime < self._abandoned_before:
                     path.unlink()
@@ -89,7 +89,7 @@ class Housekeeping:
     def _run(self) -> None:
         while not self._stop.is_set():
             try:
-                self.round()
+                self.run_round()
             except Exception:
                 # A database or a store that is away for a moment: the next round does what this one could not.
                 log.exception("a round of housekeeping failed")

@@ -13,11 +13,11 @@ from sqlalchemy import delete, select, update
 from starlette.datastructures import Headers
 from starlette.types import Scope as RequestScope
 
-from dynident_service.fair_shares import party_of_address, party_of_key
-from dynident_service.settings import Settings, hash_of
-from dynident_service.storage.database import Database, clock
-from dynident_service.storage.quotas import UNLIMITED, Limits
-from dynident_service.storage.tables import KeyRow, now
+from dynident_service.fair_shares import name_address_party, name_key_party
+from dynident_service.settings import Settings, hash_key
+from dynident_service.storage.database import Database, get_database_time
+from dynident_service.storage.quotas import UNLIMITED, QuotaLimits
+from dynident_service.storage.tables import KeyRow, get_utc_time
 
 Scope = Literal["read", "submit", "admin"]
 SCOPES: tuple[Scope, ...] = ("read", "submit", "admin")
@@ -29,7 +29,7 @@ NOTED_EVERY = 60.0
 
 
 @dataclass(frozen=True)
-class Holder:
+class KeyHolder:
     """Holder of a key, and what the key allows."""
 
     name: str
@@ -37,20 +37,20 @@ class Holder:
     owner: str | None = None
     expires_at: datetime | None = None
     last_used_at: datetime | None = None
-    limits: Limits = UNLIMITED
+    limits: QuotaLimits = UNLIMITED
     """Limits of the key, which take precedence over those of the settings."""
 
-    def may(self, method: str, path: str) -> bool:
+    def is_allowed(self, method: str, path: str) -> bool:
         """Return whether the key allows a method on a path."""
-        return SCOPES.index(self.scope) >= SCOPES.index(needed_scope(method, path))
+        return SCOPES.index(self.scope) >= SCOPES.index(find_needed_scope(method, path))
 
     @property
     def is_expired(self) -> bool:
         """Whether the key has expired."""
-        return self.expires_at is not None and self.expires_at <= now()
+        return self.expires_at is not None and self.expires_at <= get_utc_time()
 
 
-def needed_scope(method: str, path: str) -> Scope:
+def find_needed_scope(method: str, path: str) -> Scope:
     """Return the scope that a method on a path requires."""
     if method in ("GET", "HEAD", "OPTIONS") or (method == "POST" and STORES_NOTHING.fullmatch(path)):
         return "read"
@@ -63,7 +63,7 @@ def create_key(
     scope: Scope = "admin",
     owner: str | None = None,
     days: float | None = None,
-    limits: Limits | None = None,
+    limits: QuotaLimits | None = None,
 ) -> str:
     """Create a key and store its hash; the key itself is returned only this once.
 
@@ -84,9 +84,9 @@ def create_key(
     """
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
-        expires_at = None if days is None else clock(session) + timedelta(days=days)
-        quotas = {f"quota_{kind}": most for kind, most in asdict(limits or Limits()).items()}
-        session.add(KeyRow(sha256=hash_of(key), name=name, scope=scope, owner=owner, expires_at=expires_at, **quotas))
+        expires_at = None if days is None else get_database_time(session) + timedelta(days=days)
+        quotas = {f"quota_{kind}": most for kind, most in asdict(limits or QuotaLimits()).items()}
+        session.add(KeyRow(sha256=hash_key(key), name=name, scope=scope, owner=owner, expires_at=expires_at, **quotas))
     return key
 
 
@@ -97,13 +97,13 @@ def revoke_keys(database: Database, name: str) -> int:
         return len(session.scalars(gone).all())
 
 
-def list_keys(database: Database) -> list[Holder]:
+def list_keys(database: Database) -> list[KeyHolder]:
     """Return the holders of all keys in the database."""
     with database.read() as session:
-        return [_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
+        return [_to_holder(row) for row in session.scalars(select(KeyRow).order_by(KeyRow.name, KeyRow.created_at))]
 
 
-def key_in(headers: Headers) -> str | None:
+def extract_key(headers: Headers) -> str | None:
     """Return the key in the headers of a request, or None."""
     scheme, _, token = headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer" and token:
@@ -128,36 +128,38 @@ class KeyRing:
         with self._database.read() as session:
             return session.scalar(select(KeyRow.sha256).limit(1)) is None
 
-    def holder_of(self, key: str) -> Holder | None:
+    def find_holder(self, key: str) -> KeyHolder | None:
         """Return the holder of a key, or None if it is unknown; record its use from time to time."""
-        hashed = hash_of(key)
+        hashed = hash_key(key)
         holder = self._look_up(hashed)
         if holder is not None:
             self._names[hashed] = holder.name
         return holder
 
-    def party_of(self, scope: RequestScope) -> str:
+    def find_party(self, scope: RequestScope) -> str:
         """Return the party of a request: its key if that was used before, else its address."""
-        key = key_in(Headers(scope=scope))
-        name = None if key is None else self._names.get(hash_of(key))
-        return party_of_address(scope) if name is None else party_of_key(name)
+        key = extract_key(Headers(scope=scope))
+        name = None if key is None else self._names.get(hash_key(key))
+        return name_address_party(scope) if name is None else name_key_party(name)
 
-    def _look_up(self, hashed: str) -> Holder | None:
+    def _look_up(self, hashed: str) -> KeyHolder | None:
         # Compared in constant time, so that the duration tells nothing about the hash.
         if any(secrets.compare_digest(hashed, known_hash) for known_hash in self._configured):
-            return Holder("DYNIDENT_API_KEYS")
+            return KeyHolder("DYNIDENT_API_KEYS")
         with self._database.read() as session:
             row = session.get(KeyRow, hashed)
         if row is None:
             return None
-        holder = _holder(row)
+        holder = _to_holder(row)
         if not holder.is_expired and time.monotonic() - self._noted.get(hashed, -NOTED_EVERY) >= NOTED_EVERY:
             self._noted[hashed] = time.monotonic()
             with self._database.write() as session:
-                session.execute(update(KeyRow).where(KeyRow.sha256 == hashed).values(last_used_at=clock(session)))
+                session.execute(
+                    update(KeyRow).where(KeyRow.sha256 == hashed).values(last_used_at=get_database_time(session))
+                )
         return holder
 
 
-def _holder(row: KeyRow) -> Holder:
-    limits = Limits(row.quota_bytes, row.quota_recordings, row.quota_jobs)
-    return Holder(row.name, cast(Scope, row.scope), row.owner, row.expires_at, row.last_used_at, limits)
+def _to_holder(row: KeyRow) -> KeyHolder:
+    limits = QuotaLimits(row.quota_bytes, row.quota_recordings, row.quota_jobs)
+    return KeyHolder(row.name, cast(Scope, row.scope), row.owner, row.expires_at, row.last_used_at, limits)

@@ -16,7 +16,7 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.fair_shares import FairQueue, SharedPlaces, Ticket, party_of_address, party_of_key
+from dynident_service.fair_shares import FairQueue, SharedPlaces, Ticket, name_address_party, name_key_party
 from dynident_service.problem_responses import respond
 from dynident_service.problems import make_problem
 from dynident_service.settings import Settings
@@ -67,7 +67,7 @@ class Allowance:
     setting: str
 
 
-def allowance(scope: Scope, settings: Settings) -> Allowance:
+def get_allowance(scope: Scope, settings: Settings) -> Allowance:
     """Return the limits for the body of a request; its content type alone grants nothing."""
     is_form = Headers(scope=scope).get("content-type", "").lower().startswith("multipart/")
     if is_form and is_upload(scope):
@@ -95,24 +95,24 @@ class BodyLimit:
         """Pass a request on with a counted body; answer 413 if it is too much, 408 if it does not arrive."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
-        allowed = allowance(scope, self._settings)
+        allowed = get_allowance(scope, self._settings)
         length = Headers(scope=scope).get("content-length", "")
         if length.isdigit() and int(length) > allowed.bytes:
-            problem = make_problem(413, _too_large(allowed))
+            problem = make_problem(413, _describe_size_limit(allowed))
             return await respond(problem, {"connection": "close"})(scope, receive, send)
         meter = _Meter(allowed, self._settings)
 
-        async def metered() -> Message:
+        async def receive_metered() -> Message:
             if meter.is_over:
                 return await receive()  # only the client's leaving can come now, whenever it does
             with anyio.move_on_after(self._settings.body_timeout_seconds) as patience:
                 message = await receive()
             if patience.cancelled_caught:
-                raise _too_slow(self._settings.body_timeout_seconds)
+                raise _make_slow_error(self._settings.body_timeout_seconds)
             meter.count(message)
             return message
 
-        return await self._app(scope, metered, send)
+        return await self._app(scope, receive_metered, send)
 
 
 class _Meter:
@@ -132,7 +132,7 @@ class _Meter:
         self._bytes += len(body)
         self.is_over = message["type"] != "http.request" or not message.get("more_body", False)
         if self._bytes > self._allowed.bytes:
-            raise HTTPException(413, _too_large(self._allowed), {"connection": "close"})
+            raise HTTPException(413, _describe_size_limit(self._allowed), {"connection": "close"})
         if self._allowed.values is not None:
             # Counting characters is far cheaper than parsing, and happens before the body is in memory as objects.
             self._weight += sum(weight * body.count(sign) for sign, weight in WEIGHTS)
@@ -141,10 +141,10 @@ class _Meter:
                 raise HTTPException(413, detail, {"connection": "close"})
         took = time.monotonic() - self._began
         if not self.is_over and took > FIRST_GRACE + self._bytes / self._slowest:
-            raise _too_slow(took)
+            raise _make_slow_error(took)
 
 
-class Turn:
+class RequestSlot:
     """Place of a request among those under way; it may turn out to take long.
 
     Short requests, and those that begin to follow a job, are answered a few at a time: if many share the processor,
@@ -159,15 +159,15 @@ class Turn:
         self._queue = queue
         self._ticket: Ticket | None = None
 
-    def __enter__(self) -> Turn:
+    def __enter__(self) -> RequestSlot:
         self._places.take(self.party)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.take_long()
+        self.release_short_place()
         self._places.give_back(self.party)
 
-    def take_long(self) -> None:
+    def release_short_place(self) -> None:
         """Release the place among short requests, as this one only waits for a computation elsewhere."""
         ticket, queue = self._ticket, self._queue
         self._ticket = self._queue = None
@@ -176,7 +176,7 @@ class Turn:
                 self._short.give_back(self.party)
             queue.leave(ticket)
 
-    def charge(self, party: str) -> None:
+    def charge_party(self, party: str) -> None:
         """Count the request for another party, once its key is known."""
         pools = [self._places]
         if self._ticket is not None:
@@ -187,24 +187,24 @@ class Turn:
             pool.take(party)
         self.party = party
 
-    async def go_through(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
+    async def run_request(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer the request when it is its turn."""
 
-        async def received() -> Message:
+        async def receive_in_turn() -> Message:
             message = await receive()
             if message["type"] == "http.request" and not message.get("more_body", False):
                 await self._wait()
             return message
 
-        async def sent(message: Message) -> None:
+        async def send_and_release(message: Message) -> None:
             if message["type"] == "http.response.start":
-                self.take_long()
+                self.release_short_place()
             await send(message)
 
         headers = Headers(scope=scope)
         if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
             await self._wait()
-        await app(scope, received, sent)
+        await app(scope, receive_in_turn, send_and_release)
 
     async def _wait(self) -> None:
         queue = self._queue
@@ -229,7 +229,7 @@ class Admission:
     Places are shared by party (`fair_shares`); a key that was not seen before counts by its address.
     """
 
-    def __init__(self, app: ASGIApp, settings: Settings, party_of: Callable[[Scope], str] = party_of_address) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings, party_of: Callable[[Scope], str] = name_address_party) -> None:
         self._app = app
         self._settings = settings
         self._party_of = party_of
@@ -244,28 +244,28 @@ class Admission:
         """Admit a request if there is room; requests that only follow a job are counted separately."""
         if scope["type"] != "http" or scope["path"] in ALWAYS_ANSWERED:
             return await self._app(scope, receive, send)
-        pace, party = _pace(scope), self._party_of(scope)
-        refusal = self._refusal(pace, party)
+        pace, party = _classify_request(scope), self._party_of(scope)
+        refusal = self._find_refusal(pace, party)
         if refusal is not None:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
         places = self._followers if pace == "following" else self._requests
         short = self._short if pace == "short" else None
-        with Turn(party, places, short, None if pace == "long" else self._queue) as turn:
+        with RequestSlot(party, places, short, None if pace == "long" else self._queue) as turn:
             scope[TURN] = turn
-            return await turn.go_through(self._app, scope, receive, send)
+            return await turn.run_request(self._app, scope, receive, send)
 
-    def _refusal(self, pace: Pace, party: str) -> str | None:
+    def _find_refusal(self, pace: Pace, party: str) -> str | None:
         if pace == "following":
-            return _share_used_up(self._followers, party, "jobs are followed", "DYNIDENT_MAX_FOLLOWERS")
-        refusal = _share_used_up(self._requests, party, "requests are under way", "DYNIDENT_MAX_REQUESTS")
+            return _describe_refusal(self._followers, party, "jobs are followed", "DYNIDENT_MAX_FOLLOWERS")
+        refusal = _describe_refusal(self._requests, party, "requests are under way", "DYNIDENT_MAX_REQUESTS")
         if refusal is None and pace == "short":
             each = f"{MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS"
-            return _share_used_up(self._short, party, "requests wait to be answered", each)
+            return _describe_refusal(self._short, party, "requests wait to be answered", each)
         return refusal
 
 
-def _share_used_up(places: SharedPlaces, party: str, doing: str, setting: str) -> str | None:
+def _describe_refusal(places: SharedPlaces, party: str, doing: str, setting: str) -> str | None:
     """Return why a party may not have another place, or None if it may."""
     if places.may_take(party):
         return None
@@ -275,37 +275,37 @@ def _share_used_up(places: SharedPlaces, party: str, doing: str, setting: str) -
     )
 
 
-def take_long(scope: Scope) -> None:
+def mark_long(scope: Scope) -> None:
     """Mark a request as long, so that it takes no place of a short one."""
     turn = scope.get(TURN)
-    if isinstance(turn, Turn):
-        turn.take_long()
+    if isinstance(turn, RequestSlot):
+        turn.release_short_place()
 
 
 def charge_key(scope: Scope, name: str) -> None:
     """Count a request for its API key."""
     turn = scope.get(TURN)
-    if isinstance(turn, Turn):
-        turn.charge(party_of_key(name))
+    if isinstance(turn, RequestSlot):
+        turn.charge_party(name_key_party(name))
 
 
-def party_of_request(scope: Scope) -> str:
+def find_request_party(scope: Scope) -> str:
     """Return the party that a request counts for."""
     turn = scope.get(TURN)
-    return turn.party if isinstance(turn, Turn) else party_of_address(scope)
+    return turn.party if isinstance(turn, RequestSlot) else name_address_party(scope)
 
 
-def _pace(scope: Scope) -> Pace:
+def _classify_request(scope: Scope) -> Pace:
     if scope["path"].endswith("/events"):
         return "following"
     length = Headers(scope=scope).get("content-length", "0")
     return "short" if length.isdigit() and int(length) <= SHORT_BODY else "long"
 
 
-def _too_large(allowed: Allowance) -> str:
+def _describe_size_limit(allowed: Allowance) -> str:
     return f"The body is larger than {allowed.bytes} bytes ({allowed.setting}); send a part, a recording as Parquet."
 
 
-def _too_slow(seconds: float) -> HTTPException:
+def _make_slow_error(seconds: float) -> HTTPException:
     detail = f"The body did not come on within {seconds:.0f} s; send it again, on a better connection."
     return HTTPException(408, detail, {"connection": "close"})

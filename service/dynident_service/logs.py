@@ -18,7 +18,7 @@ _request: ContextVar[str | None] = ContextVar("dynident_request", default=None)
 _job: ContextVar[str | None] = ContextVar("dynident_job", default=None)
 
 
-def configure(level: str, form: LogFormat) -> None:
+def configure_logging(level: str, form: LogFormat) -> None:
     """Write all log lines of this process to its standard error."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines() if form == "json" else TextLines())
@@ -26,23 +26,23 @@ def configure(level: str, form: LogFormat) -> None:
     logging.getLogger("alembic").setLevel(logging.WARNING)
 
 
-def current_request() -> str | None:
+def get_current_request() -> str | None:
     """Return the id of the request that is answered here, or that submitted the current job."""
     return _request.get()
 
 
-def current_job() -> str | None:
+def get_current_job() -> str | None:
     """Return the id of the current job."""
     return _job.get()
 
 
-def answering(request_id: str) -> None:
+def set_current_request(request_id: str) -> None:
     """Set the request that is answered from now on, in this task and in the tasks that it starts."""
     _request.set(request_id)
 
 
 @contextmanager
-def working_on(job_id: str | None, request_id: str | None) -> Iterator[None]:
+def set_log_context(job_id: str | None, request_id: str | None) -> Iterator[None]:
     """Set the current job, and the request that submitted it, in this context."""
     job, request = _job.set(job_id), _request.set(request_id)
     try:
@@ -52,7 +52,7 @@ def working_on(job_id: str | None, request_id: str | None) -> Iterator[None]:
         _request.reset(request)
 
 
-def time_of(record: logging.LogRecord) -> str:
+def format_time(record: logging.LogRecord) -> str:
     """Return the time of a log record in RFC 3339, UTC."""
     return datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
 
@@ -65,7 +65,7 @@ class TextLines(logging.Formatter):
 
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
         """Return the time in the format of JSON lines."""
-        return time_of(record)
+        return format_time(record)
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         """Format a line without its traceback."""
@@ -79,7 +79,7 @@ class JsonLines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """Format one line."""
         members = {
-            "time": time_of(record),
+            "time": format_time(record),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),

@@ -11,7 +11,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, H
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from dynident_service.storage.ledger import Strain
+from dynident_service.storage.ledger import QueueHealth
 
 __all__ = ["CONTENT_TYPE_LATEST", "Metrics"]
 
@@ -35,18 +35,18 @@ class Metrics:
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
-    def watch_jobs(self, counts: Callable[[], dict[str, int]], strain: Callable[[], Strain], folder: Path) -> None:
+    def watch_jobs(self, counts: Callable[[], dict[str, int]], strain: Callable[[], QueueHealth], folder: Path) -> None:
         """Add the jobs by state, the age of the queue, deaths by cause, and the free disk space of a folder."""
-        self._registry.register(_Jobs(counts, strain))
-        self._registry.register(_Room(folder))
+        self._registry.register(_JobsCollector(counts, strain))
+        self._registry.register(_DiskCollector(folder))
 
-    def text(self) -> bytes:
+    def render_text(self) -> bytes:
         """Render all metrics in Prometheus' text format."""
         return generate_latest(self._registry)
 
 
-class _Jobs(Collector):
-    def __init__(self, counts: Callable[[], dict[str, int]], strain: Callable[[], Strain]) -> None:
+class _JobsCollector(Collector):
+    def __init__(self, counts: Callable[[], dict[str, int]], strain: Callable[[], QueueHealth]) -> None:
         self._counts = counts
         self._strain = strain
 
@@ -65,7 +65,7 @@ class _Jobs(Collector):
         yield again
 
 
-class _Room(Collector):
+class _DiskCollector(Collector):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 

@@ -11,14 +11,14 @@ from anyio import to_thread
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.keys import Holder, KeyRing, key_in, needed_scope
+from dynident_service.keys import KeyHolder, KeyRing, extract_key, find_needed_scope
 from dynident_service.limits import charge_key
 from dynident_service.metrics import Metrics
 from dynident_service.problem_responses import respond
 from dynident_service.problems import Problem, make_problem
-from dynident_service.quotas import limits_of
+from dynident_service.quotas import get_quota_limits
 from dynident_service.settings import Settings, is_loopback
-from dynident_service.storage.quotas import Account, act_for
+from dynident_service.storage.quotas import Account, set_account
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 PAGE = "/workbench/"
@@ -28,7 +28,7 @@ audit = logging.getLogger("dynident.audit")
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
-class Gate:
+class AccessControl:
     """Middleware that requires an API key, or, without keys, protects the service from pages of other origins.
 
     A service on the loopback interface needs no key. A browser on the same machine could however be made to call it, by
@@ -39,7 +39,7 @@ class Gate:
         self._app = app
         self._settings = settings
         self._keys = keys
-        self._limits = limits_of(settings)
+        self._limits = get_quota_limits(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Admit a request, or answer it with a problem."""
@@ -49,17 +49,17 @@ class Gate:
         if self._settings.needs_keys:
             if scope["path"] == "/" or scope["path"].startswith(PAGE):
                 return await self._app(scope, receive, send)  # the page holds no data, and asks for the key itself
-            key = key_in(headers)
-            holder = None if key is None else await to_thread.run_sync(self._keys().holder_of, key)
-            refused = _refusal(holder, scope["method"], scope["path"])
+            key = extract_key(headers)
+            holder = None if key is None else await to_thread.run_sync(self._keys().find_holder, key)
+            refused = _find_refusal(holder, scope["method"], scope["path"])
             if refused is not None:
                 challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
             assert holder is not None
             charge_key(scope, holder.name)
-            act_for(Account(holder.name, holder.limits.or_else(self._limits)))
-        elif not is_loopback(_host(headers.get("host", ""))):
+            set_account(Account(holder.name, holder.limits.fill_from(self._limits)))
+        elif not is_loopback(_parse_host(headers.get("host", ""))):
             detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
             return await respond(make_problem(421, detail))(scope, receive, send)
         if not self._may_come_from(headers, scope["method"]):
@@ -74,7 +74,7 @@ class Gate:
         return urlsplit(origin).netloc == headers.get("host")
 
 
-def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
+def _find_refusal(holder: KeyHolder | None, method: str, path: str) -> Problem | None:
     """Return the problem of a request that may not enter, or None."""
     if holder is None:
         detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
@@ -84,14 +84,14 @@ def _refusal(holder: Holder | None, method: str, path: str) -> Problem | None:
             f"The key {holder.name!r} ended on {holder.expires_at:%Y-%m-%d}; ask whoever runs the service for another."
         )
         return make_problem(401, detail, title="API key expired")
-    if not holder.may(method, path):
-        needed = needed_scope(method, path)
+    if not holder.is_allowed(method, path):
+        needed = find_needed_scope(method, path)
         detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed}."
         return make_problem(403, detail, title="Not allowed by this key")
     return None
 
 
-class _Noted:
+class _StatusRecorder:
     """Records the status of an answer; 500 if there was none."""
 
     def __init__(self, send: Send) -> None:
@@ -104,7 +104,7 @@ class _Noted:
         await self._send(message)
 
 
-class Audit:
+class AuditLog:
     """Middleware that logs who changed what: every request with an unsafe method, without its query and its key."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -114,17 +114,17 @@ class Audit:
         """Log the result of one request."""
         if scope["type"] != "http" or scope["method"] in SAFE_METHODS:
             return await self._app(scope, receive, send)
-        noted = _Noted(send)
+        noted = _StatusRecorder(send)
         try:
             await self._app(scope, receive, noted)
         finally:
             holder = scope.get(HOLDER)
-            by = holder.name if isinstance(holder, Holder) else "nobody known"
-            owner = f" of {holder.owner!r}" if isinstance(holder, Holder) and holder.owner else ""
+            by = holder.name if isinstance(holder, KeyHolder) else "nobody known"
+            owner = f" of {holder.owner!r}" if isinstance(holder, KeyHolder) and holder.owner else ""
             audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], noted.status)
 
 
-class Timing:
+class RequestTiming:
     """Middleware that counts requests and their duration by route."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
@@ -135,7 +135,7 @@ class Timing:
         """Measure one request."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
-        noted = _Noted(send)
+        noted = _StatusRecorder(send)
         started = time.perf_counter()
         try:
             await self._app(scope, receive, noted)
@@ -145,5 +145,5 @@ class Timing:
             self._metrics.count(scope["method"], route, noted.status, time.perf_counter() - started)
 
 
-def _host(header: str) -> str:
+def _parse_host(header: str) -> str:
     return urlsplit(f"//{header}").hostname or ""

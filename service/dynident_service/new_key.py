@@ -11,10 +11,10 @@ from datetime import datetime
 from dynident.errors import DynidentError
 from dynident_service.keys import SCOPES, create_key, list_keys, revoke_keys
 from dynident_service.settings import load_settings
-from dynident_service.storage.data_directory import prepare_data_directory, private_files
+from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
-from dynident_service.storage.quotas import Limits
+from dynident_service.storage.quotas import QuotaLimits
 
 MOST_DAYS = 36500
 """A century; the calendar of computers ends with the year 9999."""
@@ -28,10 +28,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("name", nargs="?", help="what the key is for")
     parser.add_argument("--scope", choices=SCOPES, default="admin", help="look; send and change; delete, too (default)")
     parser.add_argument("--owner", help="who answers for it")
-    parser.add_argument("--days", type=_days, help="after how many days it ends; never by default")
-    parser.add_argument("--quota-bytes", type=_number, help="how many bytes of files it may have; 0: any")
-    parser.add_argument("--quota-recordings", type=_number, help="how many recordings it may have; 0: any")
-    parser.add_argument("--quota-jobs", type=_number, help="how many jobs of it may be under way; 0: any")
+    parser.add_argument("--days", type=_parse_days, help="after how many days it ends; never by default")
+    parser.add_argument("--quota-bytes", type=_parse_number, help="how many bytes of files it may have; 0: any")
+    parser.add_argument("--quota-recordings", type=_parse_number, help="how many recordings it may have; 0: any")
+    parser.add_argument("--quota-jobs", type=_parse_number, help="how many jobs of it may be under way; 0: any")
     parser.add_argument("--list", action="store_true", help="list the keys, without what opens")
     parser.add_argument("--revoke", action="store_true", help="delete the keys of this name")
     options = parser.parse_args(arguments)
@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     settings = load_settings()
-    with private_files():
+    with restrict_file_permissions():
         prepare_data_directory(settings.data_dir)
         with closing(Database(settings.database)) as database:
             migrate(database)
@@ -56,19 +56,21 @@ def _run(options: argparse.Namespace) -> int:
 def _manage_keys(database: Database, options: argparse.Namespace) -> int:
     if options.list:
         for holder in list_keys(database):
-            used = f"used {_day(holder.last_used_at)}, ends {_day(holder.expires_at)}"
-            print(f"{holder.name}: {holder.scope}, owner {holder.owner or 'not said'}, {used}{_own(holder.limits)}")
+            used = f"used {_format_day(holder.last_used_at)}, ends {_format_day(holder.expires_at)}"
+            print(
+                f"{holder.name}: {holder.scope}, owner {holder.owner or 'not said'}, {used}{_describe_limits(holder.limits)}"
+            )
     elif options.revoke:
         if revoke_keys(database, options.name) == 0:
             print(f"there is no key {options.name!r}", file=sys.stderr)
             return 1
     else:
-        limits = Limits(options.quota_bytes, options.quota_recordings, options.quota_jobs)
+        limits = QuotaLimits(options.quota_bytes, options.quota_recordings, options.quota_jobs)
         print(create_key(database, options.name, options.scope, options.owner, options.days, limits))
     return 0
 
 
-def _days(text: str) -> float:
+def _parse_days(text: str) -> float:
     try:
         days = float(text)
     except ValueError:
@@ -78,18 +80,18 @@ def _days(text: str) -> float:
     return days
 
 
-def _number(text: str) -> int:
+def _parse_number(text: str) -> int:
     if not text.isdecimal() or int(text) > MOST:
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 to {MOST}")
     return int(text)
 
 
-def _own(limits: Limits) -> str:
+def _describe_limits(limits: QuotaLimits) -> str:
     quotas = [f"{most} {kind}" for kind, most in asdict(limits).items() if most is not None]
     return f", at most {', '.join(quotas)}" if quotas else ""
 
 
-def _day(moment: datetime | None) -> str:
+def _format_day(moment: datetime | None) -> str:
     return "never" if moment is None else moment.date().isoformat()
 
 

@@ -13,18 +13,18 @@ from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
 from dynident_service.headers import SAFE
-from dynident_service.logs import current_request
+from dynident_service.logs import get_current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
     Problem,
     ProblemError,
-    fields_of,
     make_problem,
-    problem_of,
-    validation_problem,
+    make_validation_problem,
+    to_problem,
+    to_problem_fields,
 )
-from dynident_service.storage.patience import AWAY, reason_of
-from dynident_service.storage.space import is_full
+from dynident_service.storage.patience import AWAY, describe_error
+from dynident_service.storage.space import is_disk_full
 
 REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")
@@ -40,14 +40,14 @@ def respond(problem: Problem, headers: dict[str, str] | None = None) -> JSONResp
     headers : dict of str to str, optional
         Further headers.
     """
-    identifier = current_request()
+    identifier = get_current_request()
     # Set here as well: an answer to an unexpected error does not pass the middleware that adds these headers.
     carried = {**SAFE, **({} if identifier is None else {REQUEST_ID: identifier}), **(headers or {})}
     content = problem.model_copy(update={"request_id": identifier}).model_dump(exclude_none=True)
     return JSONResponse(content, problem.status, headers=carried, media_type=MEDIA_TYPE)
 
 
-def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
+def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
     """Register handlers that turn every error of the application into a problem.
 
     Parameters
@@ -65,18 +65,18 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(DynidentError)
     async def on_unusable_input(_: Request, error: DynidentError) -> JSONResponse:
-        return respond(problem_of(error))
+        return respond(to_problem(error))
 
     @app.exception_handler(RequestValidationError)
     async def on_invalid_request(_: Request, error: RequestValidationError) -> JSONResponse:
-        return respond(validation_problem(fields_of(error.errors(), error.body)))
+        return respond(make_validation_problem(to_problem_fields(error.errors(), error.body)))
 
     @app.exception_handler(StarletteHTTPException)
     async def on_http_error(request: Request, error: StarletteHTTPException) -> JSONResponse:
         headers = {name.lower(): value for name, value in (error.headers or {}).items()}
         path = request.url.path
-        if is_full(error.__cause__):  # while a body was received
-            return respond(_no_room())
+        if is_disk_full(error.__cause__):  # while a body was received
+            return respond(_make_disk_full_problem())
         if isinstance(error.__cause__, ProblemError):  # likewise
             return await on_problem(request, error.__cause__)
         detail = str(error.detail)
@@ -89,9 +89,9 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
         return respond(make_problem(error.status_code, detail), headers)
 
     async def on_infrastructure(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s: %s", request.method, request.url.path, reason_of(error))
-        if is_full(error):
-            return respond(_no_room())
+        log.error("%s %s: %s", request.method, request.url.path, describe_error(error))
+        if is_disk_full(error):
+            return respond(_make_disk_full_problem())
         detail = "The database or the object store does not answer; try again in a moment. Nothing was stored."
         return respond(make_problem(503, detail, title="Storage away"), {"retry-after": "5"})
 
@@ -100,9 +100,9 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
 
     @app.exception_handler(OSError)
     async def on_operating_system(request: Request, error: OSError) -> JSONResponse:
-        if is_full(error):
+        if is_disk_full(error):
             log.error("%s %s: %s", request.method, request.url.path, error)
-            return respond(_no_room())
+            return respond(_make_disk_full_problem())
         return await on_unexpected(request, error)
 
     @app.exception_handler(Exception)
@@ -111,6 +111,6 @@ def install(app: FastAPI, allowed_methods: Callable[[str], list[str]]) -> None:
         return respond(make_problem(500, "The service failed unexpectedly; its log says where. Nothing was stored."))
 
 
-def _no_room() -> Problem:
+def _make_disk_full_problem() -> Problem:
     detail = "The disk of the service is full, so nothing was stored; whoever runs it has to make room."
     return make_problem(507, detail, title="Disk full")

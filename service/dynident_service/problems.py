@@ -69,7 +69,7 @@ class ProblemError(Exception):
         self.problem = make_problem(status, detail, title=title, **more)
 
     @classmethod
-    def of(cls, problem: Problem) -> ProblemError:
+    def from_problem(cls, problem: Problem) -> ProblemError:
         """Create the exception for an existing problem."""
         error = cls(problem.status, problem.detail)
         error.problem = problem
@@ -95,17 +95,17 @@ def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Fu
     return Problem(type=f"urn:dynident:problem:{slug}", title=title, status=status, detail=detail, **more)
 
 
-def not_found(kind: str, identifier: str) -> ProblemError:
+def make_not_found(kind: str, identifier: str) -> ProblemError:
     """Return the error for a resource that does not exist."""
     return ProblemError(404, f"There is no {kind} {identifier!r}.", title="Not found")
 
 
-def unusable(detail: str, pointer: str, *, title: str = "Unusable input") -> ProblemError:
+def make_unusable(detail: str, pointer: str, *, title: str = "Unusable input") -> ProblemError:
     """Return the error for a wrong field of the request."""
     return ProblemError(422, detail, title=title, errors=[ProblemField(pointer=pointer, detail=detail)])
 
 
-def problem_of(error: DynidentError | ProblemError) -> Problem:
+def to_problem(error: DynidentError | ProblemError) -> Problem:
     """Convert an error that the user can correct into a problem."""
     if isinstance(error, ProblemError):
         return error.problem
@@ -113,7 +113,7 @@ def problem_of(error: DynidentError | ProblemError) -> Problem:
     return make_problem(422, error.detail, title=error.title, errors=fields)
 
 
-def pointer_of(location: Sequence[int | str], error_type: str, body: object) -> str:
+def to_pointer(location: Sequence[int | str], error_type: str, body: object) -> str:
     """Convert pydantic's location of an error into a JSON pointer, or into the name of a parameter of query or path.
 
     Pydantic includes names of union members in the location. Parts that the body does not have are therefore skipped,
@@ -124,7 +124,7 @@ def pointer_of(location: Sequence[int | str], error_type: str, body: object) -> 
         return ".".join(str(part) for part in rest)
     tokens = []
     for index, part in enumerate(rest):
-        inside = _inside(body, part)
+        inside = _get_item(body, part)
         is_missing = error_type == "missing" and index == len(rest) - 1
         if inside is not _NOWHERE or is_missing:
             # RFC 6901 escapes "~" before "/".
@@ -133,7 +133,7 @@ def pointer_of(location: Sequence[int | str], error_type: str, body: object) -> 
     return "".join(f"/{part}" for part in tokens)
 
 
-def _inside(body: object, part: int | str) -> object:
+def _get_item(body: object, part: int | str) -> object:
     if isinstance(body, dict):
         return body.get(part, _NOWHERE)
     if isinstance(body, list) and isinstance(part, int) and part < len(body):
@@ -141,7 +141,7 @@ def _inside(body: object, part: int | str) -> object:
     return _NOWHERE
 
 
-def fields_of(errors: Sequence[ErrorDetails], body: object, prefix: str = "") -> list[ProblemField]:
+def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str = "") -> list[ProblemField]:
     """Convert pydantic's errors into fields of a problem; several errors for one pointer are joined."""
     joined: dict[str, list[str]] = {}
     for error in errors:
@@ -155,14 +155,14 @@ def fields_of(errors: Sequence[ErrorDetails], body: object, prefix: str = "") ->
             detail = f"there is no field {location[-1]!r}"
         else:
             detail = str(error["msg"]).removeprefix("Value error, ")
-        pointer = prefix + pointer_of(location, error["type"], body)
+        pointer = prefix + to_pointer(location, error["type"], body)
         details = joined.setdefault(pointer, [])
         if detail not in details:
             details.append(detail)
     return [ProblemField(pointer=pointer, detail="; or ".join(details)) for pointer, details in joined.items()]
 
 
-def validation_problem(fields: list[ProblemField]) -> Problem:
+def make_validation_problem(fields: list[ProblemField]) -> Problem:
     """Return the problem of a request that does not conform to the contract."""
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""

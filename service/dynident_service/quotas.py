@@ -15,9 +15,9 @@ from dynident_service.problem_responses import respond
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.quotas import Account, Limits, acting, bytes_of, check, files_too_large
+from dynident_service.storage.quotas import Account, QuotaLimits, check_quota, get_account, make_bytes_error, sum_bytes
 from dynident_service.storage.records import Kind, NewResource
-from dynident_service.storage.space import require_room
+from dynident_service.storage.space import check_disk_space
 from dynident_service.storage.tables import RetryRow
 
 FORM = 65_536
@@ -28,13 +28,13 @@ COPIES = 3
 _KINDS: dict[str, Kind] = {"/v1/measurements": "measurement", "/v1/imports": "import"}
 
 
-def limits_of(settings: Settings) -> Limits:
+def get_quota_limits(settings: Settings) -> QuotaLimits:
     """Return the limits of keys that have none of their own."""
-    return Limits(settings.quota_bytes, settings.quota_recordings, settings.quota_jobs)
+    return QuotaLimits(settings.quota_bytes, settings.quota_recordings, settings.quota_jobs)
 
 
 @dataclass(eq=False)
-class _Coming:
+class _Upload:
     """Upload under way."""
 
     account: Account | None
@@ -43,7 +43,7 @@ class _Coming:
     came: int = 0
 
     @property
-    def to_write(self) -> int:
+    def remaining_bytes(self) -> int:
         """Bytes that it will still write to the disk."""
         return COPIES * self.size - self.came
 
@@ -60,7 +60,7 @@ class UploadRoom:
         self._app = app
         self._settings = settings
         self._database = database
-        self._coming: dict[_Coming, None] = {}
+        self._coming: dict[_Upload, None] = {}
         """Uploads under way in the order in which they began; a dict serves as an ordered set."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -68,23 +68,23 @@ class UploadRoom:
         if scope["type"] != "http" or not is_upload(scope):
             return await self._app(scope, receive, send)
         length = Headers(scope=scope).get("content-length", "")
-        upload = _Coming(acting(), int(length) if length.isdigit() else 0)
+        upload = _Upload(get_account(), int(length) if length.isdigit() else 0)
         self._coming[upload] = None
         try:
             await self._pass_on(upload, scope, receive, send)
         finally:
             self._coming.pop(upload, None)
 
-    async def _pass_on(self, upload: _Coming, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _pass_on(self, upload: _Upload, scope: Scope, receive: Receive, send: Send) -> None:
         try:
             self._check_disk()
-            remaining = await to_thread.run_sync(self._left, upload, scope)
+            remaining = await to_thread.run_sync(self._compute_remaining, upload, scope)
             self._check_quota(upload, remaining)
         except ProblemError as error:
             await respond(error.problem, {"connection": "close"})(scope, receive, send)
             return
 
-        async def received() -> Message:
+        async def receive_counted() -> Message:
             message = await receive()
             upload.came += len(message.get("body", b""))
             if upload.came > upload.size:  # it did not say its length
@@ -93,20 +93,20 @@ class UploadRoom:
                 self._check_quota(upload, remaining)
             return message
 
-        async def sent(message: Message) -> None:
+        async def send_and_release(message: Message) -> None:
             # Released before the client learns that its file is stored: its next upload must not find this one still
             # counted.
             if message["type"] == "http.response.start":
                 self._coming.pop(upload, None)
             await send(message)
 
-        await self._app(scope, received, sent)
+        await self._app(scope, receive_counted, send_and_release)
 
     def _check_disk(self) -> None:
-        needed = sum(upload.to_write for upload in self._coming)
-        require_room(self._settings.data_dir, needed, self._settings.reserved_bytes)
+        needed = sum(upload.remaining_bytes for upload in self._coming)
+        check_disk_space(self._settings.data_dir, needed, self._settings.reserved_bytes)
 
-    def _left(self, upload: _Coming, scope: Scope) -> int | None:
+    def _compute_remaining(self, upload: _Upload, scope: Scope) -> int | None:
         """Return the bytes that an account may still store, or None if they are not limited.
 
         Raises
@@ -122,10 +122,10 @@ class UploadRoom:
             retry = headers.get("idempotency-key")
             if retry and session.get(RetryRow, (f"{scope['method']} {scope['path']}", retry)) is not None:
                 return None  # what was stored already is answered again, and takes no room
-            check(session, account, [NewResource(kind, {})])
-            return account.limits.bytes - bytes_of(session, account.name) if account.limits.bytes else None
+            check_quota(session, account, [NewResource(kind, {})])
+            return account.limits.bytes - sum_bytes(session, account.name) if account.limits.bytes else None
 
-    def _check_quota(self, upload: _Coming, remaining: int | None) -> None:
+    def _check_quota(self, upload: _Upload, remaining: int | None) -> None:
         """Raise OverQuota if an upload, with earlier ones of the account under way, exceeds what remains."""
         account = upload.account
         if account is None or remaining is None:
@@ -134,4 +134,4 @@ class UploadRoom:
         size = upload.size + sum(other.size for other in others if other.account and other.account.name == account.name)
         if size > remaining + FORM:
             allowed = account.limits.bytes or 0
-            raise files_too_large(account, allowed, allowed - remaining, size)
+            raise make_bytes_error(account, allowed, allowed - remaining, size)

@@ -12,8 +12,8 @@ from fastapi import Request
 from sqlalchemy import select
 from starlette.types import Message
 
-from dynident_service.awaited import Awaited
-from dynident_service.jobs.confinement import Limits
+from dynident_service.awaited import InteractiveCompute
+from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database
 from dynident_service.storage.objects import ObjectStore
@@ -31,7 +31,7 @@ GIVEN_UP = 30.0
 """Seconds after which a child that does not answer is killed; it has kept the place of a user's request long enough."""
 
 
-class Check:
+class ReadinessCheck:
     """Check of one part. A check under way is not started again, so a part that hangs occupies a single thread."""
 
     def __init__(self, ask: Callable[[], Awaitable[object]], longest: float, longest_start: float = 0.0) -> None:
@@ -42,7 +42,7 @@ class Check:
         self._began = -FRESH
         self._has_answered = False
 
-    async def state(self) -> str:
+    async def get_state(self) -> str:
         """Return `ok`, `starting`, or what is wrong, within the longest time."""
         moment = time.monotonic()
         if self._task is None or (self._task.done() and moment - self._began >= FRESH):
@@ -70,21 +70,21 @@ class Check:
 class Readiness:
     """Checks of the database, the object store and a child process."""
 
-    def __init__(self, database: Database, objects: ObjectStore, awaited: Awaited) -> None:
+    def __init__(self, database: Database, objects: ObjectStore, awaited: InteractiveCompute) -> None:
         self._database = database
         self._objects = objects
         self._awaited = awaited
-        self._checks: dict[str, Check] = {}
+        self._checks: dict[str, ReadinessCheck] = {}
 
-    async def states(self) -> dict[str, str]:
+    async def collect_states(self) -> dict[str, str]:
         """Return the state of each part."""
         if not self._checks:  # created here, in the event loop
             self._checks = {
-                "database": Check(self._ask_database, LONGEST),
-                "objects": Check(self._ask_objects, LONGEST_OF_OBJECTS),
-                "computations": Check(self._ask_child, LONGEST, LONGEST_START),
+                "database": ReadinessCheck(self._ask_database, LONGEST),
+                "objects": ReadinessCheck(self._ask_objects, LONGEST_OF_OBJECTS),
+                "computations": ReadinessCheck(self._ask_child, LONGEST, LONGEST_START),
             }
-        states = await asyncio.gather(*(check.state() for check in self._checks.values()))
+        states = await asyncio.gather(*(check.get_state() for check in self._checks.values()))
         return dict(zip(self._checks, states, strict=True))
 
     async def _ask_database(self) -> None:
@@ -100,15 +100,15 @@ class Readiness:
 
     async def _ask_child(self) -> None:
         await self._awaited.call(
-            Request({"type": "http", "headers": []}, _never_left),
-            "dynident_service.jobs.calls:answer_readiness",
+            Request({"type": "http", "headers": []}, _wait_forever),
+            "dynident_service.jobs.calls:confirm_readiness",
             bool,
             {},
-            Limits(GIVEN_UP),
+            ComputationLimits(GIVEN_UP),
         )
 
 
-async def _never_left() -> Message:
+async def _wait_forever() -> Message:
     """Stand in for a client that never leaves."""
     await anyio.sleep_forever()
     return {"type": "http.disconnect"}

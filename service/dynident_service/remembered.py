@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Remembered(Generic[T]):
+class LruCache(Generic[T]):
     """Values by id, of which the least recently used are dropped. For values that never change; a restart drops all."""
 
     def __init__(self, most: int) -> None:
@@ -21,7 +21,7 @@ class Remembered(Generic[T]):
             self._kept.move_to_end(identifier)
         return self._kept.get(identifier)
 
-    def keep(self, identifier: str, value: T) -> None:
+    def put(self, identifier: str, value: T) -> None:
         """Cache a value."""
         self._kept[identifier] = value
         self._kept.move_to_end(identifier)

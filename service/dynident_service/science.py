@@ -22,7 +22,7 @@ PIECES = (
 """Modules that requests will need, in the order in which a page needs them; requests may import between two of them."""
 
 
-class Turns:
+class ImportLock:
     """Lock for imports, with a lower priority for those who are patient."""
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Turns:
         self._waiting = 0
 
     @contextmanager
-    def taken(self, *, patiently: bool = False) -> Iterator[None]:
+    def hold(self, *, patiently: bool = False) -> Iterator[None]:
         """Hold the lock; `patiently` lets all others go first."""
         with self._changed:
             self._waiting += not patiently
@@ -46,20 +46,20 @@ class Turns:
                 self._changed.notify_all()
 
 
-_turns = Turns()
+_import_lock = ImportLock()
 
 
 @contextmanager
-def importing() -> Iterator[None]:
+def hold_import_lock() -> Iterator[None]:
     """Hold the import lock while a request imports science."""
-    with _turns.taken():
+    with _import_lock.hold():
         yield
 
 
 def load_science() -> None:
     """Import what requests will need, so that the first one does not wait."""
     for name in PIECES:
-        with _turns.taken(patiently=True):
+        with _import_lock.hold(patiently=True):
             importlib.import_module(name)
     # The modules stay for good. Unfrozen, a full garbage collection would visit all their objects and stop every
     # request for 0.1 s.

@@ -10,10 +10,10 @@ from fastapi import FastAPI
 
 from dynident_service import traces
 from dynident_service.app import create_app
-from dynident_service.connections import protocol_with
+from dynident_service.connections import create_protocol
 from dynident_service.draining import DrainingServer
 from dynident_service.environment import forget_keys
-from dynident_service.logs import configure
+from dynident_service.logs import configure_logging
 from dynident_service.settings import Settings, load_settings
 from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
 
@@ -33,14 +33,14 @@ def serve(settings: Settings | None = None) -> None:
         # Imported here, so that a missing package is reported at once and not by a traceback during the start.
         import_module("psycopg")
     if settings.traces:
-        traces.require()
-    configure(settings.log_level, settings.log_format)
+        traces.check_packages()
+    configure_logging(settings.log_level, settings.log_format)
     prepare_data_directory(settings.data_dir)
     app = create_app(settings)
-    DrainingServer(configuration(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
+    DrainingServer(build_server_config(app, settings), lambda: app.state.services.engine, settings.drain_seconds).run()
 
 
-def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
+def build_server_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """Return the configuration of the server for an application."""
     return uvicorn.Config(
         app,
@@ -50,7 +50,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         log_config=None,
         access_log=False,
         timeout_graceful_shutdown=3,
-        http=protocol_with(settings),
+        http=create_protocol(settings),
         ws="none",
         backlog=settings.max_connections,
     )

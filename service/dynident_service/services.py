@@ -12,20 +12,20 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from dynident_service.awaited import Awaited
-from dynident_service.following import Following
+from dynident_service.awaited import InteractiveCompute
+from dynident_service.following import JobEventNotifier
 from dynident_service.housekeeping import Housekeeping
-from dynident_service.jobs.confinement import REQUEST_MEMORY, Confinement, Folders
+from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
 from dynident_service.jobs.engine import Engine
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.nursery import ForkServer
 from dynident_service.models.verdicts import VerdictView
-from dynident_service.quotas import limits_of
+from dynident_service.quotas import get_quota_limits
 from dynident_service.readiness import Readiness
-from dynident_service.remembered import Remembered
+from dynident_service.remembered import LruCache
 from dynident_service.settings import Settings
 from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.resources import Resources
@@ -42,16 +42,16 @@ class Services:
     database: Database
     objects: ObjectStore
     resources: Resources
-    ledger: Ledger
+    job_queue: JobQueue
     engine: Engine
     housekeeping: Housekeeping
-    awaited: Awaited
-    following: Following
+    interactive: InteractiveCompute
+    following: JobEventNotifier
     readiness: Readiness
-    verdicts: Remembered[VerdictView] = field(default_factory=lambda: Remembered(MOST_VERDICTS))
+    verdicts: LruCache[VerdictView] = field(default_factory=lambda: LruCache(MOST_VERDICTS))
 
     @contextmanager
-    def scratch(self) -> Iterator[Path]:
+    def create_scratch_folder(self) -> Iterator[Path]:
         """Create a folder for the files of one request, and remove it afterwards."""
         folder = self.settings.uploads_dir
         folder.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ class Services:
 
 
 @contextmanager
-def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
+def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]:
     """Open the storage, migrate the database, and start the engine in the background.
 
     Parameters
@@ -81,14 +81,14 @@ def open_services(settings: Settings, nursery: Nursery) -> Iterator[Services]:
         abandoned_before = time.time() if is_alone else 0.0
         migrate(database)
         objects = ObjectStore(settings.objects, settings.cache_dir)
-        ledger = Ledger(database, settings.max_attempts)
-        following = Following(ledger)
-        engine = Engine(settings, ledger, nursery, following.nudge)
+        ledger = JobQueue(database, settings.max_attempts)
+        following = JobEventNotifier(ledger)
+        engine = Engine(settings, ledger, nursery, following.wake)
         engine.start()
         housekeeping = Housekeeping(settings, database, objects, abandoned_before)
         housekeeping.start()
-        awaited = Awaited(settings.request_workers, nursery, confine_readers(settings, objects))
-        resources = Resources(database, objects, limits_of(settings))
+        awaited = InteractiveCompute(settings.request_workers, nursery, confine_readers(settings, objects))
+        resources = Resources(database, objects, get_quota_limits(settings))
         try:
             readiness = Readiness(database, objects, awaited)
             yield Services(
@@ -105,11 +105,11 @@ def confine_readers(settings: Settings, objects: ObjectStore) -> Confinement:
     uploads = settings.uploads_dir.resolve()
     for folder in (uploads, objects.local_folder):
         folder.mkdir(parents=True, exist_ok=True)  # Landlock allows existing folders only
-    folders = Folders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
+    folders = AllowedFolders(settings.data_dir.resolve(), (objects.local_folder,), (uploads,))
     return Confinement(min(REQUEST_MEMORY, settings.job_memory), settings.processes_dir, folders)
 
 
-async def services_of(request: Request) -> Services:
+async def get_services(request: Request) -> Services:
     """Return the services of the application that answers a request.
 
     Asynchronous because it is short: a synchronous dependency would wait for a thread in every request.
@@ -117,4 +117,4 @@ async def services_of(request: Request) -> Services:
     return cast(Services, request.app.state.services)
 
 
-ServicesDep = Annotated[Services, Depends(services_of)]
+ServicesDep = Annotated[Services, Depends(get_services)]

@@ -79,7 +79,7 @@ class Settings(LogSettings):
     @field_validator("api_keys")
     @classmethod
     def _keep_hashes(cls, keys: list[SecretStr]) -> list[SecretStr]:
-        return [SecretStr(hash_of(key.get_secret_value())) for key in keys]
+        return [SecretStr(hash_key(key.get_secret_value())) for key in keys]
 
     @field_validator("database_url")
     @classmethod
@@ -144,7 +144,7 @@ def load_settings(**given: object) -> Settings:
         raise DynidentError(f"{first['msg']}{value}", pointer=name, title="Unusable setting") from error
 
 
-def hash_of(key: str) -> str:
+def hash_key(key: str) -> str:
     """Return the SHA-256 of an API key. A fast hash is enough for a random key, which no dictionary contains."""
     return hashlib.sha256(key.encode()).hexdigest()
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dynident_service.logs import current_job, current_request
+from dynident_service.logs import get_current_job, get_current_request
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider
@@ -30,13 +30,13 @@ _provider: TracerProvider | None = None
 log = logging.getLogger("dynident.service")
 
 
-def require() -> None:
+def check_packages() -> None:
     """Raise ImportError if the packages for tracing are missing."""
     for package in PACKAGES:
         importlib.import_module(package)
 
 
-def begin(exporter: SpanExporter | None = None) -> None:
+def begin_tracing(exporter: SpanExporter | None = None) -> None:
     """Trace this process from now on; call it after a fork, as a thread sends the spans."""
     global _provider
     from opentelemetry.sdk.trace import TracerProvider
@@ -47,11 +47,11 @@ def begin(exporter: SpanExporter | None = None) -> None:
     _provider = TracerProvider()
     if exporter is not None:
         _provider.add_span_processor(SimpleSpanProcessor(exporter))
-    elif (chosen := _exporter()) is not None:
+    elif (chosen := _create_exporter()) is not None:
         _provider.add_span_processor(BatchSpanProcessor(chosen))
 
 
-def end() -> None:
+def end_tracing() -> None:
     """Send the remaining spans, and stop tracing."""
     global _provider
     if _provider is not None:
@@ -59,7 +59,7 @@ def end() -> None:
         _provider = None
 
 
-def current() -> str | None:
+def get_current_span() -> str | None:
     """Return the header that names the current span, for work that continues elsewhere."""
     if _provider is None:
         return None
@@ -71,13 +71,13 @@ def current() -> str | None:
 
 
 @contextmanager
-def going_on(name: str, parent: str | None, **attributes: str | int) -> Iterator[None]:
+def trace_task(name: str, parent: str | None, **attributes: str | int) -> Iterator[None]:
     """Open a span for work that another process requested."""
-    with _span(name, "CONSUMER", {} if parent is None else {PARENT: parent}, attributes):
+    with _open_span(name, "CONSUMER", {} if parent is None else {PARENT: parent}, attributes):
         yield
 
 
-class Tracing:
+class RequestTracing:
     """Middleware with a span for each request, a child of the caller's span; without query and headers."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -94,9 +94,9 @@ class Tracing:
             "url.path": scope["path"],
             "url.scheme": scope.get("scheme", "http"),
         }
-        with _span(method, "SERVER", headers, attributes) as span:
+        with _open_span(method, "SERVER", headers, attributes) as span:
 
-            async def noted(message: Message) -> None:
+            async def send_with_status(message: Message) -> None:
                 if message["type"] == "http.response.start":
                     span.set_attribute("http.response.status_code", message["status"])
                     if message["status"] >= 500:
@@ -104,7 +104,7 @@ class Tracing:
                 await send(message)
 
             try:
-                return await self._app(scope, receive, noted)
+                return await self._app(scope, receive, send_with_status)
             finally:
                 route = getattr(scope.get("route"), "path", None)
                 if route is not None:
@@ -113,14 +113,14 @@ class Tracing:
 
 
 @contextmanager
-def _span(name: str, kind: str, carrier: Mapping[str, str], attributes: Mapping[str, str | int]) -> Iterator[Any]:
+def _open_span(name: str, kind: str, carrier: Mapping[str, str], attributes: Mapping[str, str | int]) -> Iterator[Any]:
     if _provider is None:
         yield None
         return
     from opentelemetry.trace import SpanKind
     from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
 
-    ids = {"dynident.request_id": current_request(), "dynident.job_id": current_job()}
+    ids = {"dynident.request_id": get_current_request(), "dynident.job_id": get_current_job()}
     known = {**attributes, **{key: value for key, value in ids.items() if value is not None}}
     parent = TraceContextTextMapPropagator().extract(carrier)
     tracer = _provider.get_tracer("dynident")
@@ -134,7 +134,7 @@ def _mark_failed(span: Any) -> None:
     span.set_status(StatusCode.ERROR)
 
 
-def _exporter() -> SpanExporter | None:
+def _create_exporter() -> SpanExporter | None:
     exporter_name = os.environ.get("OTEL_TRACES_EXPORTER", "otlp").strip().lower()
     if exporter_name == "otlp":
         from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter

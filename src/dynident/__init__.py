@@ -18,8 +18,8 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from dynident.extras import RoomsThatNeedScience, install_hint, missing_science
-from dynident.lazy import homes_of
+from dynident.extras import MissingPackageFinder, find_missing_package, format_install_hint
+from dynident.lazy import find_export_modules
 from dynident.version import __version__
 
 if TYPE_CHECKING:
@@ -94,12 +94,12 @@ __all__ = [
     "validate",
 ]
 
-_HOME_OF = homes_of(__name__)
+_HOME_OF = find_export_modules(__name__)
 
-_missing = missing_science()
+_missing = find_missing_package()
 if _missing is not None:
     # First in line, so that the message about the extra comes before Python's own error.
-    sys.meta_path.insert(0, RoomsThatNeedScience(_missing))
+    sys.meta_path.insert(0, MissingPackageFinder(_missing))
 
 
 if not TYPE_CHECKING:
@@ -118,7 +118,7 @@ if not TYPE_CHECKING:
                 raise
             raise ModuleNotFoundError(
                 f"dynident.{name} needs the package {missing.name}, which the light installation leaves out; "
-                f"{install_hint(missing.name or '')}",
+                f"{format_install_hint(missing.name or '')}",
                 name=missing.name,
             ) from missing
         return value

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Missing: TypeAlias = Literal[_MISSING_TYPE.MISSING]
 
 T = TypeVar("T")
-_KEY = "said"
+_DESCRIPTION_KEY = "said"
 LARGEST_SEED = 2**53 - 1
 """The largest whole number that every reader of JSON keeps."""
 LARGEST = 1e16
@@ -50,8 +50,8 @@ class Choice:
     brief: str = ""
 
 
-class Named(Protocol):
-    """A set of names that a field takes one of (`OneOf`, `dynident.kinds.Kinds`)."""
+class NamedValues(Protocol):
+    """A set of names that a field takes one of (`OneOf`, `dynident.kinds.Registry`)."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ class Named(Protocol):
         """The names with their descriptions."""
         ...
 
-    def told(self) -> str:
+    def format_help(self) -> str:
         """Return the names with their short descriptions, for a line of help."""
         ...
 
@@ -79,13 +79,13 @@ class OneOf:
         """All names, in their order."""
         return tuple(choice.name for choice in self.choices)
 
-    def told(self) -> str:
+    def format_help(self) -> str:
         """Return the names with their short descriptions, for a line of help."""
         return ", ".join(f"{choice.name} ({choice.brief})" if choice.brief else choice.name for choice in self.choices)
 
 
 @dataclass(frozen=True)
-class Said:
+class FieldDescription:
     """The description of a request's field.
 
     Parameters
@@ -113,7 +113,7 @@ class Said:
     at_most: float | None = None
     fewest: int | None = None
     most: int | None = None
-    kinds: Named | None = None
+    kinds: NamedValues | None = None
     option: str = ""
     local: bool = False
 
@@ -122,7 +122,7 @@ class Said:
         """The description with the unit."""
         return f"{self.words}, in {self.unit}" if self.words and self.unit else self.words or self.unit
 
-    def admits(self, value: float) -> bool:
+    def accepts(self, value: float) -> bool:
         """Check whether a number is finite, of a plausible size and within the range.
 
         Parameters
@@ -143,7 +143,7 @@ class Said:
         )
 
     @property
-    def range(self) -> str:
+    def range_text(self) -> str:
         """The range in words."""
         if self.above is None and self.at_least is None and self.at_most is None:
             return f"{-LARGEST:g} to {LARGEST:g}"
@@ -153,7 +153,7 @@ class Said:
         return " and ".join(f"{words} {end:g}" for words, end in ends if end is not None)
 
 
-class About(TypedDict, total=False):
+class FieldOptions(TypedDict, total=False):
     """The keyword arguments of `said`: the fields of `Said` except its words."""
 
     unit: str
@@ -162,17 +162,17 @@ class About(TypedDict, total=False):
     at_most: float | None
     fewest: int | None
     most: int | None
-    kinds: Named | None
+    kinds: NamedValues | None
     option: str
     local: bool
 
 
-def said(
+def declare_field(
     words: str = "",
     *,
     default: T | Missing = MISSING,
     made_by: Callable[[], T] | None = None,
-    **more: Unpack[About],
+    **more: Unpack[FieldOptions],
 ) -> T:
     """Declare a dataclass's field together with its description.
 
@@ -190,10 +190,10 @@ def said(
     dataclasses.Field
         Typed as the field's value, so that it can stand as the default of an annotated field.
     """
-    return _field(Said(words, **more), default, made_by)
+    return _make_field(FieldDescription(words, **more), default, made_by)
 
 
-def said_of(request_field: Field[T]) -> Said:
+def get_description(request_field: Field[T]) -> FieldDescription:
     """Return the description of a dataclass's field; an empty one where the field was declared without.
 
     Parameters
@@ -204,11 +204,11 @@ def said_of(request_field: Field[T]) -> Said:
     -------
     Said
     """
-    description: Said = request_field.metadata.get(_KEY, _NOTHING)
+    description: FieldDescription = request_field.metadata.get(_DESCRIPTION_KEY, _NO_DESCRIPTION)
     return description
 
 
-def retold(request_field: Field[T], words: str) -> T:
+def redescribe_field(request_field: Field[T], words: str) -> T:
     """Copy a field with another description.
 
     Parameters
@@ -223,10 +223,10 @@ def retold(request_field: Field[T], words: str) -> T:
         With the default and every other property of `request_field`.
     """
     made_by = None if request_field.default_factory is MISSING else request_field.default_factory
-    return _field(replace(said_of(request_field), words=words), request_field.default, made_by)
+    return _make_field(replace(get_description(request_field), words=words), request_field.default, made_by)
 
 
-def anew(
+def redeclare_field(
     request: type[DataclassInstance],
     name: str,
     *,
@@ -248,11 +248,13 @@ def anew(
     -------
     dataclasses.Field
     """
-    description = next(said_of(request_field) for request_field in fields(request) if request_field.name == name)
-    return said(description.words, default=default, made_by=made_by)
+    description = next(
+        get_description(request_field) for request_field in fields(request) if request_field.name == name
+    )
+    return declare_field(description.words, default=default, made_by=made_by)
 
 
-def default_of(request_field: Field[T]) -> T | Missing:
+def get_default(request_field: Field[T]) -> T | Missing:
     """Return a field's default; `MISSING` where it has none.
 
     Parameters
@@ -283,24 +285,26 @@ def check_ranges(request: DataclassInstance, within: str = "") -> None:
     """
     for request_field in fields(request):
         # Fields that were declared without a description have no range to check.
-        if _KEY in request_field.metadata:
+        if _DESCRIPTION_KEY in request_field.metadata:
             _check_values(
                 getattr(request, request_field.name),
                 request_field.name,
-                said_of(request_field),
+                get_description(request_field),
                 f"{within}/{request_field.name}",
             )
 
 
-def _check_values(value: object, name: str, description: Said, pointer: str) -> None:
+def _check_values(value: object, name: str, description: FieldDescription, pointer: str) -> None:
     """Check the value of one field: a number, another request, or several of them."""
     if isinstance(value, (int, float)):
         # For Python a bool is an int. It has no range.
-        if not (isinstance(value, bool) or description.admits(value)):
-            raise DynidentError(f"{name} is {_shown(value)}; it must be {description.range}", pointer=pointer)
+        if not (isinstance(value, bool) or description.accepts(value)):
+            raise DynidentError(
+                f"{name} is {_format_number(value)}; it must be {description.range_text}", pointer=pointer
+            )
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check_values(item, f"{name} of {key}", description, f"{pointer}/{_escaped(key)}")
+            _check_values(item, f"{name} of {key}", description, f"{pointer}/{_escape_key(key)}")
     elif isinstance(value, (tuple, list)):
         most = len(value) if description.most is None else description.most
         if not (description.fewest or 0) <= len(value) <= most:
@@ -313,19 +317,19 @@ def _check_values(value: object, name: str, description: Said, pointer: str) -> 
         check_ranges(value, pointer)
 
 
-def _escaped(key: object) -> str:
+def _escape_key(key: object) -> str:
     """Escape a key for use in a JSON pointer (RFC 6901)."""
     # "~" has to be replaced first, since the escape of "/" contains one.
     return str(key).replace("~", "~0").replace("/", "~1")
 
 
-def _shown(value: float) -> str:
+def _format_number(value: float) -> str:
     # Python refuses to write whole numbers of very many digits.
     return "too large" if isinstance(value, int) and abs(value) > LARGEST else str(value)
 
 
-def _field(description: Said, default: T | Missing, made_by: Callable[[], T] | None) -> T:
-    metadata = {_KEY: description}
+def _make_field(description: FieldDescription, default: T | Missing, made_by: Callable[[], T] | None) -> T:
+    metadata = {_DESCRIPTION_KEY: description}
     if made_by is not None:
         return field(default_factory=made_by, metadata=metadata)
     if default is not MISSING:
@@ -335,4 +339,4 @@ def _field(description: Said, default: T | Missing, made_by: Callable[[], T] | N
     return declared_field
 
 
-_NOTHING = Said()
+_NO_DESCRIPTION = FieldDescription()

@@ -9,10 +9,10 @@ from typing import Protocol
 class Checkpoints(Protocol):
     """Storage for the last checkpoint of one computation."""
 
-    def last(self) -> bytes | None:
+    def load_last(self) -> bytes | None:
         """Return the checkpoint that was stored last; `None` where the computation begins."""
 
-    def keep(self, make: Callable[[], bytes]) -> None:
+    def save(self, make: Callable[[], bytes]) -> None:
         """Store a checkpoint.
 
         Parameters ---------- make : function
@@ -24,9 +24,9 @@ class Checkpoints(Protocol):
 class NoCheckpoints:
     """Storage that keeps nothing: every computation begins anew."""
 
-    def last(self) -> bytes | None:
+    def load_last(self) -> bytes | None:
         """Return None: there is never a checkpoint."""
         return None
 
-    def keep(self, make: Callable[[], bytes]) -> None:
+    def save(self, make: Callable[[], bytes]) -> None:
         """Ignore the checkpoint."""

@@ -13,18 +13,18 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-class NotElsewhere(Exception):
+class RemoteWorkFailed(Exception):
     """Raised where a part that was sent away was not computed there, and that machine is not to be asked again."""
 
 
-class Busy(NotElsewhere):
+class RemoteWorkersBusy(RemoteWorkFailed):
     """Raised where a part was not computed there, but that machine may be asked again after a while."""
 
 
-class Elsewhere(Protocol):
+class RemoteWorkers(Protocol):
     """Other machines that take parts of a computation; the caller computes itself whatever they do not return."""
 
-    def places(
+    def list_workers(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
         """Return functions that compute an item on another machine, one for each item that may be under way at a time.
@@ -49,11 +49,11 @@ class Elsewhere(Protocol):
 
 
 # A context variable, not a global: the service computes for several callers in threads of one process.
-_others: ContextVar[Elsewhere | None] = ContextVar("others", default=None)
+_others: ContextVar[RemoteWorkers | None] = ContextVar("others", default=None)
 
 
 @contextmanager
-def shared_with(others: Elsewhere) -> Iterator[None]:
+def share_work_with(others: RemoteWorkers) -> Iterator[None]:
     """Let other machines take parts of what this thread computes within the with statement.
 
     Parameters
@@ -67,7 +67,9 @@ def shared_with(others: Elsewhere) -> Iterator[None]:
         _others.reset(token)
 
 
-def places(work: Callable[[_Item, Progress], _Result], size: float) -> Sequence[Callable[[_Item, Progress], _Result]]:
+def list_remote_workers(
+    work: Callable[[_Item, Progress], _Result], size: float
+) -> Sequence[Callable[[_Item, Progress], _Result]]:
     """Return the functions that compute an item on the machines that this thread shares with.
 
     Parameters
@@ -83,4 +85,4 @@ def places(work: Callable[[_Item, Progress], _Result], size: float) -> Sequence[
         As `Elsewhere.places` returns them; empty outside of `shared_with`.
     """
     other_machines = _others.get()
-    return () if other_machines is None else other_machines.places(work, size)
+    return () if other_machines is None else other_machines.list_workers(work, size)

@@ -8,7 +8,7 @@ NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 """Characters that no XML document may hold, not even escaped."""
 
 
-def without_control_characters(text: str) -> str:
+def replace_control_characters(text: str) -> str:
     """Replace all characters that an XML document may not hold by U+FFFD, the replacement character.
 
     Parameters
@@ -38,7 +38,7 @@ def encode_text(text: str) -> bytes:
     return text.encode("utf-8", "backslashreplace")
 
 
-def encodable(text: str) -> str:
+def escape_surrogates(text: str) -> str:
     """Return a text with its lone surrogates escaped as by `encode_text`, for writers that encode by themselves.
 
     Parameters

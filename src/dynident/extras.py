@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 # The import names of the packages in [science]. A package that is neither here nor in FEW_NEED comes with [service].
-SCIENCE = (
+SCIENCE_PACKAGES = (
     "casadi",
     "clarabel",
     "coal",
@@ -28,7 +28,7 @@ SCIENCE = (
     "typer",
     "typst",
 )
-FEW_NEED = {
+EXTRA_OF_PACKAGE = {
     "h5py": "formats",
     "mcap": "formats",
     "mujoco": "formats",
@@ -39,10 +39,10 @@ FEW_NEED = {
 }
 """Import names of packages that only some users need, with the extra that brings each."""
 # These modules of the library need none of the packages, so that they can be imported everywhere.
-_LIGHT = ("errors", "extras", "lazy", "version")
+_LIGHT_MODULES = ("errors", "extras", "lazy", "version")
 
 
-def install_hint(package: str) -> str:
+def format_install_hint(package: str) -> str:
     """Return the sentence that says how to install a missing package.
 
     Parameters
@@ -55,16 +55,16 @@ def install_hint(package: str) -> str:
     str
     """
     name = package.partition(".")[0]
-    extra = FEW_NEED.get(name, "science" if name in SCIENCE else "service")
+    extra = EXTRA_OF_PACKAGE.get(name, "science" if name in SCIENCE_PACKAGES else "service")
     return f"install it with: pip install 'dynident[{extra}]'"
 
 
-def missing_science() -> str | None:
+def find_missing_package() -> str | None:
     """Return the import name of the first package of [science] that is not installed; `None` where all are."""
-    return next((name for name in SCIENCE if find_spec(name) is None), None)
+    return next((name for name in SCIENCE_PACKAGES if find_spec(name) is None), None)
 
 
-class RoomsThatNeedScience(MetaPathFinder):
+class MissingPackageFinder(MetaPathFinder):
     """An import hook that refuses the modules of this library which need a package that is not installed.
 
     Without it, `import dynident.robot` would end in an error about a package that the user never asked for.
@@ -100,10 +100,10 @@ class RoomsThatNeedScience(MetaPathFinder):
             For a module of this library that needs the missing package; it says what to install.
         """
         owner, _, room = fullname.partition(".")
-        if owner != "dynident" or not room or room.partition(".")[0] in _LIGHT:
+        if owner != "dynident" or not room or room.partition(".")[0] in _LIGHT_MODULES:
             return None
         raise ModuleNotFoundError(
             f"{fullname} needs the package {self._package}, which the light installation leaves out; "
-            f"{install_hint(self._package)}",
+            f"{format_install_hint(self._package)}",
             name=self._package,
         )

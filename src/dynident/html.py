@@ -9,7 +9,7 @@ from html import escape
 _CELL = "padding:2px 10px 2px 0"
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right_from: int = 1) -> str:
+def render_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right_from: int = 1) -> str:
     """Return a table of texts.
 
     Parameters
@@ -37,19 +37,19 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right_from: 
     return f'<table style="border-collapse:collapse;font-size:90%">{head}<tbody>{body}</tbody></table>'
 
 
-def paragraph(text: str, *, strong: bool = False) -> str:
+def render_paragraph(text: str, *, strong: bool = False) -> str:
     """Return a paragraph of plain text, which is escaped; bold where `strong` is true."""
     inner = f"<strong>{escape(text)}</strong>" if strong else escape(text)
     return f'<p style="margin:4px 0">{inner}</p>'
 
 
-def listed(texts: Iterable[str]) -> str:
+def render_list(texts: Iterable[str]) -> str:
     """Return a bulleted list of plain texts, which are escaped; "" where there are none."""
     items = "".join(f"<li>{escape(text)}</li>" for text in texts)
     return f'<ul style="margin:4px 0">{items}</ul>' if items else ""
 
 
-def folded(title: str, content: str) -> str:
+def render_details(title: str, content: str) -> str:
     """Return HTML that shows its title and opens at a click.
 
     Parameters
@@ -66,6 +66,6 @@ def folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
 
-def block(*parts: str) -> str:
+def join_html(*parts: str) -> str:
     """Return pieces of HTML as one element."""
     return f"<div>{''.join(parts)}</div>"

@@ -12,15 +12,15 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any, ClassVar, Generic, TypeVar
 
-from dynident.asking import Choice, check_ranges, default_of
+from dynident.asking import Choice, check_ranges, get_default
 from dynident.errors import DynidentError
 
-KindT = TypeVar("KindT", bound="Kind")
+EntryT = TypeVar("EntryT", bound="RegistryEntry")
 _LAST = 100
 
 
 @dataclass(frozen=True)
-class Kind:
+class RegistryEntry:
     """One class of a registry; its fields are the options that it alone takes.
 
     Attributes
@@ -44,24 +44,24 @@ class Kind:
     place: ClassVar[int] = _LAST
 
     @property
-    def in_words(self) -> str:
+    def name_with_options(self) -> str:
         """The name, followed by the options that differ from their defaults."""
         values = {option.name: getattr(self, option.name) for option in fields(self)}
         chosen = [
             f"{option.name} {values[option.name]}"
             for option in fields(self)
-            if values[option.name] != default_of(option)
+            if values[option.name] != get_default(option)
         ]
         return f"{self.name} ({', '.join(chosen)})" if chosen else self.name
 
     @property
-    def asked(self) -> Kind | str:
+    def request_value(self) -> RegistryEntry | str:
         """The value of the request's field: the name alone where no option differs from its default."""
-        is_default = all(getattr(self, option.name) == default_of(option) for option in fields(self))
+        is_default = all(getattr(self, option.name) == get_default(option) for option in fields(self))
         return self.name if is_default else self
 
 
-class Kinds(Generic[KindT]):
+class Registry(Generic[EntryT]):
     """The registry of all kinds that the modules of a package define, by their names.
 
     A new file in the package is a new kind.
@@ -82,16 +82,16 @@ class Kinds(Generic[KindT]):
         self.what = what
 
     @cached_property
-    def by_name(self) -> Mapping[str, type[KindT]]:
+    def by_name(self) -> Mapping[str, type[EntryT]]:
         """The kinds by their names, in their order."""
-        kinds: dict[str, type[KindT]] = {}
+        kinds: dict[str, type[EntryT]] = {}
         for module_info in iter_modules(import_module(self.package).__path__):
             module = import_module(f"{self.package}.{module_info.name}")
             # Only classes that the module defines itself: a module may import the base class, or another kind to derive
             # from.
             for value in vars(module).values():
                 if isinstance(value, type) and issubclass(value, self.base) and value.__module__ == module.__name__:
-                    kind: type[KindT] = value
+                    kind: type[EntryT] = value
                     kinds[kind.name] = kind
         return dict(sorted(kinds.items(), key=lambda item: (item[1].place, item[0])))
 
@@ -105,15 +105,15 @@ class Kinds(Generic[KindT]):
         """Names and descriptions of all kinds, in their order."""
         return tuple(Choice(kind.name, kind.label, kind.words, kind.brief) for kind in self)
 
-    def __iter__(self) -> Iterator[type[KindT]]:
+    def __iter__(self) -> Iterator[type[EntryT]]:
         """Go through the kinds in their order."""
         return iter(self.by_name.values())
 
-    def having(self, trait: str) -> tuple[str, ...]:
+    def names_with(self, trait: str) -> tuple[str, ...]:
         """Return the names of the kinds whose attribute `trait` is true."""
         return tuple(kind.name for kind in self if getattr(kind, trait))
 
-    def one(self, kind_or_name: KindT | str) -> KindT:
+    def get(self, kind_or_name: EntryT | str) -> EntryT:
         """Return the kind of a name with default options, or the kind that was given.
 
         Parameters
@@ -137,7 +137,7 @@ class Kinds(Generic[KindT]):
             )
         return self.by_name[kind_or_name]()
 
-    def of(self, document: Mapping[str, object] | str) -> KindT:
+    def from_document(self, document: Mapping[str, object] | str) -> EntryT:
         """Return the kind that a JSON document states.
 
         Parameters
@@ -155,9 +155,9 @@ class Kinds(Generic[KindT]):
             Where there is no such kind or option, or an option is out of its range.
         """
         if isinstance(document, str):
-            return self.one(document)
+            return self.get(document)
         options = dict(document)
-        default = self.one(str(options.pop("name", "")))
+        default = self.get(str(options.pop("name", "")))
         option_names = [option_field.name for option_field in fields(default)]
         for option in options:
             if option not in option_names:
@@ -169,7 +169,7 @@ class Kinds(Generic[KindT]):
         check_ranges(kind, f"/{self.what}")
         return kind
 
-    def written(self, text: str) -> KindT:
+    def from_text(self, text: str) -> EntryT:
         """Return the kind that a text states: a name, or a name with options, `huber:threshold=1.5,rounds=20`.
 
         Parameters
@@ -187,21 +187,23 @@ class Kinds(Generic[KindT]):
         """
         name, _, rest = text.partition(":")
         options: dict[str, Any] = {}
-        defaults = {option_field.name: default_of(option_field) for option_field in fields(self.one(name.strip()))}
+        defaults = {option_field.name: get_default(option_field) for option_field in fields(self.get(name.strip()))}
         for item in (part.strip() for part in rest.split(",") if part.strip()):
             option, sign, value = item.partition("=")
             if not sign:
                 raise DynidentError(f"cannot read {item!r} in {text!r}; write option=value", pointer=f"/{self.what}")
             # An option that the kind does not have passes as text; `of` reports it by name.
-            options[option.strip()] = _value(value.strip(), defaults.get(option.strip(), MISSING), self.what, item)
-        return self.of({"name": name.strip(), **options})
+            options[option.strip()] = _parse_option(
+                value.strip(), defaults.get(option.strip(), MISSING), self.what, item
+            )
+        return self.from_document({"name": name.strip(), **options})
 
-    def told(self) -> str:
+    def format_help(self) -> str:
         """Return the names, each with its short description and its options, for a line of help."""
-        return ", ".join(_told(kind) for kind in self)
+        return ", ".join(_format_help(kind) for kind in self)
 
 
-def name_of(kind_or_name: Kind | str) -> str:
+def get_kind_name(kind_or_name: RegistryEntry | str) -> str:
     """Return the name of a request's kind, which may be given by its name.
 
     Parameters
@@ -215,7 +217,7 @@ def name_of(kind_or_name: Kind | str) -> str:
     return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.name
 
 
-def words_of(kind_or_name: Kind | str) -> str:
+def format_kind(kind_or_name: RegistryEntry | str) -> str:
     """Return a request's kind in words: its name, with the options that differ from their defaults.
 
     Parameters
@@ -226,10 +228,10 @@ def words_of(kind_or_name: Kind | str) -> str:
     -------
     str
     """
-    return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.in_words
+    return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.name_with_options
 
 
-def document_of(kind_or_name: Kind | str) -> str | dict[str, object]:
+def kind_to_document(kind_or_name: RegistryEntry | str) -> str | dict[str, object]:
     """Return a request's kind as JSON: its name, or an object with all its options.
 
     Parameters
@@ -248,14 +250,14 @@ def document_of(kind_or_name: Kind | str) -> str | dict[str, object]:
     }
 
 
-def _told(kind: type[Kind]) -> str:
+def _format_help(kind: type[RegistryEntry]) -> str:
     options = "".join(f":{option.name}=…" for option in fields(kind)[:1]) + "".join(
         f",{option.name}=…" for option in fields(kind)[1:]
     )
     return f"{kind.name}{options} ({kind.brief})" if kind.brief else f"{kind.name}{options}"
 
 
-def _value(text: str, default: object, field_name: str, item: str) -> object:
+def _parse_option(text: str, default: object, field_name: str, item: str) -> object:
     if not isinstance(default, (int, float)):
         return text
     try:

@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.abc import InspectLoader
 
 
-def lazily(package: str) -> Callable[[str], object]:
+def make_lazy_getattr(package: str) -> Callable[[str], object]:
     """Return a module-level `__getattr__` for a package, which imports each exported name at its first use.
 
     The imports stand below `if TYPE_CHECKING` in the package's `__init__`, once for type checkers and for this
@@ -30,7 +30,7 @@ def lazily(package: str) -> Callable[[str], object]:
     """
 
     def get(name: str) -> object:
-        home = homes_of(package).get(name)
+        home = find_export_modules(package).get(name)
         if home is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value: object = getattr(import_module(home), name)
@@ -42,7 +42,7 @@ def lazily(package: str) -> Callable[[str], object]:
 
 
 @cache
-def homes_of(package: str) -> Mapping[str, str]:
+def find_export_modules(package: str) -> Mapping[str, str]:
     """Return the module of every name that a package imports for type checkers alone.
 
     Parameters

@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from threading import Condition
 from typing import Generic, TypeVar
 
-_LATE = 2.0
+_LATE_FACTOR = 2.0
 """A part is late that has been elsewhere for so many times as long as one of its size took here."""
-_LOOK = 0.1
+_LATE_CHECK_INTERVAL = 0.1
 """Seconds between two looks at what is late."""
 
-_Result = TypeVar("_Result")
+_PartResult = TypeVar("_PartResult")
 
 
-class Parts(Generic[_Result]):
+class WorkQueue(Generic[_PartResult]):
     """The parts of one computation: which are free, which are on other machines, and the results so far.
 
     The threads that compute here and those that wait for other machines share it. A part that is late elsewhere is
@@ -33,35 +33,35 @@ class Parts(Generic[_Result]):
         self._free = deque(range(len(sizes)))
         self._away: dict[int, float] = {}
         """When parts were sent away that nobody here is at."""
-        self._found: dict[int, _Result] = {}
+        self._found: dict[int, _PartResult] = {}
         self._error: BaseException | None = None
         self._pace = 0.0
         """Most seconds a sample that a part took here."""
         self._changed = Condition()
 
-    def next_here(self) -> int | None:
+    def take_local(self) -> int | None:
         """Return the number of the next part to compute here; None where none is left.
 
         Waits while a part may still come back from another machine.
         """
         with self._changed:
-            while not self._ended():
+            while not self._has_ended():
                 if self._free:
                     return self._free.popleft()
-                late = self._late()
+                late = self._find_late()
                 if late is not None:
                     del self._away[late]
                     return late
                 if not self._away:
                     return None
                 # Lateness comes with time alone, without a notification, so the wait has to end by itself.
-                self._changed.wait(_LOOK)
+                self._changed.wait(_LATE_CHECK_INTERVAL)
             return None
 
-    def next_away(self) -> int | None:
+    def take_remote(self) -> int | None:
         """Return the number of a free part for another machine; None where no part is free now."""
         with self._changed:
-            if self._ended() or not self._free:
+            if self._has_ended() or not self._free:
                 return None
             number = self._free.popleft()
             self._away[number] = time.monotonic()
@@ -75,7 +75,7 @@ class Parts(Generic[_Result]):
                 self._free.appendleft(number)
             self._changed.notify_all()
 
-    def put(self, number: int, result: _Result, took_here: float = 0.0) -> None:
+    def put_result(self, number: int, result: _PartResult, took_here: float = 0.0) -> None:
         """Store the result of a part unless it has one, and learn from the time that it took.
 
         Parameters
@@ -99,11 +99,11 @@ class Parts(Generic[_Result]):
             self._error = self._error or error
             self._changed.notify_all()
 
-    def wants(self, number: int) -> bool:
+    def is_needed(self, number: int) -> bool:
         """Return whether the result of a part is still needed."""
         return self._error is None and number not in self._found
 
-    def wait(self, seconds: float) -> bool:
+    def wait_for_end(self, seconds: float) -> bool:
         """Wait for the end of the computation.
 
         Parameters
@@ -117,20 +117,20 @@ class Parts(Generic[_Result]):
             Whether it has ended.
         """
         with self._changed:
-            return self._changed.wait_for(self._ended, seconds)
+            return self._changed.wait_for(self._has_ended, seconds)
 
-    def results(self) -> list[_Result]:
+    def collect_results(self) -> list[_PartResult]:
         """Return the results of all parts in their order, or raise the error that ended the computation."""
         if self._error is not None:
             raise self._error
         return [self._found[number] for number in range(len(self._sizes))]
 
-    def _ended(self) -> bool:
+    def _has_ended(self) -> bool:
         return self._error is not None or len(self._found) == len(self._sizes)
 
-    def _late(self) -> int | None:
+    def _find_late(self) -> int | None:
         now = time.monotonic()
         for number, since in self._away.items():
-            if now - since >= _LATE * self._pace * self._sizes[number]:
+            if now - since >= _LATE_FACTOR * self._pace * self._sizes[number]:
                 return number
         return None

@@ -8,11 +8,11 @@ Progress = Callable[[float, str], None]
 """Called with the fraction done (0 to 1) and a short message; raises `errors.Cancelled` to stop the computation."""
 
 
-def silent(fraction: float, message: str) -> None:
+def ignore_progress(fraction: float, message: str) -> None:
     """Ignore the report: the default progress function."""
 
 
-def part(progress: Progress, first: float, last: float) -> Progress:
+def scale_progress(progress: Progress, first: float, last: float) -> Progress:
     """Return a progress function for a sub-task.
 
     Parameters
@@ -34,7 +34,7 @@ def part(progress: Progress, first: float, last: float) -> Progress:
     return inner
 
 
-def ascending(progress: Progress) -> Progress:
+def make_monotonic(progress: Progress) -> Progress:
     """Return a progress function that never goes back, for tasks that repeat steps, such as a second check.
 
     Parameters

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Generic
 
-from dynident_client.records import Page, Record, RecordT, id_of
-from dynident_client.transport import Param, Part, Transport
+from dynident_client.records import Page, Record, RecordT, get_identifier
+from dynident_client.transport import ListPart, Param, Transport
 
 
 class Collection(Generic[RecordT]):
@@ -34,7 +34,7 @@ class Collection(Generic[RecordT]):
         -------
         Record
         """
-        return self._record(self._transport.get(f"{self.path}/{id_of(resource)}", dict))
+        return self._record(self._transport.get(f"{self.path}/{get_identifier(resource)}", dict))
 
     def page(self, limit: int | None = None, cursor: str | None = None, **narrow: Param) -> Page[RecordT]:
         """Read a part of the list, newest first.
@@ -52,7 +52,7 @@ class Collection(Generic[RecordT]):
         -------
         Page
         """
-        data = self._transport.get(self.path, Part, limit=limit, cursor=cursor, **narrow)
+        data = self._transport.get(self.path, ListPart, limit=limit, cursor=cursor, **narrow)
         return Page([self._record(record) for record in data["items"]], data["cursor"])
 
     def all(self, limit: int | None = None, **narrow: Param) -> Iterator[RecordT]:
@@ -88,25 +88,25 @@ class Collection(Generic[RecordT]):
         ProblemError
             With status 409 while other resources depend on it.
         """
-        self._transport.delete(f"{self.path}/{id_of(resource)}")
+        self._transport.delete(f"{self.path}/{get_identifier(resource)}")
 
     def _post(self, body: Mapping[str, object], below: str = "") -> RecordT:
-        return self._record(self._transport.post(f"{self.path}{below}", dict, with_identifiers(body)))
+        return self._record(self._transport.post(f"{self.path}{below}", dict, replace_resources(body)))
 
     def _record(self, data: dict[str, Any]) -> RecordT:
         return self.kind(self._transport, data)
 
 
-def with_identifiers(body: Mapping[str, object]) -> dict[str, object]:
+def replace_resources(body: Mapping[str, object]) -> dict[str, object]:
     """Return a body of a request in which each resource is replaced by its identifier."""
-    return {name: _identified(value) for name, value in body.items()}
+    return {name: _replace_resource(value) for name, value in body.items()}
 
 
-def _identified(value: object) -> object:
+def _replace_resource(value: object) -> object:
     if isinstance(value, Record):
         return value.id
     if isinstance(value, Mapping):
-        return with_identifiers(value)
+        return replace_resources(value)
     if isinstance(value, list | tuple):
-        return [_identified(element) for element in value]
+        return [_replace_resource(element) for element in value]
     return value

@@ -10,19 +10,19 @@ from typing import Literal, Unpack
 from dynident_client import answers
 from dynident_client.collection import Collection
 from dynident_client.descriptions import MeasurementOptions, RevisionOptions, RobotOptions
-from dynident_client.labels import Labelled
-from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, id_of
+from dynident_client.labels import LabelledCollection
+from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, get_identifier
 from dynident_client.requests import DesignKind, DesignOptions, SimulationOptions
 
 Files = Path | str | Sequence[Path | str]
 """One file, or several that are one recording."""
 
 
-def _paths(files: Files) -> list[Path]:
+def _list_paths(files: Files) -> list[Path]:
     return [Path(files)] if isinstance(files, (Path, str)) else [Path(file) for file in files]
 
 
-class Robots(Labelled[Robot]):
+class Robots(LabelledCollection[Robot]):
     """Robots."""
 
     kind = Robot
@@ -62,7 +62,7 @@ class Robots(Labelled[Robot]):
 
     def geometry(self, robot: Robot | str) -> answers.GeometryView:
         """Read where the robot's links are: the frames of its joints, capsules around the links, and meshes."""
-        return self._transport.get(f"{self.path}/{id_of(robot)}/geometry", answers.GeometryView)
+        return self._transport.get(f"{self.path}/{get_identifier(robot)}/geometry", answers.GeometryView)
 
     def poses(self, robot: Robot | str, positions: Sequence[Sequence[float]]) -> answers.PosesView:
         """Read where the frames of the geometry are at some postures.
@@ -79,7 +79,7 @@ class Robots(Labelled[Robot]):
             12 numbers for each frame, row by row; None for a frame in a loop that cannot be closed at that posture.
         """
         body = {"positions": [list(posture) for posture in positions]}
-        return self._transport.post(f"{self.path}/{id_of(robot)}/poses", answers.PosesView, body)
+        return self._transport.post(f"{self.path}/{get_identifier(robot)}/poses", answers.PosesView, body)
 
     def send_meshes(self, robot: Robot | str, folder: Path | str) -> answers.MeshesView:
         """Send the files below a folder that have the name of a mesh of the robot's description.
@@ -103,11 +103,11 @@ class Robots(Labelled[Robot]):
 
     def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> answers.MeshesView:
         """Send files of meshes by their names, as `send_meshes` does those of a folder."""
-        return self._transport.put_files(f"{self.path}/{id_of(robot)}/meshes", answers.MeshesView, files)
+        return self._transport.put_files(f"{self.path}/{get_identifier(robot)}/meshes", answers.MeshesView, files)
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
         """Read a robot with all that depends on it as a ZIP, in pieces, for `dynident import-robot` elsewhere."""
-        return self._transport.stream(f"{self.path}/{id_of(robot)}/bundle")
+        return self._transport.stream(f"{self.path}/{get_identifier(robot)}/bundle")
 
 
 class Imports(Collection[Import]):
@@ -134,12 +134,12 @@ class Imports(Collection[Import]):
         -------
         Import
         """
-        paths = _paths(file)
-        metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
+        paths = _list_paths(file)
+        metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
         return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
 
-class Measurements(Labelled[Measurement]):
+class Measurements(LabelledCollection[Measurement]):
     """Recordings."""
 
     kind = Measurement
@@ -163,8 +163,8 @@ class Measurements(Labelled[Measurement]):
         -------
         Measurement
         """
-        paths = _paths(file)
-        metadata = {"robot_id": id_of(robot), "name": name or paths[0].stem, **more}
+        paths = _list_paths(file)
+        metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
         return self._record(self._transport.upload(self.path, dict, paths, {"metadata": json.dumps(metadata)}))
 
     def revise(self, measurement: Record | str, **changes: Unpack[RevisionOptions]) -> Measurement:
@@ -180,7 +180,7 @@ class Measurements(Labelled[Measurement]):
         -------
         Measurement
         """
-        return self._post(changes, f"/{id_of(measurement)}/revisions")
+        return self._post(changes, f"/{get_identifier(measurement)}/revisions")
 
     def raw(
         self,
@@ -208,13 +208,13 @@ class Measurements(Labelled[Measurement]):
         answers.RawSignals
             t, signals, units, n_samples.
         """
-        path = f"{self.path}/{id_of(measurement)}/raw"
+        path = f"{self.path}/{get_identifier(measurement)}/raw"
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
         return self._transport.get(path, answers.RawSignals, **narrow)
 
     def standstills(self, measurement: Record | str) -> answers.Standstills:
         """Read when each joint stands, as intervals of time in s."""
-        return self._transport.get(f"{self.path}/{id_of(measurement)}/standstills", answers.Standstills)
+        return self._transport.get(f"{self.path}/{get_identifier(measurement)}/standstills", answers.Standstills)
 
     def of_import(self, looked_at: Import, metadata: Mapping[str, object] | None = None) -> Measurement:
         """Store a file that was imported, with the given metadata or the proposed ones."""
@@ -222,7 +222,7 @@ class Measurements(Labelled[Measurement]):
 
     def content(self, measurement: Record | str) -> Iterator[bytes]:
         """Read the file as it was uploaded, in pieces."""
-        return self._transport.stream(f"{self.path}/{id_of(measurement)}/content")
+        return self._transport.stream(f"{self.path}/{get_identifier(measurement)}/content")
 
 
 class Designs(Collection[Design]):
@@ -232,15 +232,17 @@ class Designs(Collection[Design]):
 
     def create(self, robot: Record | str, *, kind: DesignKind = "optimized", **more: Unpack[DesignOptions]) -> Design:
         """Design an experiment."""
-        return self._post({"robot_id": id_of(robot), "kind": kind, **more})
+        return self._post({"robot_id": get_identifier(robot), "kind": kind, **more})
 
     def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv") -> bytes:
         """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
-        return self._transport.get_bytes(f"{self.path}/{id_of(design)}/trajectory", format=format)
+        return self._transport.get_bytes(f"{self.path}/{get_identifier(design)}/trajectory", format=format)
 
     def clearances(self, design: Record | str, points: int = 200) -> answers.DesignClearances:
         """Read what every link is nearest to along the motion, at about so many samples."""
-        return self._transport.get(f"{self.path}/{id_of(design)}/clearances", answers.DesignClearances, points=points)
+        return self._transport.get(
+            f"{self.path}/{get_identifier(design)}/clearances", answers.DesignClearances, points=points
+        )
 
 
 class Simulations(Collection[Simulation]):
@@ -258,5 +260,8 @@ class Simulations(Collection[Simulation]):
         **more: Unpack[SimulationOptions],
     ) -> Simulation:
         """Let a virtual robot follow the motion of a design, or a trajectory; the result names the measurement."""
-        motion: dict[str, object] = {"design_id": None if design is None else id_of(design), "trajectory": trajectory}
-        return self._post({"robot_id": id_of(robot), "effects": effects, **motion, **more})
+        motion: dict[str, object] = {
+            "design_id": None if design is None else get_identifier(design),
+            "trajectory": trajectory,
+        }
+        return self._post({"robot_id": get_identifier(robot), "effects": effects, **motion, **more})

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from dynident_client.records import Job, Page, Record, id_of
-from dynident_client.transport import Event, Part, Transport
+from dynident_client.records import Job, Page, Record, get_identifier
+from dynident_client.transport import Event, ListPart, Transport
 
 
 class Jobs:
@@ -16,7 +16,7 @@ class Jobs:
 
     def get(self, job: Record | str) -> Job:
         """Read the state of a job."""
-        return Job(self._transport, self._transport.get(f"{Job.path}/{id_of(job)}", dict))
+        return Job(self._transport, self._transport.get(f"{Job.path}/{get_identifier(job)}", dict))
 
     def page(
         self,
@@ -27,13 +27,13 @@ class Jobs:
         kind: str | None = None,
     ) -> Page[Job]:
         """Read a part of the list, newest first; `state` and `kind` narrow it."""
-        data = self._transport.get(Job.path, Part, limit=limit, cursor=cursor, state=state, kind=kind)
+        data = self._transport.get(Job.path, ListPart, limit=limit, cursor=cursor, state=state, kind=kind)
         return Page([Job(self._transport, job) for job in data["items"]], data["cursor"])
 
     def events(self, job: Record | str) -> Iterator[Event]:
         """Yield the events of a job from the first to its end, over lost connections."""
-        return self._transport.events(f"{Job.path}/{id_of(job)}/events")
+        return self._transport.events(f"{Job.path}/{get_identifier(job)}/events")
 
     def cancel(self, job: Record | str) -> Job:
         """Stop a job."""
-        return Job(self._transport, self._transport.post(f"{Job.path}/{id_of(job)}/cancel", dict))
+        return Job(self._transport, self._transport.post(f"{Job.path}/{get_identifier(job)}/cancel", dict))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dynident_client.collection import Collection
-from dynident_client.records import Record, RecordT, id_of
+from dynident_client.records import Record, RecordT, get_identifier
 
 
-class Labelled(Collection[RecordT]):
+class LabelledCollection(Collection[RecordT]):
     """Resources that can be renamed, tagged and archived; `page` and `all` take archived=True to list all of them."""
 
     def label(
@@ -21,4 +21,4 @@ class Labelled(Collection[RecordT]):
     ) -> RecordT:
         """Change name, tags (all of them) or archive; what is not given stays."""
         body = {"name": name, "tags": None if tags is None else list(tags), "archived": archived}
-        return self._record(self._transport.patch(f"{self.path}/{id_of(resource)}", dict, body))
+        return self._record(self._transport.patch(f"{self.path}/{get_identifier(resource)}", dict, body))

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, Unpack
 
 from dynident_client import answers
-from dynident_client.collection import Collection, with_identifiers
-from dynident_client.labels import Labelled
+from dynident_client.collection import Collection, replace_resources
+from dynident_client.labels import LabelledCollection
 from dynident_client.records import (
     Batch,
     Comparison,
@@ -19,7 +19,7 @@ from dynident_client.records import (
     Report,
     Series,
     Validation,
-    id_of,
+    get_identifier,
 )
 from dynident_client.requests import (
     DiagnosisOptions,
@@ -33,7 +33,7 @@ from dynident_client.requests import (
 Effects = Sequence[Mapping[str, object] | str]
 
 
-class Identifications(Labelled[Identification]):
+class Identifications(LabelledCollection[Identification]):
     """Identified models."""
 
     kind = Identification
@@ -64,10 +64,10 @@ class Identifications(Labelled[Identification]):
             Of a job that is queued; see `wait`.
         """
         body: dict[str, object] = {
-            "robot_id": id_of(robot),
-            "measurement_ids": [id_of(measurement) for measurement in measurements],
-            "validation_ids": [id_of(measurement) for measurement in validation],
-            "effects": None if effects is None else _effects(effects),
+            "robot_id": get_identifier(robot),
+            "measurement_ids": [get_identifier(measurement) for measurement in measurements],
+            "validation_ids": [get_identifier(measurement) for measurement in validation],
+            "effects": None if effects is None else _list_effects(effects),
             **more,
         }
         return self._post(body)
@@ -84,44 +84,50 @@ class Identifications(Labelled[Identification]):
         -------
         Batch
         """
-        items = [with_identifiers(body) for body in bodies]
+        items = [replace_resources(body) for body in bodies]
         return Batch(self._transport, self._transport.post(Batch.path, dict, {"items": items}))
 
     def batch(self, batch: Batch | str) -> Batch:
         """Read a batch: its identifications, and how many are in which state."""
-        return Batch(self._transport, self._transport.get(f"{Batch.path}/{id_of(batch)}", dict))
+        return Batch(self._transport, self._transport.get(f"{Batch.path}/{get_identifier(batch)}", dict))
 
     def cancel_batch(self, batch: Batch | str) -> Batch:
         """Stop all identifications of a batch that have not ended."""
-        return Batch(self._transport, self._transport.post(f"{Batch.path}/{id_of(batch)}/cancel", dict))
+        return Batch(self._transport, self._transport.post(f"{Batch.path}/{get_identifier(batch)}/cancel", dict))
 
     def forget_batch(self, batch: Batch | str) -> None:
         """Delete a batch; its identifications stay."""
-        self._transport.delete(f"{Batch.path}/{id_of(batch)}")
+        self._transport.delete(f"{Batch.path}/{get_identifier(batch)}")
 
     def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
         """Add effects: a new identification, whose parent is this one, with a rung of the ladder for each of them."""
-        return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/extend")
+        return self._post(
+            {"effects": _list_effects(effects), "name": name}, f"/{get_identifier(identification)}/extend"
+        )
 
     def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
         """Take effects out, off some joints or off all: a new identification, whose parent is this one."""
-        return self._post({"effects": _effects(effects), "name": name}, f"/{id_of(identification)}/remove")
+        return self._post(
+            {"effects": _list_effects(effects), "name": name}, f"/{get_identifier(identification)}/remove"
+        )
 
     def essential(self, identification: Record | str, *, ratio: float | None = None) -> answers.EssentialView:
         """Read the essential parameters, found by backward elimination, with the errors along the way."""
-        return self._transport.get(f"{self.path}/{id_of(identification)}/essential", answers.EssentialView, ratio=ratio)
+        return self._transport.get(
+            f"{self.path}/{get_identifier(identification)}/essential", answers.EssentialView, ratio=ratio
+        )
 
     def correlation(self, identification: Record | str) -> answers.CorrelationView:
         """Read the correlation of the estimates, and what the motion determines only together, in words."""
-        return self._transport.get(f"{self.path}/{id_of(identification)}/correlation", answers.CorrelationView)
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/correlation", answers.CorrelationView)
 
     def tables(self, identification: Record | str) -> list[answers.Table]:
         """Read the parameters and shape constants as tables in words: title, columns, rows of cells."""
-        return self._transport.get(f"{self.path}/{id_of(identification)}/tables", answers.Tables)["items"]
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/tables", answers.Tables)["items"]
 
     def verdict(self, identification: Record | str) -> answers.VerdictView:
         """Read for which uses the model is fit and why or why not, and whether to stop: uses, held_out, stop, …."""
-        return self._transport.get(f"{self.path}/{id_of(identification)}/verdict", answers.VerdictView)
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/verdict", answers.VerdictView)
 
     def lineage(self, identification: Record | str) -> list[answers.Rung]:
         """Read the ladder of models that led to this one, the first one first.
@@ -129,12 +135,12 @@ class Identifications(Labelled[Identification]):
         What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.
         `best` marks the smallest validation error, `rises` the rungs above it whose error is larger.
         """
-        return self._transport.get(f"{self.path}/{id_of(identification)}/lineage", answers.Lineage)["items"]
+        return self._transport.get(f"{self.path}/{get_identifier(identification)}/lineage", answers.Lineage)["items"]
 
     def compare_lineages(self, identification: Record | str, against: Record | str) -> answers.Lineage:
         """Read two ladders beside each other: items, against, common_ancestor, and the differences rung by rung."""
-        path = f"{self.path}/{id_of(identification)}/lineage"
-        return self._transport.get(path, answers.Lineage, against=id_of(against))
+        path = f"{self.path}/{get_identifier(identification)}/lineage"
+        return self._transport.get(path, answers.Lineage, against=get_identifier(against))
 
     def export(
         self,
@@ -149,7 +155,7 @@ class Identifications(Labelled[Identification]):
         `nearest`: as "urdf" or "mjcf", where no bodies that can exist have the identified parameters, take the nearest
         that have. `anyway`: also a model whose error says that it is not to be used, which is refused otherwise.
         """
-        path = f"{self.path}/{id_of(identification)}/export"
+        path = f"{self.path}/{get_identifier(identification)}/export"
         return self._transport.get_bytes(path, format=format, nearest=nearest, anyway=anyway)
 
 
@@ -164,7 +170,7 @@ class Comparisons(Collection[Comparison]):
         The result has errors on all rows (at rest the distance to what static friction may hold), on `moving` rows, and
         `raw`: on all rows against the predicted torque itself.
         """
-        ids = {"identification_id": id_of(identification), "measurement_id": id_of(measurement)}
+        ids = {"identification_id": get_identifier(identification), "measurement_id": get_identifier(measurement)}
         return self._post({**ids, "name": name})
 
     def series(
@@ -180,28 +186,28 @@ class Comparisons(Collection[Comparison]):
 
         Where the joint stands (`standing`) the prediction is a band from `lower` to `upper`.
         """
-        path = f"{self.path}/{id_of(comparison)}/series"
+        path = f"{self.path}/{get_identifier(comparison)}/series"
         return self._transport.get(path, answers.Series, joint=joint, from_=start, to=end, points=points)
 
     def residual_map(
         self, comparison: Record | str, joint: str, x: str, y: str | None = None, *, bins: int | None = None
     ) -> answers.ResidualMap:
         """Read mean, spread and count of a joint's residual over any two signals."""
-        path = f"{self.path}/{id_of(comparison)}/residual_map"
+        path = f"{self.path}/{get_identifier(comparison)}/residual_map"
         return self._transport.get(path, answers.ResidualMap, joint=joint, x=x, y=y, bins=bins)
 
     def spectrum(
         self, comparison: Record | str, joint: str, over: Literal["angle", "time"] | None = None
     ) -> answers.Spectrum:
         """Read the amplitude spectrum of a joint's residual, over time or over its own angle."""
-        path = f"{self.path}/{id_of(comparison)}/spectrum"
+        path = f"{self.path}/{get_identifier(comparison)}/spectrum"
         return self._transport.get(path, answers.Spectrum, joint=joint, over=over)
 
     def autocorrelation(
         self, comparison: Record | str, joint: str, *, longest: float | None = None
     ) -> answers.AutocorrelationView:
         """Read the autocorrelation of a joint's residual up to a lag in s, and its effective number of samples."""
-        path = f"{self.path}/{id_of(comparison)}/autocorrelation"
+        path = f"{self.path}/{get_identifier(comparison)}/autocorrelation"
         return self._transport.get(path, answers.AutocorrelationView, joint=joint, longest=longest)
 
 
@@ -223,16 +229,20 @@ class Diagnoses(Collection[Diagnosis]):
         With earlier measurements of the same robot as the baseline, its result says what has changed since (`changes`).
         """
         body: dict[str, object] = {
-            "identification_id": id_of(identification),
-            "measurement_ids": None if measurements is None else [id_of(measurement) for measurement in measurements],
-            "baseline_ids": [id_of(measurement) for measurement in baseline],
+            "identification_id": get_identifier(identification),
+            "measurement_ids": None
+            if measurements is None
+            else [get_identifier(measurement) for measurement in measurements],
+            "baseline_ids": [get_identifier(measurement) for measurement in baseline],
             **more,
         }
         return self._post(body)
 
     def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> answers.Evidence:
         """Read the figure behind a ranked candidate: the residual over what it depends on, with the fitted effect."""
-        return self._transport.get(f"{self.path}/{id_of(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint)
+        return self._transport.get(
+            f"{self.path}/{get_identifier(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint
+        )
 
 
 class SeriesOfDays(Collection[Series]):
@@ -267,21 +277,21 @@ class SeriesOfDays(Collection[Series]):
         Series
         """
         day_requests: list[dict[str, object]] = [
-            {"measurement_ids": [id_of(measurement) for measurement in day]} for day in days
+            {"measurement_ids": [get_identifier(measurement) for measurement in day]} for day in days
         ]
         for day, day_name in zip(day_requests, names or (), strict=False):
             day["name"] = day_name
         body = {
-            "identification_id": id_of(identification),
+            "identification_id": get_identifier(identification),
             "days": day_requests,
-            "continues": None if continues is None else id_of(continues),
+            "continues": None if continues is None else get_identifier(continues),
             "name": name,
         }
         return self._post(body)
 
     def figure(self, series: Record | str) -> bytes:
         """Read the drawing of all parameters over the days, an SVG."""
-        return self._transport.get_bytes(f"{self.path}/{id_of(series)}/figure")
+        return self._transport.get_bytes(f"{self.path}/{get_identifier(series)}/figure")
 
 
 class Validations(Collection[Validation]):
@@ -298,9 +308,11 @@ class Validations(Collection[Validation]):
         **more: Unpack[ValidationOptions],
     ) -> Validation:
         """Validate a model."""
-        measurement_ids = None if measurements is None else [id_of(measurement) for measurement in measurements]
+        measurement_ids = (
+            None if measurements is None else [get_identifier(measurement) for measurement in measurements]
+        )
         body: dict[str, object] = {
-            "identification_id": id_of(identification),
+            "identification_id": get_identifier(identification),
             "kind": kind,
             "measurement_ids": measurement_ids,
             **more,
@@ -329,13 +341,13 @@ class DriveGainSets(Collection[DriveGains]):
         given).
         """
         body: dict[str, object] = {
-            "robot_id": id_of(robot),
-            "unloaded": [id_of(measurement) for measurement in unloaded],
-            "loaded": [id_of(measurement) for measurement in loaded],
-            "weigh": None if weigh is None else [id_of(measurement) for measurement in weigh],
+            "robot_id": get_identifier(robot),
+            "unloaded": [get_identifier(measurement) for measurement in unloaded],
+            "loaded": [get_identifier(measurement) for measurement in loaded],
+            "weigh": None if weigh is None else [get_identifier(measurement) for measurement in weigh],
             "weigh_unloaded": None
             if weigh_unloaded is None
-            else [id_of(measurement) for measurement in weigh_unloaded],
+            else [get_identifier(measurement) for measurement in weigh_unloaded],
             **more,
         }
         return self._post(body)
@@ -371,10 +383,10 @@ class CurrentModelSets(Collection[CurrentModels]):
         CurrentModels
         """
         body: dict[str, object] = {
-            "robot_id": id_of(robot),
-            "measurement_ids": [id_of(measurement) for measurement in measurements],
-            "validation_ids": [id_of(measurement) for measurement in validation],
-            "effects": None if effects is None else _effects(effects),
+            "robot_id": get_identifier(robot),
+            "measurement_ids": [get_identifier(measurement) for measurement in measurements],
+            "validation_ids": [get_identifier(measurement) for measurement in validation],
+            "effects": None if effects is None else _list_effects(effects),
             "name": name,
         }
         return self._post(body)
@@ -397,19 +409,21 @@ class Reports(Collection[Report]):
     ) -> Report:
         """Write a report of a model."""
         body: dict[str, object] = {
-            "identification_id": id_of(identification),
-            "diagnosis_id": None if diagnosis is None else id_of(diagnosis),
-            "design_id": None if design is None else id_of(design),
-            "validation_ids": [id_of(resource) for resource in validations],
-            "measurement_ids": None if measurements is None else [id_of(resource) for resource in measurements],
+            "identification_id": get_identifier(identification),
+            "diagnosis_id": None if diagnosis is None else get_identifier(diagnosis),
+            "design_id": None if design is None else get_identifier(design),
+            "validation_ids": [get_identifier(resource) for resource in validations],
+            "measurement_ids": None
+            if measurements is None
+            else [get_identifier(resource) for resource in measurements],
             **more,
         }
         return self._post(body)
 
     def content(self, report: Record | str) -> bytes:
         """Read the document."""
-        return self._transport.get_bytes(f"{self.path}/{id_of(report)}/content")
+        return self._transport.get_bytes(f"{self.path}/{get_identifier(report)}/content")
 
 
-def _effects(effects: Effects) -> list[dict[str, object]]:
+def _list_effects(effects: Effects) -> list[dict[str, object]]:
     return [{"effect": effect} if isinstance(effect, str) else dict(effect) for effect in effects]

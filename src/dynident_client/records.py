@@ -119,7 +119,7 @@ class Robot(Record):
         return list(self.data["joints"])
 
 
-class Proposed(MeasurementOptions, total=False):
+class ProposedMetadata(MeasurementOptions, total=False):
     """Metadata of a file, with its robot and its name."""
 
     robot_id: str
@@ -132,9 +132,9 @@ class Import(Record):
     path = "/v1/imports"
 
     @property
-    def proposed(self) -> Proposed:
+    def proposed(self) -> ProposedMetadata:
         """The proposed metadata of the file."""
-        metadata: Proposed = self.data["proposed"]
+        metadata: ProposedMetadata = self.data["proposed"]
         return metadata
 
     @property
@@ -272,6 +272,6 @@ class Page(Generic[RecordT]):
         return len(self.items)
 
 
-def id_of(resource: Record | str) -> str:
+def get_identifier(resource: Record | str) -> str:
     """Return the identifier of a resource, which may be given as such."""
     return resource if isinstance(resource, str) else resource.id

@@ -36,7 +36,7 @@ class Event:
     data: Mapping[str, Any]
 
 
-class Part(TypedDict):
+class ListPart(TypedDict):
     """A part of a list, as it is answered."""
 
     items: list[dict[str, Any]]
@@ -72,7 +72,7 @@ class Transport:
 
     def stream(self, path: str, **params: Param) -> Iterator[bytes]:
         """Yield bytes in pieces."""
-        with self._http.stream("GET", path, params=_given(params)) as answer:
+        with self._http.stream("GET", path, params=_drop_missing(params)) as answer:
             if answer.is_error:
                 answer.read()
                 _raise_problem(answer)
@@ -80,12 +80,12 @@ class Transport:
 
     def post(self, path: str, answer: type[T], body: Mapping[str, object] | None = None) -> T:
         """Send JSON; a request whose answer was lost is repeated without doing the work twice."""
-        content: T = self._send("POST", path, json=None if body is None else _given(body)).json()
+        content: T = self._send("POST", path, json=None if body is None else _drop_missing(body)).json()
         return content
 
     def patch(self, path: str, answer: type[T], body: Mapping[str, object]) -> T:
         """Send changes as JSON."""
-        content: T = self._send("PATCH", path, json=_given(body)).json()
+        content: T = self._send("PATCH", path, json=_drop_missing(body)).json()
         return content
 
     def upload(self, path: str, answer: type[T], files: Sequence[Path], fields: Mapping[str, str]) -> T:
@@ -121,7 +121,7 @@ class Transport:
                 with self._http.stream("GET", path, headers=headers, timeout=httpx2.Timeout(30.0)) as answer:
                     if answer.is_error:
                         answer.read()
-                        pause = _asked_to_wait(answer)
+                        pause = _get_retry_delay(answer)
                         if pause is None or time.monotonic() + pause > until:
                             _raise_problem(answer)
                         time.sleep(pause)
@@ -147,7 +147,7 @@ class Transport:
         # again.
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
         if "params" in content:
-            content["params"] = _given(content["params"])
+            content["params"] = _drop_missing(content["params"])
         until = time.monotonic() + PATIENCE
         attempt = 0
         while True:
@@ -161,7 +161,7 @@ class Transport:
             else:
                 if not answer.is_error:
                     return answer
-                pause = _asked_to_wait(answer)
+                pause = _get_retry_delay(answer)
                 if pause is None or time.monotonic() + pause > until:
                     _raise_problem(answer)
             time.sleep(pause)
@@ -169,13 +169,13 @@ class Transport:
                 file.seek(0)
 
 
-def _given(values: Mapping[str, T]) -> dict[str, T]:
+def _drop_missing(values: Mapping[str, T]) -> dict[str, T]:
     """Return values without those that are None; an underscore at the end of a name is removed."""
     # "from" is a keyword of Python and is given as `from_`.
     return {name.removesuffix("_"): value for name, value in values.items() if value is not None}
 
 
-def _asked_to_wait(answer: httpx2.Response) -> float | None:
+def _get_retry_delay(answer: httpx2.Response) -> float | None:
     """Return the seconds after which a busy service wants the request again; `None` where it states none."""
     after = answer.headers.get("retry-after", "")
     return float(after) if answer.status_code in BUSY and after.isdecimal() else None

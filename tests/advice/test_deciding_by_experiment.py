@@ -12,7 +12,7 @@ from dynident.diagnosis import Diagnosis, RankedEffect, examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
-from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, typical_drive
+from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, list_drive_effects, simulate
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +45,7 @@ def simulated(motion: Motion | Design, hidden: TrueEffect, seed: int, name: str)
     """What the virtual robot measures, under control and with the noise of its sensors."""
     request = SimulationRequest(
         Reference(motion.t, motion.q, motion.dq, motion.ddq),
-        (*typical_drive(ROBOT), hidden),
+        (*list_drive_effects(ROBOT), hidden),
         sensors=Sensors(sampling_rate=200.0),
         seed=seed,
     )

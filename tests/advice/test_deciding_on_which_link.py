@@ -13,7 +13,7 @@ from dynident.diagnosis import examine
 from dynident.excitation import Design, design_experiment
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording, recording_from_arrays
-from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, typical_drive
+from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, list_drive_effects, simulate
 
 pytestmark = pytest.mark.thorough
 
@@ -28,7 +28,7 @@ def measured(motion: Motion | Design, link: int | None, seed: int, name: str) ->
     hidden = () if link is None else (TrueEffect("payload", NAMES[link], body),)
     request = SimulationRequest(
         Reference(motion.t, motion.q, motion.dq, motion.ddq),
-        (*typical_drive(ROBOT), *hidden),
+        (*list_drive_effects(ROBOT), *hidden),
         sensors=Sensors(sampling_rate=200.0),
         seed=seed,
     )

@@ -13,18 +13,18 @@ from oracles import fourier_motion
 
 from dynident.advice import NextExperiment
 from dynident.advice.kinds import EXPERIMENTS, Question
-from dynident.advice.next_experiment import next_experiment, within_the_motion
-from dynident.advice.pairs import experiment_for
+from dynident.advice.next_experiment import next_experiment, restrict_criterion_to_motion
+from dynident.advice.pairs import choose_experiment
 from dynident.diagnosis import Comparison, compare
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.doubts import Doubt, doubts_of
+from dynident.diagnosis.doubts import Doubt, list_doubts
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.excitation import design_experiment
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.observation.model import build_design_model
 from dynident.identification import IdentificationChoices, identify
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 
 
 def on(joint: int, effect: str, **shape: float) -> EffectChoice:
@@ -58,8 +58,8 @@ def test_rivals_are_to_be_told_apart_by_a_motion_that_knows_them_better_than_the
     found = proposed(doubt)
     assert found is not None
     assert found.design.kind == kind
-    assert effect_by_id(doubt.suspect.effect).title in found.reason
-    assert effect_by_id(doubt.rivals[0].effect).title in found.reason
+    assert get_effect(doubt.suspect.effect).title in found.reason
+    assert get_effect(doubt.rivals[0].effect).title in found.reason
     assert found.present_separation is not None
     assert found.expected_separation is not None
     assert found.expected_separation.parameter == found.present_separation.parameter
@@ -105,7 +105,7 @@ def test_only_what_most_arms_have_or_somebody_asked_for_is_looked_for_where_it_c
     )
 
     def suspects(**more) -> list[str]:
-        return [doubt.suspect.effect for doubt in doubts_of((), (), hidden, ROBOT, **more)]
+        return [doubt.suspect.effect for doubt in list_doubts((), (), hidden, ROBOT, **more)]
 
     assert suspects() == ["presliding"]
     assert suspects(asked=["joint_spring"]) == ["joint_spring", "presliding"]
@@ -120,7 +120,7 @@ def test_an_effect_that_could_not_be_seen_gets_the_motion_that_shows_it():
     identification = identify(
         ROBOT, [run], [], IdentificationChoices(WITH_OFFSET[:1] + WITH_OFFSET[2:4], preprocessing=BAND)
     )
-    doubts = doubts_of((), (), (Invisible("presliding", (NAMES[1],), "too fast"),), ROBOT)
+    doubts = list_doubts((), (), (Invisible("presliding", (NAMES[1],), "too fast"),), ROBOT)
     found = next_experiment(identification, (compare(identification, run),), doubts)
     assert found is not None
     assert found.design.kind == "reversals"
@@ -157,7 +157,7 @@ def test_a_spring_that_gains_nearly_as_much_as_a_compensator_is_asked_about_befo
     judged = (tried("gravity_compensator", 0.705, 1), tried("joint_spring", 0.699, 1), tried("stribeck", 0.3, 1))
     chosen = (picked("gravity_compensator", 1), picked("torque_ripple", 3))
     alone = tuple(Finding(item, (), 1e-6) for item in (judged[0], tried("torque_ripple", 0.2, 3)))
-    (doubt,) = doubts_of(alone, chosen, (), ROBOT, judged)
+    (doubt,) = list_doubts(alone, chosen, (), ROBOT, judged)
     assert doubt == Doubt(chosen[0], (picked("joint_spring", 1),), (chosen[1],))
 
 
@@ -169,17 +169,17 @@ def test_of_a_group_only_the_joints_with_a_rival_are_in_doubt():
         tried("stribeck", 0.1, 5),
     )
     group = picked("viscous_nonlinear", 0, 5)
-    (doubt,) = doubts_of((Finding(judged[0], (), 1e-6),), (group,), (), ROBOT, judged)
+    (doubt,) = list_doubts((Finding(judged[0], (), 1e-6),), (group,), (), ROBOT, judged)
     assert doubt == Doubt(picked("viscous_nonlinear", 0), (picked("stribeck", 0),), (picked("viscous_nonlinear", 5),))
 
 
 def test_what_includes_the_pick_is_no_rival_and_an_equal_comes_before_what_is_only_near():
     judged = (tried("joint_spring", 0.5, 2), tried("cable_force", 0.52, 2), tried("torque_ripple", 0.49, 2))
     spring = picked("joint_spring", 2)
-    (near,) = doubts_of((Finding(judged[0], (judged[1],), 1e-6),), (spring,), (), ROBOT, judged)
+    (near,) = list_doubts((Finding(judged[0], (judged[1],), 1e-6),), (spring,), (), ROBOT, judged)
     assert near.rivals == (picked("torque_ripple", 2),)
     equal = tried("gravity_compensator", 0.3, 2)
-    (doubt,) = doubts_of((Finding(judged[0], (equal,), 1e-6),), (spring,), (), ROBOT, judged)
+    (doubt,) = list_doubts((Finding(judged[0], (equal,), 1e-6),), (spring,), (), ROBOT, judged)
     assert doubt.rivals == (picked("gravity_compensator", 2),)
 
 
@@ -211,7 +211,7 @@ def test_a_pair_of_effects_is_told_apart_by_one_experiment_that_one_of_the_two_n
         assert len(pair) == 2
         assert pair <= set(CATALOGUE)
         one, other = sorted(pair)
-        assert experiment_for(one, other) is experiment_for(other, one) is EXPERIMENTS[kind]
+        assert choose_experiment(one, other) is choose_experiment(other, one) is EXPERIMENTS[kind]
 
 
 def test_what_some_runs_have_is_placed_with_it_left_on():
@@ -222,7 +222,7 @@ def test_what_some_runs_have_is_placed_with_it_left_on():
 def test_every_confusion_that_the_catalogue_warns_of_has_an_experiment():
     for effect in CATALOGUE.values():
         for other in effect.confused_with:
-            assert experiment_for(effect.id, other) is not None
+            assert choose_experiment(effect.id, other) is not None
 
 
 @pytest.mark.sweep
@@ -236,8 +236,8 @@ def test_every_effect_gets_a_design_that_can_be_made(effect):
     joints = () if CATALOGUE[effect].scope == "robot" else (NAMES[possible[-1]],)
     suspect = EffectChoice(effect, joints, shape)
     noise = dict.fromkeys(NAMES, 0.5)
-    question = Question(WITH_OFFSET, suspect, None, joints or NAMES, bounds_of(ROBOT, {}), noise, 200.0)
-    model = design_model(ROBOT, (*WITH_OFFSET, suspect), other_runs=True)
-    request = within_the_motion(model, experiment_for(effect, None).design(question), WITH_OFFSET)
+    question = Question(WITH_OFFSET, suspect, None, joints or NAMES, build_bounds(ROBOT, {}), noise, 200.0)
+    model = build_design_model(ROBOT, (*WITH_OFFSET, suspect), other_runs=True)
+    request = restrict_criterion_to_motion(model, choose_experiment(effect, None).design(question), WITH_OFFSET)
     if request.kind not in ("optimized", "random"):
         assert design_experiment(ROBOT, request).duration < 600

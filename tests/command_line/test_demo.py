@@ -13,9 +13,9 @@ from running_commands import dynident
 from dynident.effects import CATALOGUE
 from dynident.errors import DynidentError
 from dynident.identification import from_bytes
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.robot import robot_from_library
-from dynident_service.demo.hiding import hideable
+from dynident_service.demo.hiding import find_hideable_effects
 from dynident_service.demo.measuring import design_runs
 from dynident_service.demo.scenario import Scenario
 
@@ -89,7 +89,7 @@ def test_its_files_tell_the_same_story_by_hand(tmp_path: Path) -> None:
 
 
 def test_the_same_seed_hides_the_same_and_another_seed_something_else() -> None:
-    one, same, other = (Scenario.of(ROBOT, "stribeck", "", seed, quick=True) for seed in (4, 4, 5))
+    one, same, other = (Scenario.draw(ROBOT, "stribeck", "", seed, quick=True) for seed in (4, 4, 5))
     assert one.effects == same.effects
     np.testing.assert_array_equal(one.inertias, same.inertias)
     assert one.effects != other.effects
@@ -97,7 +97,7 @@ def test_the_same_seed_hides_the_same_and_another_seed_something_else() -> None:
 
 
 def test_the_virtual_robot_is_not_the_one_of_the_description() -> None:
-    scenario = Scenario.of(ROBOT, "none", "", 0, quick=True)
+    scenario = Scenario.draw(ROBOT, "none", "", 0, quick=True)
     assert scenario.hidden is None
     assert ROBOT.inertias is not None
     heavier = scenario.inertias[:, 9] / ROBOT.inertias[:, 9]
@@ -106,18 +106,20 @@ def test_the_virtual_robot_is_not_the_one_of_the_description() -> None:
 
 
 def test_an_effect_is_hidden_only_where_it_can_be_seen() -> None:
-    found = {one.joint for one in hideable(ROBOT, "load_dependent_friction", "")}
+    found = {one.joint for one in find_hideable_effects(ROBOT, "load_dependent_friction", "")}
     # The load torque of the last joint is that of nothing but its flange.
     assert {"shoulder_lift_joint", "elbow_joint"} <= found
     assert "wrist_3_joint" not in found
-    assert {one.joint for one in hideable(ROBOT, "stribeck", "")} == set(ROBOT.joint_names)
-    assert [one.joint for one in hideable(ROBOT, "load_dependent_friction", "wrist_3_joint")] == ["wrist_3_joint"]
-    assert [one.joint for one in hideable(ROBOT, "base_tilt", "")] == [""]
+    assert {one.joint for one in find_hideable_effects(ROBOT, "stribeck", "")} == set(ROBOT.joint_names)
+    assert [one.joint for one in find_hideable_effects(ROBOT, "load_dependent_friction", "wrist_3_joint")] == [
+        "wrist_3_joint"
+    ]
+    assert [one.joint for one in find_hideable_effects(ROBOT, "base_tilt", "")] == [""]
 
 
 @pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
 def test_every_other_effect_of_the_catalogue_can_be_hidden(effect: str) -> None:
-    scenario = Scenario.of(ROBOT, effect, "", 0, quick=True)
+    scenario = Scenario.draw(ROBOT, effect, "", 0, quick=True)
     assert scenario.hidden is not None
     assert scenario.hidden.effect == effect
     names = {course.name for course in scenario.plan.courses}
@@ -125,23 +127,23 @@ def test_every_other_effect_of_the_catalogue_can_be_hidden(effect: str) -> None:
 
 
 def test_an_arm_whose_friction_drifts_works_through_one_session() -> None:
-    drifting, steady = (Scenario.of(ROBOT, effect, "", 0, quick=True) for effect in ("warm_up_friction", "stribeck"))
+    drifting, steady = (Scenario.draw(ROBOT, effect, "", 0, quick=True) for effect in ("warm_up_friction", "stribeck"))
     courses = drifting.plan.courses
-    assert np.diff([drifting.begins(course) for course in courses]).min() > 600.0
-    assert {steady.begins(course) for course in courses} == {0.0}
+    assert np.diff([drifting.start_time(course) for course in courses]).min() > 600.0
+    assert {steady.start_time(course) for course in courses} == {0.0}
     assert not drifting.warms_up
 
 
 def test_what_drifts_with_temperature_is_not_hidden_where_time_alone_would_explain_it() -> None:
-    scenario = Scenario.of(ROBOT, "temperature_friction", "", 0, quick=True)
+    scenario = Scenario.draw(ROBOT, "temperature_friction", "", 0, quick=True)
     assert scenario.warms_up
     *training, last = scenario.plan.courses
-    begins = np.array([scenario.begins(course) for course in (*training, last)])
-    cold, warm, rested, tried = scenario.temperature(begins)
+    begins = np.array([scenario.start_time(course) for course in (*training, last)])
+    cold, warm, rested, tried = scenario.compute_temperature(begins)
     assert cold < rested < warm
     assert warm - rested > 5.0
     assert tried != warm
-    np.testing.assert_allclose(np.diff(scenario.temperature(np.arange(0.0, 5000.0))), 0.0, atol=0.03)
+    np.testing.assert_allclose(np.diff(scenario.compute_temperature(np.arange(0.0, 5000.0))), 0.0, atol=0.03)
 
 
 @pytest.mark.parametrize(
@@ -150,13 +152,13 @@ def test_what_drifts_with_temperature_is_not_hidden_where_time_alone_would_expla
 )
 def test_what_cannot_be_hidden_is_refused(effect: str, joint: str, pointer: str) -> None:
     with pytest.raises(DynidentError) as refused:
-        Scenario.of(ROBOT, effect, joint, 0, quick=True)
+        Scenario.draw(ROBOT, effect, joint, 0, quick=True)
     assert refused.value.pointer == pointer
 
 
 def test_the_experiment_is_fast_slow_and_from_point_to_point_with_dwells() -> None:
-    scenario = Scenario.of(ROBOT, "stribeck", "", 0, quick=True)
-    fast, slow, held_out = design_runs(scenario, silent)
+    scenario = Scenario.draw(ROBOT, "stribeck", "", 0, quick=True)
+    fast, slow, held_out = design_runs(scenario, ignore_progress)
     assert np.abs(slow.dq).max() < 0.4 * np.abs(fast.dq).max()
     still = np.concatenate([[False], ~np.any(held_out.dq, axis=1), [False]]).astype(np.int8)
     lasts = (np.flatnonzero(np.diff(still) == -1) - np.flatnonzero(np.diff(still) == 1) - 1) / held_out.sampling_rate

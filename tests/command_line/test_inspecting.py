@@ -10,7 +10,7 @@ import pytest
 from running_commands import dynident, write_run
 
 from dynident.identification.imports import Question
-from dynident_service.cli.metadata import Answers
+from dynident_service.cli.metadata import StatedAnswers
 
 
 @pytest.fixture
@@ -122,14 +122,14 @@ def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
 @pytest.mark.parametrize(
     ("question", "answers", "answered"),
     [
-        (Question("effort_kind", "?", ("joint_torque", "motor_current")), Answers(units={"tau": "N m"}), True),
-        (Question("effort_kind", "they are external"), Answers(units={"tau": "N m"}), False),
-        (Question("effort_kind", "they are external"), Answers(columns={"tau1": "a"}), True),
-        (Question("units/q", "?"), Answers(units={"q2": "deg"}), True),
-        (Question("units/q", "?"), Answers(units={"tau": "N m"}), False),
-        (Question("columns", "?", check="torque_order"), Answers(accept=["torque_order"]), True),
-        (Question("columns", "?", check="torque_order"), Answers(cure=True), True),
-        (Question("gravity", "?", check="gravity_direction"), Answers(units={"q": "rad"}), False),
+        (Question("effort_kind", "?", ("joint_torque", "motor_current")), StatedAnswers(units={"tau": "N m"}), True),
+        (Question("effort_kind", "they are external"), StatedAnswers(units={"tau": "N m"}), False),
+        (Question("effort_kind", "they are external"), StatedAnswers(columns={"tau1": "a"}), True),
+        (Question("units/q", "?"), StatedAnswers(units={"q2": "deg"}), True),
+        (Question("units/q", "?"), StatedAnswers(units={"tau": "N m"}), False),
+        (Question("columns", "?", check="torque_order"), StatedAnswers(accept=["torque_order"]), True),
+        (Question("columns", "?", check="torque_order"), StatedAnswers(cure=True), True),
+        (Question("gravity", "?", check="gravity_direction"), StatedAnswers(units={"q": "rad"}), False),
     ],
 )
 def test_an_option_answers_the_question_that_it_is_about(question, answers, answered):

@@ -11,7 +11,7 @@ from resting import COULOMB, write_resting_run
 from running_commands import ROBOT, dynident
 
 from dynident.identification import from_bytes
-from dynident.reports.numbers import percent
+from dynident.reports.numbers import format_percent
 from dynident.robot.well_known import library_table
 
 FIGURES = {"rms", "relative", "relative_total"}
@@ -46,8 +46,8 @@ def test_errors_are_shown_where_each_joint_moves_and_on_all_rows(folder: Path, v
     for j, joint in enumerate(ROBOT.joint_names):
         line = next(line for line in out.splitlines() if line.startswith(joint) and line.count("%") == 4)
         errors = (found.fit_moving, found.fit, found.held_out_moving, found.held_out)
-        assert all(percent(float(one.relative[j])) in line for one in errors)
-    assert percent(found.held_out_moving.relative_total) in out
+        assert all(format_percent(float(one.relative[j])) in line for one in errors)
+    assert format_percent(found.held_out_moving.relative_total) in out
 
 
 def test_the_summary_of_a_recording_says_how_much_each_joint_stands(folder: Path) -> None:
@@ -71,7 +71,7 @@ def test_compare_tells_errors_with_and_without_the_band_and_writes_it(folder: Pa
     assert found["raw"]["relative_total"] > 5 * found["relative_total"]
     assert found["moving"]["relative_total"] < 0.02
     shown = " ".join(dynident(*arguments).out.split())
-    raw = " ".join(percent(found["raw"]["relative_total"]).split())
+    raw = " ".join(format_percent(found["raw"]["relative_total"]).split())
     assert f"on all rows is {raw}." in shown
     signals, joint = pacsv.read_csv(folder / "signals.csv"), ROBOT.joint_names[0]
     measured, lower, upper, residual = (

@@ -13,7 +13,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from dynident.version import __version__
-from dynident_service.cli.app import program
+from dynident_service.cli.app import create_application
 from dynident_service.settings import Settings
 
 VERBS = (
@@ -115,12 +115,12 @@ def test_a_verb_whose_packages_are_missing_names_them(monkeypatch: pytest.Monkey
 
 def test_a_command_that_is_typed_explains_itself_as_among_all_others() -> None:
     for verb in VERBS:
-        alone = CliRunner().invoke(program(verb), [verb, "--help"], prog_name="dynident")
+        alone = CliRunner().invoke(create_application(verb), [verb, "--help"], prog_name="dynident")
         assert (alone.exit_code, alone.stdout) == (0, dynident(verb, "--help").out)
 
 
 def test_a_command_that_there_is_not_is_told_beside_those_there_are() -> None:
-    answer = CliRunner().invoke(program("identfy"), ["identfy"], prog_name="dynident")
+    answer = CliRunner().invoke(create_application("identfy"), ["identfy"], prog_name="dynident")
     assert answer.exit_code == 2
     assert "identify" in answer.stderr
 
@@ -142,7 +142,7 @@ def test_one_identifies_without_loading_what_takes_longer_to_load_than_that(tmp_
 def test_every_flag_of_a_request_can_be_switched_off() -> None:
     flags = {
         (verb, parameter.name): parameter.secondary_opts
-        for verb, command in get_command(program("")).commands.items()  # type: ignore[attr-defined]
+        for verb, command in get_command(create_application("")).commands.items()  # type: ignore[attr-defined]
         for parameter in command.params
         if getattr(parameter, "is_flag", False) and parameter.default is True
     }

@@ -13,10 +13,10 @@ from running_commands import ROBOT, dynident, write_run
 
 from dynident.effects import CATALOGUE
 from dynident.identification import from_bytes
-from dynident.reports.numbers import number
+from dynident.reports.numbers import format_number
 from dynident.robot import urdf_from_robot
-from dynident_service.cli.inputs import robot_of
-from dynident_service.cli.parsing import windows_of
+from dynident_service.cli.inputs import load_robot_argument
+from dynident_service.cli.parsing import parse_windows
 
 ERRORS = {"rms", "relative", "relative_total"}
 
@@ -81,9 +81,9 @@ def test_choices_of_effects_estimator_filters_and_windows_are_followed(desk: Pat
 
 
 def test_every_measurement_gets_the_windows_that_stand_behind_its_name() -> None:
-    found = windows_of(["run1=2:9,11:18,run2=3:15"], ["run1", "run2"])
+    found = parse_windows(["run1=2:9,11:18,run2=3:15"], ["run1", "run2"])
     assert found == {"run1": ((2.0, 9.0), (11.0, 18.0)), "run2": ((3.0, 15.0),)}
-    assert windows_of(["2:9", "run2=11:18"], ["run1", "run2"]) == {
+    assert parse_windows(["2:9", "run2=11:18"], ["run1", "run2"]) == {
         "run1": ((2.0, 9.0),),
         "run2": ((2.0, 9.0), (11.0, 18.0)),
     }
@@ -102,7 +102,7 @@ def test_windows_of_a_file_beside_belong_to_another_call_and_those_of_none_are_r
 def test_the_condition_number_and_the_equations_per_parameter_are_told(desk: Path) -> None:
     document = dynident("identify", desk / "arm.json", desk / "run1.csv", "--json").document
     shown = dynident("identify", desk / "arm.json", desk / "run1.csv").out
-    assert f"Condition number of W: {number(document['condition_number'])}" in shown
+    assert f"Condition number of W: {format_number(document['condition_number'])}" in shown
     assert f"{document['equations_per_parameter']:.0f} equations per parameter" in shown
 
 
@@ -412,7 +412,7 @@ def test_a_urdf_gives_the_robot_its_name(tmp_path: Path) -> None:
         "simulate", tmp_path / "description.urdf", "--effects", "stribeck@nowhere", "-o", tmp_path / "m.csv"
     )
     assert "Arm 7 has" in answer.err
-    robot = robot_of(str(tmp_path / "description.urdf"))
+    robot = load_robot_argument(str(tmp_path / "description.urdf"))
     assert robot.name == "Arm 7"
     assert robot.joint_names == ROBOT.joint_names
 

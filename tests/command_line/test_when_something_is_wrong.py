@@ -275,5 +275,5 @@ def test_a_running_optimisation_is_interrupted_at_once(tmp_path: Path) -> None:
 
 
 def test_names_with_square_brackets_stand_in_tables_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    terminal.out().print(terminal.table("of [green]", ("joint",), [["[red]elbow"]]))
+    terminal.result_console().print(terminal.build_table("of [green]", ("joint",), [["[red]elbow"]]))
     assert {"of [green]", "[red]elbow"} <= {line.strip() for line in capsys.readouterr().out.splitlines()}

@@ -21,17 +21,17 @@ from dynident.errors import DynidentError
 from dynident.excitation import design_experiment
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.loads.known import KnownLoad
-from dynident.identification.loads.payloads import stated_payload
+from dynident.identification.loads.payloads import parse_payload
 from dynident.identification.methods.bases import ESTIMATORS
 from dynident.identification.study.essential import essential_parameters
 from dynident.motion.surroundings.stated import Box, ToolRange, Wall
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings.choosing import preprocessing_from_request
 from dynident.recordings.stated import PreprocessingChoices
 from dynident.robot import robot_from_urdf
-from dynident.simulation import ActingEffect, Simulated, Warming, simulate, simulation_of
-from dynident.validation.request import TRIALS, Tried, trial_of
-from dynident_service.adapters.designs import reference_of_design
+from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
+from dynident.validation.request import TRIALS, ValidationData, build_trial
+from dynident_service.adapters.designs import to_reference
 
 NAME = "pendulum"
 SECONDS = 20
@@ -75,7 +75,7 @@ def model() -> dy.Model:
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    columns = one_joint_recordings(NAME)[0]._samples().columns
+    columns = one_joint_recordings(NAME)[0]._read_samples().columns
     path = tmp_path_factory.mktemp("absurd") / "run.csv"
     names = [name for name in columns if name != "segment"]
     np.savetxt(
@@ -95,7 +95,7 @@ def _identified(choices: Any) -> object:
 def _simulated(stated: Any) -> object:
     robot = one_joint_robot(NAME)
     design = design_experiment(robot, replace(DESIGN, kind="random"))
-    return simulate(robot, simulation_of(stated, robot, reference_of_design(design), 100.0))
+    return simulate(robot, build_simulation_request(stated, robot, to_reference(design), 100.0))
 
 
 def _filtered(choices: Any) -> object:
@@ -128,7 +128,7 @@ CASES: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {
         EssentialChoices,
         lambda choices: essential_parameters(model().identification, choices.ratio),
     ),
-    "load": (KnownLoad, lambda load: stated_payload("run", load.over({"mass": 1.0}))),
+    "load": (KnownLoad, lambda load: parse_payload("run", load.over({"mass": 1.0}))),
     "limits": (
         lambda: dy.Limits(position=(-1.0, 1.0)),
         lambda limits: dy.design(_read(limits={"axis": limits}), DESIGN),
@@ -176,9 +176,9 @@ def _validated(kind: str) -> tuple[Callable[[], Any], Callable[[Any], object]]:
     few = {"cutoffs": (5.0,)} if kind == "filters" else {}
 
     def make(trial: Any) -> object:
-        stated = trial_of(kind, {one.name: getattr(trial, one.name) for one in fields(trial)})
+        stated = build_trial(kind, {one.name: getattr(trial, one.name) for one in fields(trial)})
         fit, held_out, _ = one_joint_recordings(NAME).recordings
-        return stated.judge(Tried(model().identification, [held_out], [fit], silent))
+        return stated.judge(ValidationData(model().identification, [held_out], [fit], ignore_progress))
 
     return lambda: replace(TRIALS.by_name[kind](), **short, **few), make
 

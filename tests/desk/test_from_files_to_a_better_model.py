@@ -198,7 +198,7 @@ def test_a_design_is_the_one_asked_for_and_goes_to_a_file(robot: dy.Robot, tmp_p
         robot, dy.DesignRequest(seed=3), kind="random", duration=5.0, sampling_rate=50.0, effects="default,offset"
     )
     assert made.design.request.trajectory.duration == 5.0
-    assert made.design.request.wanted_effects[-1].effect == "offset"
+    assert made.design.request.effects_or_default[-1].effect == "offset"
     for ending in ("csv", "parquet", "yaml"):
         made.save(tmp_path / f"motion.{ending}")
     head = (tmp_path / "motion.csv").read_text(encoding="utf-8").splitlines()[0]

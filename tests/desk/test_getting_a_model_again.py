@@ -15,10 +15,10 @@ import pytest
 
 import dynident as dy
 from dynident.effects import EffectChoice
-from dynident.effects.written import effect_text, written_effects
+from dynident.effects.written import format_effect, parse_effects
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
-from dynident.reports.commands import ROBOT, commands
+from dynident.reports.commands import ROBOT, build_commands
 
 
 def run_again(lines: tuple[str, ...] | list[str], desk: Path, folder: Path) -> list[dy.Model]:
@@ -46,14 +46,14 @@ def test_the_commands_of_a_report_make_its_ladder_again(desk: Path, better: dy.M
 @pytest.mark.slow
 def test_other_choices_are_among_the_commands(desk: Path, runs: dy.Recordings, robot: dy.Robot, tmp_path: Path) -> None:
     choices = IdentificationChoices(
-        (*written_effects(["default"]), EffectChoice("stribeck", ("elbow",), (("delta", 1.0), ("vs", 0.0987654321)))),
+        (*parse_effects(["default"]), EffectChoice("stribeck", ("elbow",), (("delta", 1.0), ("vs", 0.0987654321)))),
         strategy="sequential",
         steps="wrist_then_shoulder",
         estimator="ols",
         preprocessing=Preprocessing(7.5, None, 2),
     )
     found = identify(robot, [runs["run1"].recording], [], choices)
-    (again,) = run_again(commands(found), desk, tmp_path)
+    (again,) = run_again(build_commands(found), desk, tmp_path)
     np.testing.assert_allclose(again.identification.values, found.values, rtol=1e-6, atol=1e-9)
 
 
@@ -64,7 +64,7 @@ def test_the_windows_that_were_used_are_among_the_commands(
     used = {"run1": ((0.5, 2.25), (3.0, 7.125)), "run2": ((1.0, 6.0),)}
     fit, tried = (runs[name].recording.with_windows(windows) for name, windows in used.items())
     found = identify(robot, [fit], [tried])
-    (again,) = run_again(commands(found, [fit, tried]), desk, tmp_path)
+    (again,) = run_again(build_commands(found, [fit, tried]), desk, tmp_path)
     np.testing.assert_allclose(again.identification.values, found.values, rtol=1e-6, atol=1e-9)
     assert again.held_out.relative_total == pytest.approx(found.held_out.relative_total, rel=1e-6)
 
@@ -132,7 +132,7 @@ def test_what_only_one_run_has_is_said_behind_its_command_and_not_put_into_all(
 ) -> None:
     recordings = [runs[name].recording for name in ("run1", "run2")]
     loaded = EffectChoice("payload", ("elbow",), (), ("run2",))
-    first, second = commands(extend(identify(robot, recordings), [loaded], recordings))
+    first, second = build_commands(extend(identify(robot, recordings), [loaded], recordings))
     assert "#" not in first
     command, remark = second.split("#")
     assert "payload in run2 alone" in remark
@@ -147,7 +147,7 @@ def test_the_report_has_the_hashes_of_the_files(desk: Path, model: dy.Model) -> 
 
 @pytest.mark.parametrize("text", ["offset", "presliding@a+b:d0=0.001,law=dahl", "stribeck@a:delta=1,vs=0.05"])
 def test_an_effect_is_written_as_it_is_read(text: str) -> None:
-    assert effect_text(written_effects([text])[0]) == text
+    assert format_effect(parse_effects([text])[0]) == text
 
 
 @pytest.mark.slow

@@ -22,13 +22,13 @@ from oracles import fourier_motion, pinocchio_torque, record
 import dynident as dy
 from dynident.desk.recordings import CheckedRecording
 from dynident.diagnosis.comparing.stored import StoredComparison, write_comparison
-from dynident.encoding import encodable
+from dynident.encoding import escape_surrogates
 from dynident.export import ExportFormat, export_model
 from dynident.recordings import Recording
 from dynident.robot.modified_dh import robot_from_modified_dh
 from dynident_service.adapters.designs import trajectory_as_csv, write_trajectory
-from dynident_service.adapters.exports import file_response
-from dynident_service.cli.tables import comparison_table, courses_table, write_table
+from dynident_service.adapters.exports import build_file_response
+from dynident_service.cli.tables import build_comparison_table, build_courses_table, write_table
 from dynident_service.cli.tables import write_trajectory as write_trajectory_of_command
 
 NAMES = st.text(st.characters(exclude_categories=()), min_size=1, max_size=12).filter(str.strip)
@@ -85,7 +85,7 @@ def header_of(content: bytes) -> list[str]:
 @odd
 def test_a_trajectory_is_written_with_the_names_that_the_joints_have(tmp_path: Path, name: str) -> None:
     design = dy.design(robot_called(name), QUICK)
-    wanted = ["t", f"q_{encodable(name)}", f"dq_{encodable(name)}", f"ddq_{encodable(name)}"]
+    wanted = ["t", f"q_{escape_surrogates(name)}", f"dq_{escape_surrogates(name)}", f"ddq_{escape_surrogates(name)}"]
     design.save(tmp_path / "motion.csv")
     design.save(tmp_path / "motion.yaml")
     design.save(tmp_path / "motion.parquet")
@@ -103,13 +103,13 @@ def test_a_trajectory_is_written_with_the_names_that_the_joints_have(tmp_path: P
 def test_every_table_of_a_model_holds_the_names(tmp_path: Path, name: str) -> None:
     model = model_called(name)
     compared = dy.compare(model, model.validation[:1])[0]
-    write_table(comparison_table(compared.comparison), tmp_path / "comparison.csv")
-    assert f"phase_{encodable(name)}" in header_of((tmp_path / "comparison.csv").read_bytes())
+    write_table(build_comparison_table(compared.comparison), tmp_path / "comparison.csv")
+    assert f"phase_{escape_surrogates(name)}" in header_of((tmp_path / "comparison.csv").read_bytes())
     stored = StoredComparison(write_comparison(compared.comparison, tmp_path / "comparison.parquet"))
-    assert stored.joint_names == [encodable(name)]
+    assert stored.joint_names == [escape_surrogates(name)]
     followed = dy.series(model, {f"{name} {k}": model.validation[k : k + 1] for k in range(2)})
-    write_table(courses_table(followed.series), tmp_path / "courses.csv")
-    assert encodable(name) in {
+    write_table(build_courses_table(followed.series), tmp_path / "courses.csv")
+    assert escape_surrogates(name) in {
         row["joint"] for row in csv.DictReader((tmp_path / "courses.csv").open(newline="", encoding="utf-8"))
     }
     for shown in (model.parameters, compared, model.errors, followed):
@@ -121,12 +121,12 @@ def test_every_table_of_a_model_holds_the_names(tmp_path: Path, name: str) -> No
 def test_every_format_writes_any_name(tmp_path: Path, name: str) -> None:
     model = model_called(name)
     for format in get_args(ExportFormat):
-        if format in ("urdf", "mjcf") and NOT_XML.search(encodable(name)):
+        if format in ("urdf", "mjcf") and NOT_XML.search(escape_surrogates(name)):
             with pytest.raises(dy.DynidentError, match="XML cannot hold"):
                 export_model(model.identification, format, nearest=True)
             continue
         file = export_model(model.identification, format, nearest=True)
-        assert file_response(file).body
+        assert build_file_response(file).body
         if format in ("urdf", "mjcf"):
             assert ElementTree.fromstring(file.content).tag in ("robot", "mujoco")
         elif format == "json":

@@ -22,8 +22,8 @@ from dynident.identification.choices import (
     AVAILABLE_STRATEGIES,
     STEPS,
 )
-from dynident.progress import silent
-from dynident.validation.request import TRIALS, Tried
+from dynident.progress import ignore_progress
+from dynident.validation.request import TRIALS, ValidationData
 
 SHORT = dy.TrajectoryRequest(duration=4.0, sampling_rate=50.0, harmonics=3, intervals=6, points=4)
 QUICK = dy.DesignRequest(trajectory=SHORT, starts=1, random_trajectories=2)
@@ -157,4 +157,4 @@ def test_it_is_validated(name: str, kind: str) -> None:
     short = {"longest": 3.0} if kind in ("simulation", "filters") else {}
     few = {"cutoffs": (5.0, 10.0)} if kind == "filters" else {}
     trial = replace(TRIALS.by_name[kind](), **short, **few)
-    assert trial.judge(Tried(model_of(name).identification, [held_out], [fit], silent))
+    assert trial.judge(ValidationData(model_of(name).identification, [held_out], [fit], ignore_progress))

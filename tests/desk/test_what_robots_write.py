@@ -17,7 +17,7 @@ from oracles import arm, fourier_motion, pinocchio_torque
 from robot_logs import Signals
 
 import dynident as dy
-from dynident.desk.robots import with_gains
+from dynident.desk.robots import set_drive_gains
 from dynident.recordings import RecordingError
 from dynident.robot import Robot
 
@@ -28,7 +28,7 @@ UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
 
 
 def machine(name: str) -> Robot:
-    return with_gains(arm(name), GAINS[name])
+    return set_drive_gains(arm(name), GAINS[name])
 
 
 @cache
@@ -236,13 +236,13 @@ def test_currents_in_telegrams_that_may_be_per_cent_are_asked_about_unless_the_d
     percent = robot_logs.rsi(replace(s, current=s.current / per), tmp_path / "percent")
     asked = {one.field for one in dy.inspect(percent, machine("ur10")).questions}
     assert asked == {"drives"}
-    fitting = with_gains(arm("ur10"), tuple(per * gain for gain in GAINS["ur10"]))
+    fitting = set_drive_gains(arm("ur10"), tuple(per * gain for gain in GAINS["ur10"]))
     assert dy.inspect(percent, fitting).questions == ()
     assert {one.field for one in dy.inspect(percent, arm("ur10")).questions} == {"drives"}
 
 
 def test_telegrams_are_found_between_what_a_logger_adds_and_those_that_are_cut_off(tmp_path):
-    s = signals("ur10").thinned(4)
+    s = signals("ur10").thin_rows(4)
     plain = robot_logs.rsi(s, tmp_path / "plain")
     lines = plain.read_text(encoding="utf-8").splitlines()
     answer = '<Sen Type="ImFree"><AK A1="0.0"/><IPOC>1</IPOC></Sen>'

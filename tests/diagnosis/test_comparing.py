@@ -10,10 +10,10 @@ from hidden_physics import BAND, NAMES, NOISE, ROBOT, experiment, motions, recor
 from oracles import Motion, fourier_motion, record
 
 from dynident.diagnosis import compare
-from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.residuals.failure_map import failure_map
-from dynident.diagnosis.residuals.lines import angle_lines
-from dynident.diagnosis.residuals.patterns import unknown_patterns
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.residuals.failure_map import build_failure_map
+from dynident.diagnosis.residuals.lines import find_angle_lines
+from dynident.diagnosis.residuals.patterns import find_unknown_patterns
 from dynident.errors import DynidentError
 from dynident.recordings import Preprocessing, low_pass, recording_from_arrays
 
@@ -88,10 +88,10 @@ def test_temperature_is_a_signal_where_it_was_measured(run):
     warm = 30.0 + motion.t[:, None] * np.arange(6)
     tau = np.zeros((len(motion.t), 6))
     found = compare(run.identification, record(ROBOT, motion, tau, temperature=warm))
-    np.testing.assert_allclose(found.signal(f"temperature_{NAMES[3]}"), 30.0 + 3.0 * found.t, atol=0.01)
+    np.testing.assert_allclose(found.get_signal(f"temperature_{NAMES[3]}"), 30.0 + 3.0 * found.t, atol=0.01)
     cold = compare(run.identification, record(ROBOT, motion, tau))
     with pytest.raises(DynidentError) as caught:
-        cold.signal(f"temperature_{NAMES[3]}")
+        cold.get_signal(f"temperature_{NAMES[3]}")
     assert "temperature_," not in caught.value.detail
 
 
@@ -117,14 +117,14 @@ def test_the_noise_floor_is_the_sensors_noise_in_the_band(run):
     for preprocessing in (BAND, Preprocessing(10.0, 4.0, 10), Preprocessing(10.0, None, 1)):
         taps = low_pass(200.0, preprocessing.torque_cutoff)
         expected = NOISE * np.sqrt(np.sum(taps**2))
-        np.testing.assert_allclose(sensor_noise([run.training], preprocessing), expected, rtol=0.1)
+        np.testing.assert_allclose(estimate_sensor_noise([run.training], preprocessing), expected, rtol=0.1)
 
 
 def test_a_line_over_the_angle_is_found_at_its_number_of_cycles(run):
     motion = fourier_motion(ROBOT, 40.0, 200.0, 78)
     for k in (17.0, 40.0):
         ripple = recorded(motion, lambda m, load, k=k: 1.5 * np.sin(k * m.q[:, 4:5]) * np.eye(6)[4], 6, "ripple")
-        lines = angle_lines([compare(run.identification, ripple)], ROBOT)
+        lines = find_angle_lines([compare(run.identification, ripple)], ROBOT)
         assert any(joint == 4 and abs(value - k) < 0.5 for joint, value in lines.clear)
 
 
@@ -141,13 +141,13 @@ def test_a_line_is_found_where_a_joint_is_nearly_always_near_the_points_that_it_
     seen = SimpleNamespace(
         q=np.tile(q[:, None], ROBOT.n), residual=np.tile(residual[:, None], ROBOT.n), telling=np.ones(shape, dtype=bool)
     )
-    clear = angle_lines([seen], ROBOT).clear
+    clear = find_angle_lines([seen], ROBOT).clear
     assert min(abs(line - 12.0) for joint, line in clear if joint == 4) < 0.3
 
 
 def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison):
-    assert unknown_patterns([comparison]) == ()
-    assert all(spot.ratio < 2 for spot in failure_map([comparison]))
+    assert find_unknown_patterns([comparison]) == ()
+    assert all(spot.ratio < 2 for spot in build_failure_map([comparison]))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_noise_alone_has_neither_patterns_nor_a_place_where_it_fails(comparison)
 def test_a_dependence_without_a_name_is_found_with_its_variable(run, variable, law):
     motion = fourier_motion(ROBOT, 40.0, 200.0, 79)
     odd = recorded(motion, lambda m, load: law(m)[:, None] * np.eye(6)[2], 7, "odd")
-    patterns = unknown_patterns([compare(run.identification, odd)])
+    patterns = find_unknown_patterns([compare(run.identification, odd)])
     assert patterns
     assert patterns[0].joint == NAMES[2]
     assert patterns[0].variable == variable

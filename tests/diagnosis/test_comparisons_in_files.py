@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from versions import older_than_locked
 
-from dynident.recordings.arrow import from_numbers, to_numbers
+from dynident.recordings.arrow import from_numbers, table_column_to_numbers
 
 WRITTEN_AND_READ = """
 import sys
@@ -51,8 +51,8 @@ def test_columns_of_numbers_are_arrays_of_the_same_numbers(kind: str) -> None:
     column = from_numbers(values)
     whole = pa.chunked_array([column.slice(0, 2), column.slice(2, 0), column.slice(2)])
     for there in (whole, whole.slice(1), pa.chunked_array([column]), whole.slice(6)):
-        found = to_numbers(there)
+        found = table_column_to_numbers(there)
         assert found.dtype == values.dtype
         assert found.tolist() == there.to_pylist()
     with pytest.raises(ValueError, match="1 values are missing"):
-        to_numbers(pa.chunked_array([pa.array([1.0, None])]))
+        table_column_to_numbers(pa.chunked_array([pa.array([1.0, None])]))

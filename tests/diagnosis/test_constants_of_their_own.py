@@ -11,11 +11,11 @@ from hidden_physics import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.search.own_constants import joined
+from dynident.diagnosis.search.own_constants import merge_alike
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
-from dynident.identification.shapes.shapes import nearly_alike
+from dynident.identification.shapes.shapes import are_nearly_alike
 
 SHORT, LONG = 0.006, 0.024
 
@@ -60,9 +60,9 @@ def presliding(joint: str, slip: float, law: float) -> EffectChoice:
 
 
 def test_constants_that_come_out_nearly_the_same_are_the_same():
-    assert nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.013, 1.0))
-    assert not nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.020, 1.0))
-    assert not nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.010, -1.0))
+    assert are_nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.013, 1.0))
+    assert not are_nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.020, 1.0))
+    assert not are_nearly_alike(presliding(NAMES[0], 0.010, 1.0), presliding(NAMES[1], 0.010, -1.0))
 
 
 def test_slips_too_short_for_the_data_to_tell_are_one():
@@ -73,13 +73,13 @@ def test_slips_too_short_for_the_data_to_tell_are_one():
     def left(slip: float) -> list[EffectChoice]:
         choices = (presliding(NAMES[1], slip, -1.0), five)
         picks = [Finding(cast(Any, choice), (), 0.001) for choice in choices]
-        return list(joined(picks, choices, ROBOT, resolved)[1])
+        return list(merge_alike(picks, choices, ROBOT, resolved)[1])
 
     assert left(0.0005) == [replace(five, joints=NAMES)]
     assert left(0.004) == [presliding(NAMES[1], 0.004, -1.0), five]
 
 
 def test_effects_without_constants_or_of_other_runs_stay_apart():
-    assert not nearly_alike(EffectChoice("offset", NAMES[:1]), EffectChoice("offset", NAMES[1:2]))
+    assert not are_nearly_alike(EffectChoice("offset", NAMES[:1]), EffectChoice("offset", NAMES[1:2]))
     later = EffectChoice("viscous_nonlinear", NAMES[1:2], (("p", 2.0),), ("run 2",))
-    assert not nearly_alike(power(NAMES[0], 2.0), later)
+    assert not are_nearly_alike(power(NAMES[0], 2.0), later)

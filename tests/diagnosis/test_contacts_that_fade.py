@@ -36,7 +36,7 @@ def left(monkeypatch):
         monkeypatch.setattr(transients, "find_contacts", find)
         columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
         state = State(columns, np.ones(6), np.ones(6), tuple(found(candidate) for candidate in findings))
-        return transients.without_faded_contacts(
+        return transients.drop_faded_contacts(
             cast(Any, None), cast(Any, None), state, Preprocessing(10.0, 10.0, 5)
         ), asked
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hidden_physics import BAND, NAMES, experiment, on_joint
 
-from dynident.diagnosis.candidates.gathering import gather
-from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.gathering import gather_products
+from dynident.diagnosis.candidates.plausible import is_physically_possible
 from dynident.diagnosis.candidates.pool import build_pool
-from dynident.diagnosis.search.state import judge_all
+from dynident.diagnosis.search.state import score_all
 
 LAWS = {
     "bend": lambda q, v, load: 9.0 * np.sqrt(np.abs(v)) * np.sign(v) - 15.0 * v,
@@ -30,13 +30,13 @@ def test_a_bend_that_needs_negative_viscous_friction_beside_it_is_not_possible(h
     found = run.identification
     pool = build_pool(found.model, [effect])
     reference = found.estimate.next_reference()
-    data = gather(pool.observation, found.model.signals, [run.training], BAND, reference, pool.n_base)
+    data = gather_products(pool.observation, found.model.signals, [run.training], BAND, reference, pool.n_base)
     base = tuple(range(pool.n_base))
     own = [
         candidate
         for candidate in pool.candidates
         if candidate.joints == (NAMES[0],) and shape.items() <= dict(candidate.shape).items()
     ]
-    best = max(judge_all(data, pool, base, own, found.noise), key=lambda item: item.drop)
+    best = max(score_all(data, pool, base, own, found.noise), key=lambda item: item.drop)
     assert best.drop > 0.1
-    assert plausible(data, pool, base, found.noise, best) == possible
+    assert is_physically_possible(data, pool, base, found.noise, best) == possible

@@ -55,7 +55,7 @@ def left_of(monkeypatch):
         group = Candidate("presliding", tuple(gains), (), numbers)
         found = Finding(cast(Any, SimpleNamespace(candidate=group)), (), 0.001)
         state = State(numbers, np.ones(6), np.ones(6), (found,))
-        (joints,) = pruning.trimmed(cast(Any, None), cast(Any, pool), state)
+        (joints,) = pruning.trim_joints(cast(Any, None), cast(Any, pool), state)
         return joints
 
     return left
@@ -90,5 +90,5 @@ def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is
     monkeypatch.setattr(pruning, "plausible", lambda data, pool, base, noise, item: base != (0, 2))
     pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
     state = State((0, 1, 2), np.ones(6), np.ones(6), picks)
-    left = pruning.pruned(cast(Any, None), cast(Any, pool), state)
+    left = pruning.prune_findings(cast(Any, None), cast(Any, pool), state)
     assert ([one.judged.candidate for one in left.picks], left.base) == ([lasting], (0, 2))

@@ -13,11 +13,11 @@ from resting import COULOMB, MOVES, NOISE, PERIOD, resting_motion, resting_torqu
 from test_scoring_and_gate import judged
 
 from dynident.diagnosis import compare, diagnose
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.search import choosing
-from dynident.diagnosis.search.acceptance import acceptable, shadowed, too_small_for_runs
+from dynident.diagnosis.search.acceptance import is_acceptable, is_shadowed, is_too_small_for_runs
 from dynident.diagnosis.search.state import State
-from dynident.diagnosis.search.sticking import Halts, extrapolated, halts_of
+from dynident.diagnosis.search.sticking import Halts, find_halts, is_extrapolated
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.identification import extend, identify
 from dynident.recordings import Recording
@@ -93,10 +93,10 @@ def test_static_friction_that_shows_at_rest_alone_is_named_by_what_holds_the_joi
 def test_six_halts_are_enough_where_the_moving_rows_ask_for_the_same_friction(vs: float):
     run = breaking_away(3, COULOMB + EXCESS, 0.1, EXCESS, vs, duration=21.0)
     plain = identify(SCARA, [run])
-    seen = halts_of([compare(plain, run)], 0)
-    assert len(seen.beyond) == seen.many(float(plain.noise[0])) == 6
+    seen = find_halts([compare(plain, run)], 0)
+    assert len(seen.beyond) == seen.count_large(float(plain.noise[0])) == 6
     # Alone they are not: of a joint without static friction two halts in five may hold as much.
-    assert SCARA.n * seen.p(float(plain.noise[0])) > 0.01
+    assert SCARA.n * seen.compute_p(float(plain.noise[0])) > 0.01
     found = diagnose(plain, [run])
     assert [(choice.effect, choice.joints) for choice in found.recommended] == [("stribeck", SCARA.joint_names[:1])]
     assert "These are halts" in found.candidates[0].evidence
@@ -142,8 +142,8 @@ def test_halts_tell_nothing_beside_a_power_of_the_velocity_which_may_have_taken_
 
 def test_laws_of_the_velocity_take_friction_from_halts_and_those_of_the_path_do_not() -> None:
     stribeck = CATALOGUE["stribeck"]
-    assert extrapolated(stribeck, {"coulomb", "viscous_nonlinear"})
-    assert not extrapolated(stribeck, {"coulomb", "viscous", "presliding"})
+    assert is_extrapolated(stribeck, {"coulomb", "viscous_nonlinear"})
+    assert not is_extrapolated(stribeck, {"coulomb", "viscous", "presliding"})
 
 
 def halts(beyond: np.ndarray, friction: float, along: float = 0.5) -> Halts:
@@ -154,15 +154,15 @@ def halts(beyond: np.ndarray, friction: float, along: float = 0.5) -> Halts:
 
 def test_halts_speak_for_static_friction_where_nearly_all_hold_much_more_than_the_friction_and_the_noise() -> None:
     most, noise = np.full(20, 0.5), 0.05
-    assert halts(most, 1.0).many(noise) == 20
-    assert halts(most, 1.0).p(noise) < 1e-6
+    assert halts(most, 1.0).count_large(noise) == 20
+    assert halts(most, 1.0).compute_p(noise) < 1e-6
     # Little beside the friction, little beside the noise, or a model that has no friction that could be exceeded.
-    assert halts(0.3 * most, 1.0).many(noise) == 0
-    assert halts(most, 1.0).many(0.2) == 0
-    assert halts(most, 0.0).many(noise) == 0
+    assert halts(0.3 * most, 1.0).count_large(noise) == 0
+    assert halts(most, 1.0).count_large(0.2) == 0
+    assert halts(most, 0.0).count_large(noise) == 0
     half = np.where(np.arange(20) < 10, 0.5, 0.1)
-    assert halts(half, 1.0).p(noise) > 0.1
-    assert halts(np.zeros(0), 1.0).p(noise) == 1.0
+    assert halts(half, 1.0).compute_p(noise) > 0.1
+    assert halts(np.zeros(0), 1.0).compute_p(noise) == 1.0
 
 
 def test_what_a_brake_holds_is_not_alike_from_halt_to_halt() -> None:
@@ -181,14 +181,14 @@ def test_what_friction_holds_is_towards_the_motion_beside_it_and_what_a_brake_ho
 def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_its_distance_from_the_band() -> None:
     run = breaking_away(1, COULOMB + EXCESS, 0.1, 0.0)
     compared = compare(identify(SCARA, [run]), run)
-    found = halts_of([compared], 0)
+    found = find_halts([compared], 0)
     rests = round(60.0 / PERIOD)
     assert rests - 1 <= len(found.beyond) <= rests + 1
     assert np.median(found.friction) == pytest.approx(COULOMB, rel=0.1)
     assert np.median(found.beyond) == pytest.approx(0.95 * (COULOMB + EXCESS) - COULOMB, rel=0.25)
     assert 0.25 <= found.along.mean() <= 0.75
     sticks = resting(1, EXCESS, 0.03)
-    assert halts_of([compare(identify(SCARA, [sticks]), sticks)], 0).along.mean() >= 0.9
+    assert find_halts([compare(identify(SCARA, [sticks]), sticks)], 0).along.mean() >= 0.9
 
 
 def rows_of(*, turns: bool) -> SimpleNamespace:
@@ -209,12 +209,12 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     gains = np.linspace(1.0, 2.0, 40)
     larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "is_acceptable", lambda state, data, item: True)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: item is not larger)
     # Beside the one, nothing of the other is left.
     monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(0.0 * gains, name=rival)])
     data = rows_of(turns=False)
-    found = choosing.choose(data, None, state, [larger, smaller])
+    found = choosing.select_candidate(data, None, state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
 
 
@@ -226,11 +226,11 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: item is not carried)
-    monkeypatch.setattr(choosing, "too_small_for_runs", lambda state, data, item: item is carried)
+    monkeypatch.setattr(choosing, "is_acceptable", lambda state, data, item: item is not carried)
+    monkeypatch.setattr(choosing, "is_too_small_for_runs", lambda state, data, item: item is carried)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(choosing, "judge_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
-    found = choosing.choose(rows_of(turns=False), None, state, [carried, spring])
+    found = choosing.select_candidate(rows_of(turns=False), None, state, [carried, spring])
     assert (found and found[0].candidate.effect) == named
 
 
@@ -242,9 +242,9 @@ def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     for drop, p, told, small in ((0.6, 1e-3, True, False), (0.3, 1e-3, False, True), (0.3, 0.5, False, False)):
         item = replace(carried, drop=drop, p=p)
-        assert (acceptable(state, data, item), too_small_for_runs(state, data, item)) == (told, small)
+        assert (is_acceptable(state, data, item), is_too_small_for_runs(state, data, item)) == (told, small)
     everywhere = replace(carried, drop=0.3, candidate=replace(carried.candidate, runs=()))
-    assert not too_small_for_runs(state, data, everywhere)
+    assert not is_too_small_for_runs(state, data, everywhere)
 
 
 def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():
@@ -252,15 +252,15 @@ def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chan
     state = State((), np.ones(1), 0.1 * np.ones(1), ())
     gains, rows = np.linspace(1.0, 2.0, 40), np.ones((40, 1))
     seen = judged(gains, name="viscous_asymmetric", p=1e-3, t=4.0, drop=0.3, before=2.0 * rows, after=rows)
-    assert acceptable(state, data, replace(seen, separability=0.1))
-    assert not acceptable(state, data, replace(seen, separability=0.03))
+    assert is_acceptable(state, data, replace(seen, separability=0.1))
+    assert not is_acceptable(state, data, replace(seen, separability=0.03))
 
 
 def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     gains = np.linspace(1.0, 2.0, 40)
     worn = judged(gains, name="coulomb")
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
-    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "is_acceptable", lambda state, data, item: True)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), (), ("later",))
@@ -275,7 +275,7 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
         (0.95, "load_dependent_friction", (6, 7), "coulomb"),
     ):
         warm = judged(share * gains, columns=other, name=name)
-        found = choosing.choose(data, None, state, [worn, warm])
+        found = choosing.select_candidate(data, None, state, [worn, warm])
         assert found is not None
         assert found[0].candidate.effect == named
 
@@ -292,11 +292,11 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
         asked.append(kinds)
         return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
 
-    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(choosing, "is_acceptable", lambda state, data, item: True)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(choosing, "judge_all", where_it_moves)
     state = State((), np.ones(1), np.ones(1), ())
-    found = choosing.choose(rows_of(turns=True), None, state, [sliding])
+    found = choosing.select_candidate(rows_of(turns=True), None, state, [sliding])
     assert (found and found[0].candidate.effect) == named
     assert asked == [(False, False)]
 
@@ -307,13 +307,13 @@ def test_what_is_small_beside_a_rough_formula_is_taken_for_what_it_leaves():
     cable = judged(np.ones(40), name="cable_force", before=100.0 * rows, after=rows)
     spring = judged(np.ones(40), name="joint_spring", before=100.0 * rows, after=rows)
     small, large = (judged(np.ones(40), name="offset", before=b * rows, after=rows) for b in (2.5, 7.0))
-    assert shadowed(small, cable, floor)
-    assert not shadowed(large, cable, floor)
-    assert not shadowed(small, spring, floor)
+    assert is_shadowed(small, cable, floor)
+    assert not is_shadowed(large, cable, floor)
+    assert not is_shadowed(small, spring, floor)
     # What friction of one joint leaves is on that joint.
     law = judged(np.ones(40), name="viscous_nonlinear", before=100.0 * rows, after=rows)
-    assert shadowed(small, law, floor)
-    assert not shadowed(replace(small, joints=(1,)), law, floor)
+    assert is_shadowed(small, law, floor)
+    assert not is_shadowed(replace(small, joints=(1,)), law, floor)
 
 
 def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_missed_the_level(monkeypatch):
@@ -321,12 +321,12 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     spring = judged(1.01 * gains, name="gravity_compensator", p=0.008)
     offset = judged(gains, columns=(6,), name="offset", p=0.012)
     poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
-    monkeypatch.setattr(choosing, "acceptable", lambda state, data, item: item.p <= 0.01)
+    monkeypatch.setattr(choosing, "is_acceptable", lambda state, data, item: item.p <= 0.01)
     monkeypatch.setattr(choosing, "plausible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), ())
     for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
-        found = choosing.choose(data, None, state, [spring, rival])
+        found = choosing.select_candidate(data, None, state, [spring, rival])
         assert (found and found[0].candidate.effect, found and found[0].p) == (name, 0.008)
 
 
@@ -335,11 +335,11 @@ def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_jo
     state = State((), np.ones(2), 0.1 * np.ones(2), ())
     before = np.column_stack([np.linspace(4.0, 5.0, 40), np.linspace(9.0, 10.0, 40)])
 
-    def cable(left: tuple[float, float]) -> JudgedCandidate:
+    def cable(left: tuple[float, float]) -> ScoredCandidate:
         return judged(
             np.ones(40), name="cable_force", joints=(0, 1), before=before, after=before * left, p=1e-3, drop=0.8
         )
 
-    assert acceptable(state, data, cable((0.5, 0.1)))
-    assert not acceptable(state, data, cable((1.0, 0.1)))
-    assert not acceptable(state, data, cable((0.99, 0.1)))
+    assert is_acceptable(state, data, cable((0.5, 0.1)))
+    assert not is_acceptable(state, data, cable((1.0, 0.1)))
+    assert not is_acceptable(state, data, cable((0.99, 0.1)))

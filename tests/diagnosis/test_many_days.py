@@ -12,26 +12,26 @@ from hidden_physics import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, moti
 from dynident.diagnosis.candidates.products import ProductStack
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.diagnosis.series import (
-    Course,
     Day,
     Measure,
+    ParameterTrack,
     Series,
     SeriesChange,
+    build_measure,
     days_from_bytes,
     days_to_bytes,
-    free_name,
-    measured,
-    resumed,
-    series,
-    what_may_change,
+    find_free_name,
+    load_days,
+    monitor_days,
+    reduce_day,
 )
-from dynident.diagnosis.series.day_to_day import widened
-from dynident.diagnosis.series.steps import SteppedStack
+from dynident.diagnosis.series.day_to_day import widen_intervals
+from dynident.diagnosis.series.steps import StepProductStack
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, concatenate, statistics, weighted
+from dynident.estimation import Reduction, concatenate_reductions, statistics, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.reports.figures.courses import courses_figure
+from dynident.reports.figures.courses import draw_parameter_tracks
 
 CHOICES = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
 COUNT = 5
@@ -51,13 +51,13 @@ def loaded_between(first: int, last: int) -> Hiding:
 def made(hiding: Hiding, count: int = COUNT) -> tuple[Identification, Measure, list[Day]]:
     recordings = [recorded(motions(20 + k)[0], hiding(k), 90 + k, f"day {k + 1}") for k in range(count)]
     model = identify(ROBOT, recordings[:1], [], CHOICES)
-    measure = what_may_change(model)
-    return model, measure, [measured(measure, one.name, [one]) for one in recordings]
+    measure = build_measure(model)
+    return model, measure, [reduce_day(measure, one.name, [one]) for one in recordings]
 
 
 def told(hiding: Hiding, count: int = COUNT) -> Series:
     _, measure, days = made(hiding, count)
-    return series(measure, days)
+    return monitor_days(measure, days)
 
 
 @pytest.mark.slow
@@ -106,9 +106,9 @@ def test_a_tool_that_was_mounted_and_taken_off_again_is_told_as_both() -> None:
 def test_one_more_day_costs_its_own_recording_alone_and_says_the_same() -> None:
     model, measure, days = made(worn_from(3))
     kept = days_to_bytes(measure, days[:-1])
-    again, known = resumed(model, kept)
+    again, known = load_days(model, kept)
     assert [day.name for day in known] == [day.name for day in days[:-1]]
-    one, other = series(measure, days), series(again, [*known, days[-1]])
+    one, other = monitor_days(measure, days), monitor_days(again, [*known, days[-1]])
     assert one.summary == other.summary
     for mine, theirs in zip(one.courses, other.courses, strict=True):
         np.testing.assert_allclose(mine.values, theirs.values, rtol=1e-9)
@@ -117,8 +117,8 @@ def test_one_more_day_costs_its_own_recording_alone_and_says_the_same() -> None:
 @pytest.mark.slow
 def test_a_day_by_itself_has_the_values_of_an_identification_of_that_day() -> None:
     _, measure, days = made(lambda k: nothing, 2)
-    found = series(measure, days)
-    own = days[1].reduction.select(np.arange(measure.model.n_parameters))
+    found = monitor_days(measure, days)
+    own = days[1].reduction.select_columns(np.arange(measure.model.n_parameters))
     solution = weighted(own)
     half = statistics(own, solution).half_widths()
     steady = [k for k, course in enumerate(found.courses) if not course.varies]
@@ -126,25 +126,25 @@ def test_a_day_by_itself_has_the_values_of_an_identification_of_that_day() -> No
     for k in steady:
         assert found.courses[k].values[1] == pytest.approx(solution.values[k], rel=1e-8)
         assert found.courses[k].intervals[1, 1] - found.courses[k].values[1] == pytest.approx(half[k], rel=1e-6)
-    both = concatenate([day.reduction for day in days])
-    assert both.n_stretches == sum(day.reduction.n_stretches for day in days)
+    both = concatenate_reductions([day.reduction for day in days])
+    assert both.n_blocks == sum(day.reduction.n_blocks for day in days)
 
 
 @pytest.mark.slow
 def test_days_that_cannot_be_a_series_are_refused_with_what_is_wrong() -> None:
     model, measure, days = made(lambda k: nothing, 2)
     with pytest.raises(DynidentError, match="two days at least"):
-        series(measure, days[:1])
+        monitor_days(measure, days[:1])
     with pytest.raises(DynidentError, match="two days are called 'day 1'"):
-        series(measure, [days[0], days[0]])
+        monitor_days(measure, [days[0], days[0]])
     plain = identify(ROBOT, [recorded(motions(20)[0], nothing, 90, "day 1")], [], IdentificationChoices())
-    other = what_may_change(plain)
+    other = build_measure(plain)
     with pytest.raises(DynidentError, match="another model"):
-        series(other, days)
+        monitor_days(other, days)
     with pytest.raises(DynidentError, match="another model"):
         days_from_bytes(other, days_to_bytes(measure, days))
     with pytest.raises(DynidentError, match="no file of days"):
-        resumed(model, b"no zip at all")
+        load_days(model, b"no zip at all")
     grown = identify(
         ROBOT,
         [recorded(motions(20)[0], nothing, 90, "day 1"), recorded(motions(21)[0], loaded, 91, "day 2")],
@@ -152,12 +152,12 @@ def test_days_that_cannot_be_a_series_are_refused_with_what_is_wrong() -> None:
         IdentificationChoices((*WITH_OFFSET, EffectChoice("payload", (), (), ("day 2",))), preprocessing=BAND),
     )
     with pytest.raises(DynidentError, match="in some runs only"):
-        measured(what_may_change(grown), "day 1", [recorded(motions(20)[0], nothing, 90, "day 1")])
+        reduce_day(build_measure(grown), "day 1", [recorded(motions(20)[0], nothing, 90, "day 1")])
 
 
 @pytest.mark.slow
 def test_the_figure_has_a_panel_for_each_joint_and_parameter_that_may_vary() -> None:
-    drawn = str(courses_figure(told(worn_from(1), 2)))
+    drawn = str(draw_parameter_tracks(told(worn_from(1), 2)))
     for parameter in ("Fc1", "Fv6", "b3"):
         assert parameter in drawn
     assert "from day 2 on" in drawn
@@ -169,25 +169,27 @@ def test_what_days_differ_in_without_a_change_widens_the_interval_of_one() -> No
     for _ in range(200):
         days = 3.0 + 0.2 * rng.normal(size=10)
         days[6:] += 1.0
-        course = Course("Fc1", "coulomb", "j1", "N m", days, np.column_stack([days - 0.01, days + 0.01]), True)
+        course = ParameterTrack("Fc1", "coulomb", "j1", "N m", days, np.column_stack([days - 0.01, days + 0.01]), True)
         value = float(days[6:].mean() - days[:6].mean())
         main = ChangedValue("Fc1", value, "N m", (value - 0.02, value + 0.02))
         told = Change(EffectChoice("coulomb", ("j1",)), main, (), 0.001, "")
-        (one,) = widened([SeriesChange(told, 6, 6, 6)], [course])
+        (one,) = widen_intervals([SeriesChange(told, 6, 6, 6)], [course])
         low, high = one.change.main.interval
         held += low <= 1.0 <= high
         wide += high - low > 0.04
     assert 0.92 <= held / 200 <= 0.98
     assert wide == 200
-    quiet = Course("Fc1", "coulomb", "j1", "N m", np.repeat([3.0, 4.0], [6, 4]), np.zeros((10, 2)), True)
-    assert widened([SeriesChange(told, 6, 6, 6)], [quiet])[0].change.main.interval == pytest.approx(told.main.interval)
+    quiet = ParameterTrack("Fc1", "coulomb", "j1", "N m", np.repeat([3.0, 4.0], [6, 4]), np.zeros((10, 2)), True)
+    assert widen_intervals([SeriesChange(told, 6, 6, 6)], [quiet])[0].change.main.interval == pytest.approx(
+        told.main.interval
+    )
 
 
 def test_a_second_file_of_one_name_gets_a_name_of_its_own() -> None:
     nothing_measured = Reduction(0, (), np.zeros((0, 2)))
     taken = [Day(name, nothing_measured, np.zeros(1), "") for name in ("log", "log (2)")]
-    assert free_name("log", taken) == "log (3)"
-    assert free_name("run", taken) == "run"
+    assert find_free_name("log", taken) == "log (3)"
+    assert find_free_name("run", taken) == "run"
 
 
 def test_products_of_columns_that_begin_on_a_day_are_those_of_columns_with_zeros_before_it() -> None:
@@ -198,7 +200,9 @@ def test_products_of_columns_that_begin_on_a_day_are_those_of_columns_with_zeros
     places, since = np.array([0, 1, 0, 1, 2]), np.array([0, 0, 1, 2, 0])
     wide = rows[:, :, places] * (day[:, None] >= since)[:, None, :]
     expected = ProductStack(wide.transpose(0, 2, 1) @ wide)
-    stepped = SteppedStack(values, places, since, day)
+    stepped = StepProductStack(values, places, since, day)
     np.testing.assert_allclose(stepped.total, expected.total)
     every = np.arange(5)
-    np.testing.assert_allclose(stepped.taken(every[:, None], every), expected.taken(every[:, None], every))
+    np.testing.assert_allclose(
+        stepped.take_products(every[:, None], every), expected.take_products(every[:, None], every)
+    )

@@ -10,16 +10,16 @@ from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, r
 from oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.pool import pool_of
-from dynident.diagnosis.changes import together
-from dynident.diagnosis.search.choosing import choose
-from dynident.diagnosis.search.contest import settled
-from dynident.diagnosis.search.source import Source
-from dynident.diagnosis.search.state import State, judge_all, noise_left
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.diagnosis.candidates.pool import build_pool_of_choices
+from dynident.diagnosis.changes import identify_on_both
+from dynident.diagnosis.search.choosing import select_candidate
+from dynident.diagnosis.search.contest import compare_names
+from dynident.diagnosis.search.source import RecordedSource
+from dynident.diagnosis.search.state import State, estimate_residual_noise, score_all
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.shapes.shape_columns import shape_places
-from dynident.identification.shapes.shapes import between
+from dynident.identification.shapes.shape_columns import list_shape_variables
+from dynident.identification.shapes.shapes import list_between
 from dynident.robot import Robot
 
 
@@ -59,29 +59,29 @@ def test_a_balancer_that_two_waves_and_a_third_a_turn_would_say_as_well_is_no_ri
 
 
 def test_a_wave_that_turns_with_the_joint_closes_after_a_turn():
-    (cycles,) = effect_by_id("torque_ripple").shapes
-    assert [cycles.sensible(k) for k in (2.4, 3.0, 4.9, 5.3)] == [(2.0, 3.0), (3.0,), (4.0, 5.0), (5.3,)]
+    (cycles,) = get_effect("torque_ripple").shapes
+    assert [cycles.list_allowed_values(k) for k in (2.4, 3.0, 4.9, 5.3)] == [(2.0, 3.0), (3.0,), (4.0, 5.0), (5.3,)]
     slow, fast = (EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)) for k in (3.0, 20.0))
-    assert between(slow) == [slow]
-    assert len(between(fast)) == 9
+    assert list_between(slow) == [slow]
+    assert len(list_between(fast)) == 9
     for k in (5.0, 5.02):
-        near = between(EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)))
+        near = list_between(EffectChoice("torque_ripple", (NAMES[1],), (("k", k),)))
         assert min(choice.shape_values["k"] for choice in near) >= 5.0
-    assert [place.choice for place in shape_places([slow, fast])] == [1]
+    assert [place.choice for place in list_shape_variables([slow, fast])] == [1]
     # Other constants may be below zero, and are searched for all the same.
     spring = EffectChoice("gravity_compensator", (NAMES[1],), (("phi", -0.5), ("r", 0.25)))
-    assert len({choice.shape_values["phi"] for choice in between(spring)}) == 5
+    assert len({choice.shape_values["phi"] for choice in list_between(spring)}) == 5
 
 
 def test_constants_between_those_of_the_grid_are_tried_together_and_stay_what_nature_allows():
     spring = EffectChoice("gravity_compensator", (NAMES[1],), (("phi", 0.0), ("r", 0.25)))
-    around = between(spring)
+    around = list_between(spring)
     assert around[0] == spring
     assert len(set(around)) == len(around) == 25
     assert min(choice.shape_values["r"] for choice in around) > 0.0
     power = EffectChoice("viscous_nonlinear", (NAMES[0],), (("p", 0.5),))
-    assert min(choice.shape_values["p"] for choice in between(power)) >= 0.4
-    assert between(EffectChoice("offset", (NAMES[0],))) == [EffectChoice("offset", (NAMES[0],))]
+    assert min(choice.shape_values["p"] for choice in list_between(power)) >= 0.4
+    assert list_between(EffectChoice("offset", (NAMES[0],))) == [EffectChoice("offset", (NAMES[0],))]
 
 
 def heavier_upper_arm(motion: Motion, load: FloatArray) -> FloatArray:
@@ -108,13 +108,13 @@ def test_a_mass_that_a_spring_would_say_as_well_keeps_its_name_from_day_to_day()
         for seed, name, heavier in ((300, "monday", nothing), (301, *since, heavier_upper_arm))
     ]
     model = identify(ROBOT, days[:1], [], IdentificationChoices(WITH_OFFSET, preprocessing=BAND))
-    both, days, _ = together(model, days[:1], days[1:])
-    pool = replace(pool_of(both.model, [mass, spring]), since=since)
-    rows = Source(both.model, days, both.preprocessing, both.estimate.next_reference())
-    data, base = rows.products(pool), tuple(range(pool.n_base))
-    state = State(base, noise_left(data, base), np.full(6, 0.05), (), since)
-    judged = judge_all(data, pool, base, [pool.candidate(choice) for choice in (mass, spring)], state.noise)
-    choice = choose(data, pool, state, judged)
+    both, days, _ = identify_on_both(model, days[:1], days[1:])
+    pool = replace(build_pool_of_choices(both.model, [mass, spring]), since=since)
+    rows = RecordedSource(both.model, days, both.preprocessing, both.estimate.next_reference())
+    data, base = rows.gather_products(pool), tuple(range(pool.n_base))
+    state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), (), since)
+    judged = score_all(data, pool, base, [pool.find_candidate(choice) for choice in (mass, spring)], state.noise)
+    choice = select_candidate(data, pool, state, judged)
     assert choice is not None
-    chosen, equal = settled(both.model, pool, state, choice, judged, rows.products)
+    chosen, equal = compare_names(both.model, pool, state, choice, judged, rows.gather_products)
     assert (chosen.candidate.choice, [item.candidate.choice for item in equal]) == (mass, [spring])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hidden_physics import NAMES, ROBOT, compared, experiment
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.wrong_names import helps_only_at_first, misnamed
+from dynident.diagnosis.wrong_names import find_misnamed, is_only_helpful_at_first
 from dynident.effects import EffectChoice
 
 JOINT = 2
@@ -24,7 +24,7 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
     before = one.copy()
     before[:, list(joints)] = removed / 10
     candidate = Candidate(effect, (NAMES[JOINT],), (), (0,))
-    judged = JudgedCandidate(
+    judged = ScoredCandidate(
         candidate, joints, before, one, 0.5, 0.5, 9.0, np.ones(10), 1.0, np.ones(1), 1.0, np.ones(n), np.ones(10)
     )
     return Finding(judged, (), 1e-9)
@@ -33,10 +33,10 @@ def picked(effect: str, removed: float, joints: tuple[int, ...] = (JOINT,)) -> F
 def taken_back(effect: str, share: float, variable: Variable, *, at: int = JOINT, joints=(JOINT,)) -> bool:
     """Whether a finding is taken back that removed as much as is left in all, of which a share has a pattern."""
     final = compared()
-    left = float((final.told[:, at] ** 2).sum())
+    left = float((final.counted_residual[:, at] ** 2).sum())
     pattern = UnknownPattern(NAMES[at], variable, share)
     finding = picked(effect, left, joints)
-    return misnamed([finding], [EffectChoice(effect, (NAMES[JOINT],))], [pattern], [final]) == [0]
+    return find_misnamed([finding], [EffectChoice(effect, (NAMES[JOINT],))], [pattern], [final]) == [0]
 
 
 @pytest.mark.parametrize("variable", ["position", "other_joints"])
@@ -52,10 +52,10 @@ def test_a_spring_is_kept_where_what_is_left_depends_on_something_else():
 def test_friction_is_taken_back_only_where_it_left_more_than_it_explained():
     assert not taken_back("presliding", 1.0, "acceleration")
     final = compared()
-    left = float((final.told[:, JOINT] ** 2).sum())
+    left = float((final.counted_residual[:, JOINT] ** 2).sum())
     pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
     small = picked("presliding", 0.5 * left)
-    assert misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]
+    assert find_misnamed([small], [EffectChoice("presliding", (NAMES[JOINT],))], [pattern], [final]) == [0]
 
 
 def test_a_cable_is_judged_on_both_of_its_joints():
@@ -69,7 +69,7 @@ def test_a_group_of_friction_is_not_taken_back_for_one_of_its_joints():
     group = (NAMES[JOINT], NAMES[JOINT + 1])
     finding = replace(finding, judged=replace(finding.judged, joints=(JOINT, JOINT + 1)))
     pattern = UnknownPattern(NAMES[JOINT], "acceleration", 0.9)
-    assert misnamed([finding], [EffectChoice("presliding", group)], [pattern], [final]) == []
+    assert find_misnamed([finding], [EffectChoice("presliding", group)], [pattern], [final]) == []
 
 
 @pytest.mark.parametrize(
@@ -87,4 +87,4 @@ def test_what_a_predicted_torque_explains_is_kept_where_the_model_identified_wit
     before = experiment().identification
     scale = np.where(np.arange(ROBOT.n) == JOINT, share, others)
     after = replace(before, fit=replace(before.fit, squares=before.fit.squares * scale))
-    assert helps_only_at_first(before, after, EffectChoice(effect, (NAMES[JOINT],))) is only_at_first
+    assert is_only_helpful_at_first(before, after, EffectChoice(effect, (NAMES[JOINT],))) is only_at_first

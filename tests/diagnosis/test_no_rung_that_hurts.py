@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
-from dynident.diagnosis.candidates.products import ProductStack, products
+from dynident.diagnosis.candidates.gathering import ConditionalRows, PhasedProducts
+from dynident.diagnosis.candidates.products import ProductStack, products_from_reduction
 from dynident.diagnosis.search import rungs
-from dynident.diagnosis.search.rungs import helpful
-from dynident.effects import Estimate, effect_by_id
+from dynident.diagnosis.search.rungs import select_harmless
+from dynident.effects import Estimate, get_effect
 from dynident.estimation import FactorAccumulator
 
 STRETCHES, ROWS = 40, 12
@@ -32,11 +32,11 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
     y = w[:, :2] @ [1.0, -2.0] + y_of(w) + rng.normal(size=m)
     accumulator = FactorAccumulator([np.arange(3 + MANY)], 3 + MANY, 1.0)
     accumulator.push(np.arange(m) / ROWS, [np.column_stack([w, y])])
-    moving = products(accumulator.finish())
+    moving = products_from_reduction(accumulator.finish())
     run = np.repeat(np.arange(runs), STRETCHES // runs)
     moving = replace(moving, run=run)
     nothing = tuple(ProductStack(np.zeros_like(own[0].values)) for own in moving.stacks)
-    elsewhere = Elsewhere(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
+    elsewhere = ConditionalRows(nothing, np.zeros_like(moving.counts), np.zeros((3 + MANY, 1), dtype=bool))
     return PhasedProducts(moving, elsewhere, elsewhere)
 
 
@@ -44,21 +44,21 @@ def gathered(y_of, runs: int = 1, seed: int = 0, only_first: int | None = None) 
 def test_what_helps_is_kept_and_what_fits_the_noise_alone_is_not(runs):
     data = gathered(lambda w: 0.5 * w[:, 2], runs)
     columns = [tuple(range(3, 3 + MANY)), (2,)]
-    assert helpful(data, (0, 1), columns, NOISE) == [1]
+    assert select_harmless(data, (0, 1), columns, NOISE) == [1]
 
 
 def test_an_effect_that_holds_in_one_run_alone_and_is_claimed_for_all_is_dropped():
     def in_the_first_run(w):
         return 3.0 * w[:, 2] * (np.arange(len(w)) < len(w) / 4) - 1.0 * w[:, 2] * (np.arange(len(w)) >= len(w) / 4)
 
-    assert helpful(gathered(in_the_first_run, 4), (0, 1), [(2,)], NOISE) == []
+    assert select_harmless(gathered(in_the_first_run, 4), (0, 1), [(2,)], NOISE) == []
 
 
 @pytest.mark.parametrize("column", [1, 2])
 def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
     """A sweep of one joint says nothing of the others, nor the other runs of the payload in one."""
     data = gathered(lambda w: 0.7 * w[:, 2], runs=2, only_first=column)
-    assert helpful(data, (0, 1), [(2,)], NOISE) == [0]
+    assert select_harmless(data, (0, 1), [(2,)], NOISE) == [0]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_what_one_run_alone_determines_is_not_judged_without_that_run(column):
 )
 def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, natural):
     found = {name: Estimate(value, 1e-8) for name, value in values.items()}
-    assert effect_by_id(effect).natural(found) is natural
+    assert get_effect(effect).is_plausible(found) is natural
 
 
 @pytest.mark.parametrize(
@@ -99,12 +99,12 @@ def test_signs_and_sizes_that_nature_does_not_make_are_refused(effect, values, n
 )
 def test_a_change_may_have_either_sign_but_is_noticed_and_no_larger_than_it_comes_to_be(effect, values, possible):
     found = {name: Estimate(*pair) for name, pair in values.items()}
-    assert effect_by_id(effect).may_change_so(found) is possible
+    assert get_effect(effect).is_plausible_change(found) is possible
 
 
 def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypatch):
     """Friction hurts as long as the torque that it is judged on is late."""
     monkeypatch.setattr(rungs, "_helps", lambda data, base, own, noise: own != (2,) or 3 in base)
-    assert helpful(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
+    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
     monkeypatch.setattr(rungs, "_helps", lambda data, base, own, noise: own != (2,))
-    assert helpful(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]
+    assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]

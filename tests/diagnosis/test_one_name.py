@@ -9,11 +9,11 @@ import pytest
 from hidden_physics import BAND, NAMES, ROBOT, on_joint, recorded
 from oracles import fourier_motion
 
-from dynident.diagnosis.candidates.pool import pool_of
-from dynident.diagnosis.search.one_name import by_one_name
-from dynident.diagnosis.search.source import Source
-from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.diagnosis.candidates.pool import build_pool_of_choices
+from dynident.diagnosis.search.one_name import merge_findings
+from dynident.diagnosis.search.source import RecordedSource
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 
 JOINT = (NAMES[1],)
@@ -39,17 +39,19 @@ def test_of_an_offset_and_a_wave_one_spring_remains_where_it_says_both(hidden, k
     motion = fourier_motion(ROBOT, 40.0, 200.0, 311, base_frequency=0.1, harmonics=4, amplitude=1.2, fastest=1.5)
     recording = recorded(motion, on_joint(1, hidden), 3, "curves")
     model = identify(ROBOT, [recording], [], IdentificationChoices(preprocessing=BAND))
-    grid = [tuple(sorted(shape.items())) for shape in effect_by_id("gravity_compensator").grid(ROBOT, 1)]
+    grid = [tuple(sorted(shape.items())) for shape in get_effect("gravity_compensator").grid(ROBOT, 1)]
     two = [EffectChoice("offset", JOINT), EffectChoice("torque_ripple", JOINT, (("k", k),))]
-    pool = pool_of(model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)])
-    rows = Source(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
-    data = rows.products(pool)
+    pool = build_pool_of_choices(
+        model.model, [*two, *(EffectChoice("gravity_compensator", JOINT, shape) for shape in grid)]
+    )
+    rows = RecordedSource(model.model, (recording,), model.preprocessing, model.estimate.next_reference())
+    data = rows.gather_products(pool)
     base = tuple(range(pool.n_base))
-    state = State(base, noise_left(data, base), np.full(6, 0.05), ())
+    state = State(base, estimate_residual_noise(data, base), np.full(6, 0.05), ())
     for choice in two:
-        (judged,) = judge_all(data, pool, state.base, [pool.candidate(choice)], state.noise)
+        (judged,) = score_all(data, pool, state.base, [pool.find_candidate(choice)], state.noise)
         found = Finding(judged, (), 1e-4)
         state = replace(state, base=state.base + found.columns, picks=(*state.picks, found))
-    after = by_one_name(rows, data, pool, state)
+    after = merge_findings(rows, data, pool, state)
     assert [pick.judged.candidate.effect for pick in after.picks] == names
     assert set(after.base) == {*base, *(k for pick in after.picks for k in pick.columns)}

@@ -10,8 +10,14 @@ from hidden_physics import BAND, NAMES, NOISE, ROBOT, WITH_OFFSET, experiment, n
 from oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge
-from dynident.diagnosis.comparing.noise import floor_of, from_repetitions
-from dynident.diagnosis.comparing.repetition import own_repeats, periods_of, share_repeated, tracks, tracks_of
+from dynident.diagnosis.comparing.noise import estimate_noise_from_repetitions, floor_of
+from dynident.diagnosis.comparing.repetition import (
+    compute_repeated_share,
+    find_own_repeats,
+    find_periods,
+    load_tracks,
+    split_tracks,
+)
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import low_pass, recording_from_arrays
 
@@ -29,7 +35,7 @@ def piece(motion: Motion, first: int, last: int) -> Motion:
 
 def own(motion: Motion, segment=None):
     t = np.asarray(motion.t)
-    return own_repeats(tracks(t, np.zeros(len(t)) if segment is None else segment, motion.q))
+    return find_own_repeats(split_tracks(t, np.zeros(len(t)) if segment is None else segment, motion.q))
 
 
 def test_the_period_of_a_motion_is_found_between_two_samples():
@@ -43,7 +49,7 @@ def test_periods_are_found_between_the_ways_from_and_to_rest():
     motion = fourier_motion(ROBOT, 20.0, 25.0, 5)
     away = np.sin(np.linspace(0, np.pi / 2, 75))[:, None]
     q = np.concatenate([away * motion.q[0], motion.q, away[::-1] * motion.q[-1]])
-    (repeat,) = own_repeats(tracks(np.arange(len(q)) / 25.0, np.zeros(len(q)), q))
+    (repeat,) = find_own_repeats(split_tracks(np.arange(len(q)) / 25.0, np.zeros(len(q)), q))
     assert repeat.lag == pytest.approx(10.0, abs=0.01)
     assert repeat.start == pytest.approx(3.0, abs=0.3)
 
@@ -58,7 +64,7 @@ def test_one_period_in_each_of_several_segments_is_a_repetition():
     q = np.tile(once.q, (3, 1))
     segment = np.repeat([0.0, 1.0, 2.0], len(once.t))
     t = np.arange(len(q)) / 25.0 + 40.0 * segment
-    found = own_repeats(tracks(t, segment, q))
+    found = find_own_repeats(split_tracks(t, segment, q))
     assert [(repeat.a, repeat.b) for repeat in found] == [(0, 1), (1, 2)]
     assert all(repeat.duration > 9.0 for repeat in found)
 
@@ -77,7 +83,7 @@ def test_the_noise_floor_of_a_periodic_run_is_the_noise_itself_whatever_the_mode
 
 
 def test_a_model_that_lacks_nothing_passes_the_lack_of_fit_test(run):
-    found = from_repetitions(compare(run.identification, run.training))
+    found = estimate_noise_from_repetitions(compare(run.identification, run.training))
     assert found is not None
     assert (found.lack_of_fit.p_value > 0.001).all()
     assert (found.lack_of_fit.f < 1.4).all()
@@ -118,14 +124,14 @@ def test_the_same_motion_with_another_payload_is_no_mere_repetition(run):
 
 def test_the_same_path_at_another_speed_is_another_motion():
     slow, fast = (fourier_motion(ROBOT, 20.0, 50.0, 5, base_frequency=f, fastest=9.0) for f in (0.1, 0.12))
-    first, second = (tracks(m.t, np.zeros(len(m.t)), m.q) for m in (slow, fast))
-    assert share_repeated(second, first) < 0.2
-    assert share_repeated(first, first) == 1.0
+    first, second = (split_tracks(m.t, np.zeros(len(m.t)), m.q) for m in (slow, fast))
+    assert compute_repeated_share(second, first) < 0.2
+    assert compute_repeated_share(first, first) == 1.0
 
 
 def test_tracks_of_a_recording_lie_in_its_windows(run):
     inside = run.training.with_windows(((2.0, 8.0), (20.0, 31.0)))
-    found = tracks_of(inside)
+    found = load_tracks(inside)
     assert [(round(track.t[0]), round(track.t[-1])) for track in found] == [(2, 8), (20, 31)]
     expected = fourier_motion(ROBOT, 40.0, 200.0, 100)
     for track in found:
@@ -154,7 +160,7 @@ def test_periods_of_one_segment_are_none_of_another_that_has_the_same_times():
     t, q = (np.concatenate([getattr(motion, name) for motion in (once, again)]) for name in ("t", "q"))
     segment = np.repeat([0, 1], len(once.t))
     both = recording_from_arrays(t, q, np.zeros_like(q), joint_names=NAMES, segment=segment)
-    first, second = periods_of(both)
+    first, second = find_periods(both)
     assert first == ()
     assert [(repeat.a, repeat.b) for repeat in second] == [(0, 0)]
     assert second[0].lag == pytest.approx(10.0, abs=0.01)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates import collecting
-from dynident.diagnosis.candidates.collecting import Collected
+from dynident.diagnosis.candidates.collecting import RowAccumulator
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
-from dynident.diagnosis.candidates.scoring import contributions, score_candidates
+from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
 
 JOINTS, COLUMNS, STRETCHES, PIECES = 3, 9, 12, 5
 BASE, NOISE = np.arange(4), np.array([1.0, 0.5, 2.0])
@@ -25,13 +25,13 @@ def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
     monkeypatch.setattr(collecting, "_MOST_ROWS", most_rows)
     random = np.random.default_rng(0)
     having = [np.arange(COLUMNS), np.array([0, 2, 3, 5, 8]), np.arange(COLUMNS)]
-    collected = Collected([len(columns) for columns in having], 2, STRETCHES)
+    collected = RowAccumulator([len(columns) for columns in having], 2, STRETCHES)
     for piece in range(PIECES):
         stretch = np.sort(random.integers(0, STRETCHES, 70)) if piece else np.arange(70) % STRETCHES
         rows = [random.normal(size=(70, len(columns) + 1)) for columns in having]
         moving = random.random((70, JOINTS)) < 0.7
         collected.push(stretch, rows, (moving, ~moving))
-    (moving_stacks, counts), (others, _) = collected.finished(STRETCHES)
+    (moving_stacks, counts), (others, _) = collected.finish(STRETCHES)
     position = []
     for columns in having:
         where = np.full(COLUMNS, -1)
@@ -58,7 +58,7 @@ def test_scores_from_rows_are_those_from_products(kind, monkeypatch):
 
 def test_what_stretches_add_to_the_scores_is_the_same_from_rows_and_from_products(monkeypatch):
     few, many = gathered(1000, monkeypatch), gathered(1, monkeypatch)
-    pairs = zip(*(contributions(data, BASE, CANDIDATES, NOISE) for data in (few, many)), strict=True)
+    pairs = zip(*(compute_contributions(data, BASE, CANDIDATES, NOISE) for data in (few, many)), strict=True)
     for mine, other in pairs:
         np.testing.assert_allclose(np.abs(mine), np.abs(other), atol=1e-8)
 
@@ -68,6 +68,8 @@ def test_single_products_are_the_same_of_both(monkeypatch):
     places = np.arange(5)
     for joint in range(JOINTS):
         np.testing.assert_allclose(
-            few.taken(joint, places[:, None], places), many.taken(joint, places[:, None], places), atol=1e-10
+            few.take_products(joint, places[:, None], places),
+            many.take_products(joint, places[:, None], places),
+            atol=1e-10,
         )
-        np.testing.assert_allclose(few.total(joint, places), many.total(joint, places), atol=1e-10)
+        np.testing.assert_allclose(few.sum_products(joint, places), many.sum_products(joint, places), atol=1e-10)

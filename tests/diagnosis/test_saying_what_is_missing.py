@@ -5,36 +5,36 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate, judge
+from dynident.diagnosis.candidates.gate import ScoredCandidate, combine_scores
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.words import ABOVE_NOISE, rank_all, verdict_of
+from dynident.diagnosis.words import ABOVE_NOISE, rank_effects, select_verdict
 from dynident.effects import EffectChoice
 
 PEAK = (("delta", 2.0), ("vs", 0.1))
 
 
-def explaining(*joints: str) -> JudgedCandidate:
+def explaining(*joints: str) -> ScoredCandidate:
     """A friction peak on some joints that takes half of the squared error of a robot's only motor."""
     candidate = Candidate("stribeck", joints, PEAK, (5,))
     before = np.ones((20, 1))
     score = Score(candidate, before, 0.5 * before, 1.0, np.ones(1), np.ones(1))
-    return judge([score, score], (0,), np.ones(1))
+    return combine_scores([score, score], (0,), np.ones(1))
 
 
 def test_a_friction_peak_that_may_as_well_be_on_another_passive_joint_is_told_with_it():
     equal = (explaining("forearm"), explaining("rod"), explaining("arm", "forearm", "rod"))
     finding = Finding(explaining("rod"), equal, 0.001)
-    (ranked,) = rank_all([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
+    (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
     assert ranked.joints == ("rod",)
     assert ranked.evidence.endswith("It may as well be on: forearm.")
 
 
 def test_a_friction_peak_that_is_on_one_joint_alone_is_told_of_that_joint():
     finding = Finding(explaining("rod"), (explaining("rod"), explaining("arm", "rod")), 0.001)
-    (ranked,) = rank_all([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
+    (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
     assert "may as well be on" not in ranked.evidence
 
 
@@ -49,4 +49,4 @@ def test_a_friction_peak_that_is_on_one_joint_alone_is_told_of_that_joint():
 )
 def test_no_model_is_adequate_that_leaves_many_times_the_noise(recommended, unknown, worst, verdict):
     assert 1.9 < ABOVE_NOISE < 13.0
-    assert verdict_of(recommended, unknown, np.array([1.0, worst])) == verdict
+    assert select_verdict(recommended, unknown, np.array([1.0, worst])) == verdict

@@ -11,21 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.gate import JudgedCandidate, indistinguishable, judge, simplest
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.family import compute_familywise_p
+from dynident.diagnosis.candidates.gate import ScoredCandidate, are_indistinguishable, combine_scores, select_simplest
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import RowStack, folds, folds_of, products
-from dynident.diagnosis.candidates.resampling import share_found_again
+from dynident.diagnosis.candidates.products import RowStack, products_from_reduction, split_data_folds, split_folds
+from dynident.diagnosis.candidates.resampling import compute_stability
 from dynident.diagnosis.candidates.scoring import (
     Score,
-    contributions,
-    deviations,
-    held_out_errors,
+    compute_contributions,
+    compute_deviations,
+    compute_held_out_errors,
     score_candidates,
 )
-from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.choosing import says_more
+from dynident.diagnosis.residuals.stretches import compute_t
+from dynident.diagnosis.search.choosing import find_richer_changes
 from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator
 
@@ -61,7 +61,7 @@ class Rows:
             self.t,
             [np.column_stack([w[:, c], y]) for w, c, y in zip(self.wide, CONTAINS, self.y, strict=True)],
         )
-        return products(accumulator.finish())
+        return products_from_reduction(accumulator.finish())
 
     def kept(self):
         """The same with the rows themselves."""
@@ -76,7 +76,7 @@ class Rows:
     def held_out(self, columns, kind: str) -> np.ndarray:
         """(stretches, 2): squared errors of numpy's weighted fit on the other folds' rows."""
         out = np.zeros((STRETCHES, 2))
-        for fold in folds(STRETCHES, kind):
+        for fold in split_folds(STRETCHES, kind):
             test = np.isin(np.arange(len(self.t)) // PER_STRETCH, fold)
             w = np.concatenate([w[~test][:, columns] / s for w, s in zip(self.wide, NOISE, strict=True)])
             y = np.concatenate([y[~test] / s for y, s in zip(self.y, NOISE, strict=True)])
@@ -99,7 +99,11 @@ def test_a_candidates_deviation_is_how_much_its_estimate_scatters_from_data_to_d
         made = form(data)
         _, scores = score_candidates(made, BASE, CANDIDATES, NOISE, "interleaved")
         estimates.append(np.concatenate([score.amplitudes for score in scores]))
-        told.append(np.concatenate(deviations(Blocks.of(made, BASE, CANDIDATES), len(CANDIDATES), NOISE)))
+        told.append(
+            np.concatenate(
+                compute_deviations(JointBlocks.from_products(made, BASE, CANDIDATES), len(CANDIDATES), NOISE)
+            )
+        )
     scatter = np.std(estimates, axis=0)
     # Of 13 stretches: sandwiches of few clusters are somewhat too narrow (MacKinnon and White 1985).
     np.testing.assert_allclose(np.mean(told, axis=0) / scatter, 1.0, atol=0.3)
@@ -113,7 +117,7 @@ def test_scores_are_those_of_refitting_every_candidate_on_every_fold(kind, seed,
     before, scores = score_candidates(form(data), BASE, CANDIDATES, NOISE, kind)
     expected = data.held_out(BASE, kind)
     np.testing.assert_allclose(before, expected, rtol=1e-7)
-    np.testing.assert_allclose(held_out_errors(form(data), BASE, NOISE, kind), expected, rtol=1e-7)
+    np.testing.assert_allclose(compute_held_out_errors(form(data), BASE, NOISE, kind), expected, rtol=1e-7)
     for score in scores:
         columns = np.array([*BASE, *score.candidate.columns])
         np.testing.assert_allclose(score.after, data.held_out(columns, kind), rtol=1e-6)
@@ -129,7 +133,7 @@ def test_what_one_stretch_alone_shows_is_nothing_where_that_is_left_out(column, 
     elsewhere = np.arange(len(data.t)) // PER_STRETCH != alone
     for w in data.wide:
         w[elsewhere, column] *= 1e-9
-    left_out = next(fold for fold in folds(STRETCHES, "interleaved") if alone in fold)
+    left_out = next(fold for fold in split_folds(STRETCHES, "interleaved") if alone in fold)
     before, scores = score_candidates(form(data), BASE, CANDIDATES, NOISE, "interleaved")
     without = data.held_out([k for k in BASE if k != column], "interleaved")
     np.testing.assert_allclose(before[left_out], without[left_out], rtol=1e-4)
@@ -164,15 +168,15 @@ def test_a_run_that_alone_shows_part_of_the_model_is_never_left_out_whole():
     data.t[tested] += 100.0
     made = data.products()
     assert made.run.tolist() == [0] * first + [1] * (STRETCHES - first)
-    parts = folds_of(made, "contiguous")
+    parts = split_data_folds(made, "contiguous")
     assert sorted(np.concatenate(parts)) == list(range(STRETCHES))
     assert all(len(set(range(first)) - set(part)) for part in parts)
     # Nor, of a long run, nearly all but a stretch that the end of another one's fifth happens to leave.
     long = replace(made, run=np.repeat([0, 1], [STRETCHES - 5, 5]))
-    assert all(0 < np.sum(part < STRETCHES - 5) < (STRETCHES - 5) / 2 for part in folds_of(long, "contiguous"))
+    assert all(0 < np.sum(part < STRETCHES - 5) < (STRETCHES - 5) / 2 for part in split_data_folds(long, "contiguous"))
     # One run is left out in a row.
-    assert [p.tolist() for p in folds_of(Rows(5).products(), "contiguous")] == [
-        p.tolist() for p in folds(STRETCHES, "contiguous")
+    assert [p.tolist() for p in split_data_folds(Rows(5).products(), "contiguous")] == [
+        p.tolist() for p in split_folds(STRETCHES, "contiguous")
     ]
     before, _ = score_candidates(made, BASE, (), NOISE, "contiguous")
     assert np.isfinite(before).all()
@@ -200,7 +204,7 @@ def test_a_candidate_that_the_model_says_already_changes_nothing():
 
 def test_runs_of_a_stretch_or_two_are_left_out_by_turns_and_not_all_at_once():
     made = replace(Rows(5).products(), run=np.arange(STRETCHES) // 2)
-    parts = folds_of(made, "contiguous")
+    parts = split_data_folds(made, "contiguous")
     assert sorted(np.concatenate(parts)) == list(range(STRETCHES))
     assert len(parts) == 5
     assert max(map(len, parts)) < STRETCHES / 3
@@ -208,7 +212,7 @@ def test_runs_of_a_stretch_or_two_are_left_out_by_turns_and_not_all_at_once():
 
 @given(n=st.integers(1, 60), kind=st.sampled_from(["interleaved", "contiguous"]))
 def test_folds_are_a_partition_of_the_stretches(n, kind):
-    parts = folds(n, kind)
+    parts = split_folds(n, kind)
     assert sorted(np.concatenate(parts)) == list(range(n))
     assert len(parts) == min(5, n)
     sizes = [len(part) for part in parts]
@@ -220,12 +224,12 @@ def test_folds_are_a_partition_of_the_stretches(n, kind):
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=40).filter(lambda x: np.std(x) > 1e-6))
 def test_t_is_scipys(gains):
-    assert t_of(np.array(gains)) == pytest.approx(stats.ttest_1samp(gains, 0.0).statistic, rel=1e-9, abs=1e-9)
+    assert compute_t(np.array(gains)) == pytest.approx(stats.ttest_1samp(gains, 0.0).statistic, rel=1e-9, abs=1e-9)
 
 
 def test_t_of_too_little_or_nothing_is_zero():
-    assert t_of(np.array([5.0])) == 0.0
-    assert t_of(np.zeros(10)) == 0.0
+    assert compute_t(np.array([5.0])) == 0.0
+    assert compute_t(np.zeros(10)) == 0.0
 
 
 def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
@@ -233,7 +237,7 @@ def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
     return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured)
 
 
-def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> JudgedCandidate:
+def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> ScoredCandidate:
     one = np.ones((len(gains), 1))
     values = {
         "candidate": Candidate(name, (), (), columns), "joints": (0,), "before": one, "after": one, "drop": 0.5,
@@ -241,7 +245,7 @@ def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **m
         "gains": gains, "separability": 1.0, "amplitudes": np.ones(len(columns)), "share_improved": 1.0,
         "measured": np.ones(1), "after_weighted": np.ones(len(gains)),
     }  # fmt: skip
-    return JudgedCandidate(**{**values, **more})
+    return ScoredCandidate(**{**values, **more})
 
 
 def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside_it():
@@ -250,17 +254,17 @@ def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside
     gains = np.random.default_rng(5).uniform(9.0, 11.0, 40)
     more = np.where(np.arange(40) == 7, 30.0, 0.0)
 
-    def change(name: str, joints: tuple[int, ...], gains: np.ndarray, runs: tuple[str, ...] = since) -> JudgedCandidate:
+    def change(name: str, joints: tuple[int, ...], gains: np.ndarray, runs: tuple[str, ...] = since) -> ScoredCandidate:
         named = ("shoulder",) if len(joints) == 1 else ()
         return judged(gains, joints=joints, candidate=Candidate(name, named, (), (5,), runs))
 
     offset, tilt = change("offset", (0,), gains), change("base_tilt", (0, 1), gains + more)
-    assert says_more(state, offset, [offset, tilt], ()) == (tilt,)
-    assert says_more(state, offset, [offset, tilt], (tilt,)) == ()
-    assert says_more(state, offset, [offset, change("base_tilt", (0, 1), 2.0 * gains)], ()) == ()
-    assert says_more(state, offset, [offset, change("base_tilt", (1,), gains + more)], ()) == ()
+    assert find_richer_changes(state, offset, [offset, tilt], ()) == (tilt,)
+    assert find_richer_changes(state, offset, [offset, tilt], (tilt,)) == ()
+    assert find_richer_changes(state, offset, [offset, change("base_tilt", (0, 1), 2.0 * gains)], ()) == ()
+    assert find_richer_changes(state, offset, [offset, change("base_tilt", (1,), gains + more)], ()) == ()
     always = change("offset", (0,), gains, runs=())
-    assert says_more(state, always, [always, change("base_tilt", (0, 1), gains + more, runs=())], ()) == ()
+    assert find_richer_changes(state, always, [always, change("base_tilt", (0, 1), gains + more, runs=())], ()) == ()
 
 
 def silent(gains: np.ndarray) -> list[np.ndarray]:
@@ -278,13 +282,13 @@ def test_the_best_of_many_candidates_that_explain_nothing_is_named_as_seldom_as_
         widths = rng.integers(1, 4, 60)
         given = [each[:, :k] for each, k in zip(scores, widths, strict=True)]
         gains = scores[:, :, 0] * np.abs(scores[:, :, 1])
-        hits += bool((family_wise_p(gains, given) <= 0.05).any())
+        hits += bool((compute_familywise_p(gains, given) <= 0.05).any())
     assert stats.binomtest(hits, 200, 0.05, alternative="greater").pvalue > 0.01
 
 
 def test_scores_are_what_numpy_makes_of_the_residual_and_of_what_is_left_of_the_columns():
     data = Rows(4)
-    found = contributions(data.products(), BASE, CANDIDATES, NOISE)
+    found = compute_contributions(data.products(), BASE, CANDIDATES, NOISE)
     w = np.concatenate([w / s for w, s in zip(data.wide, NOISE, strict=True)])
     y = np.concatenate([y / s for y, s in zip(data.y, NOISE, strict=True)])
     rest = y - w[:, BASE] @ np.linalg.lstsq(w[:, BASE], y, rcond=None)[0]
@@ -305,7 +309,7 @@ def test_the_p_of_a_single_candidate_is_that_of_turning_signs():
     t = np.array([stats.ttest_1samp(turned, 0.0).statistic for turned in signs * roots])
     exact = float(np.mean(t >= stats.ttest_1samp(roots, 0.0).statistic - 1e-9))
     # Twice: there are two statistics, and the other one is silent.
-    assert family_wise_p(gains[None], silent(gains[None]))[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
+    assert compute_familywise_p(gains[None], silent(gains[None]))[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
 
 
 def test_the_p_of_scores_is_that_of_turning_the_signs_of_whole_stretches():
@@ -314,17 +318,17 @@ def test_the_p_of_scores_is_that_of_turning_the_signs_of_whole_stretches():
     sums = ((signs @ scores) ** 2).sum(axis=1)
     exact = float(np.mean(sums >= sums[0] - 1e-9))
     assert 0.005 < exact < 0.5
-    assert family_wise_p(np.zeros((1, 12)), [scores])[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
+    assert compute_familywise_p(np.zeros((1, 12)), [scores])[0] == pytest.approx(min(1.0, 2 * exact), abs=0.05)
 
 
 def test_more_candidates_make_the_same_gain_less_sure():
     rng = np.random.default_rng(5)
     good, noise = rng.normal(0.55, 1, (1, 40)), rng.normal(size=(300, 40))
     many = np.vstack([good, noise])
-    assert family_wise_p(good, silent(good))[0] < family_wise_p(many, silent(many))[0]
+    assert compute_familywise_p(good, silent(good))[0] < compute_familywise_p(many, silent(many))[0]
     own, others = good.T + 0.2, [each[:, None] for each in noise]
     quiet = np.zeros_like(many)
-    assert family_wise_p(quiet[:1], [own])[0] < family_wise_p(quiet, [own, *others])[0]
+    assert compute_familywise_p(quiet[:1], [own])[0] < compute_familywise_p(quiet, [own, *others])[0]
 
 
 def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
@@ -335,15 +339,15 @@ def test_small_effects_that_gains_do_not_show_are_seen_in_the_scores():
         x = rng.normal(size=(40, 60))
         score = (x * (0.1 * x + rng.normal(size=x.shape))).sum(axis=1)
         gains = 2 * 0.1 * score - 0.1**2 * (x**2).sum(axis=1)
-        p = [family_wise_p(g[None], [s[:, None]])[0] for g, s in ((gains, 0 * score), (0 * gains, score))]
+        p = [compute_familywise_p(g[None], [s[:, None]])[0] for g, s in ((gains, 0 * score), (0 * gains, score))]
         said.append(np.array(p) <= 0.01)
     by_gains, by_scores = np.mean(said, axis=0)
     assert by_scores > by_gains + 0.3
 
 
-def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> JudgedCandidate:
-    item = judge([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
-    return replace(item, p=float(family_wise_p(item.gains[None], silent(item.gains[None]))[0]))
+def judged_alone(before: np.ndarray, after: np.ndarray, joints=(0,)) -> ScoredCandidate:
+    item = combine_scores([scored(before, after)] * 2, joints, np.ones(before.shape[1]))
+    return replace(item, p=float(compute_familywise_p(item.gains[None], silent(item.gains[None]))[0]))
 
 
 def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
@@ -351,12 +355,12 @@ def test_a_large_even_gain_passes_and_a_small_or_uneven_one_does_not():
     before = rng.uniform(0.9, 1.1, (40, 2))
     even = judged_alone(before, 0.9 * before, (0, 1))
     assert even.drop == pytest.approx(0.1)
-    assert even.passes
+    assert even.is_significant
     assert even.share_improved == 1.0
     small = judged_alone(before, 0.98 * before, (0, 1))
     assert small.p < 0.01
-    assert not small.passes
-    assert not judged_alone(before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1)).passes
+    assert not small.is_significant
+    assert not judged_alone(before, before * np.where(rng.uniform(size=(40, 1)) < 0.5, 1.4, 0.5), (0, 1)).is_significant
 
 
 def test_a_loss_counts_for_no_more_than_there_was():
@@ -365,15 +369,15 @@ def test_a_loss_counts_for_no_more_than_there_was():
     after = 0.3 * before
     after[7] = 1e6
     item = judged_alone(before, after)
-    assert item.passes
+    assert item.is_significant
     assert item.gains.min() == pytest.approx(-before[7, 0], rel=1e-6)
 
 
 def test_a_gain_in_one_kind_of_folds_alone_does_not_pass():
     before = np.random.default_rng(2).uniform(0.9, 1.1, (40, 2))
-    item = judge([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
+    item = combine_scores([scored(before, 0.5 * before), scored(before, 1.01 * before)], (0, 1), np.ones(2))
     assert item.drop < 0
-    assert not replace(item, p=0.0).passes
+    assert not replace(item, p=0.0).is_significant
 
 
 def test_one_stretch_with_most_of_the_error_does_not_decide():
@@ -383,7 +387,7 @@ def test_one_stretch_with_most_of_the_error_does_not_decide():
     after[0] = 0.0
     item = judged_alone(before, after)
     assert item.drop < 0.1
-    assert not item.passes
+    assert not item.is_significant
 
 
 def test_a_gain_counts_though_most_stretches_have_no_rows():
@@ -393,7 +397,7 @@ def test_a_gain_counts_though_most_stretches_have_no_rows():
     item = judged_alone(before, 0.2 * before, (0, 1))
     assert item.drop == pytest.approx(0.8)
     assert item.total_gain == pytest.approx(0.8 * before.sum())
-    assert item.passes
+    assert item.is_significant
     loud = before.copy()
     loud[0] = 100.0
     assert judged_alone(loud, np.where(loud > 10.0, 0.0, loud), (0, 1)).drop < 0.2
@@ -403,10 +407,10 @@ def test_a_name_is_found_again_in_resampled_data_unless_a_rival_gains_as_much():
     rng = np.random.default_rng(6)
     gains = rng.uniform(0.8, 1.2, 40)
     chosen, run = judged(gains, name="offset"), np.zeros(40, dtype=int)
-    assert share_found_again([chosen], [judged(0.7 * gains, name="viscous_asymmetric")], run) == 1.0
+    assert compute_stability([chosen], [judged(0.7 * gains, name="viscous_asymmetric")], run) == 1.0
     noise = rng.normal(0, 0.5, 40)
     twin = judged(gains + noise - noise.mean(), name="viscous_asymmetric")
-    assert share_found_again([chosen], [twin], run) < 0.9
+    assert compute_stability([chosen], [twin], run) < 0.9
 
 
 def test_two_names_for_one_finding_are_found_again_together_and_neither_alone():
@@ -416,23 +420,23 @@ def test_two_names_for_one_finding_are_found_again_together_and_neither_alone():
     chosen = judged(gains, name="offset")
     twin = judged(gains + noise - noise.mean(), name="viscous_asymmetric")
     lesser = judged(0.7 * gains, name="stribeck")
-    assert share_found_again([chosen], [twin, lesser], run) < 0.9
-    assert share_found_again([twin], [chosen, lesser], run) < 0.9
-    assert share_found_again([chosen, twin], [lesser], run) == 1.0
+    assert compute_stability([chosen], [twin, lesser], run) < 0.9
+    assert compute_stability([twin], [chosen, lesser], run) < 0.9
+    assert compute_stability([chosen, twin], [lesser], run) == 1.0
 
 
 def test_a_name_that_one_run_alone_speaks_for_is_not_found_again_without_it():
     gains = np.concatenate([np.full(20, 5.0), np.full(20, 0.1)])
     rival = judged(np.full(40, 1.0), name="viscous_asymmetric")
     run = np.repeat([0, 1], 20)
-    assert share_found_again([judged(gains, name="offset")], [rival], np.zeros(40, dtype=int)) > 0.9
-    assert share_found_again([judged(gains, name="offset")], [rival], run) == 0.5
+    assert compute_stability([judged(gains, name="offset")], [rival], np.zeros(40, dtype=int)) > 0.9
+    assert compute_stability([judged(gains, name="offset")], [rival], run) == 0.5
 
 
 def test_errors_are_counted_in_units_of_each_joints_noise():
     before = np.ones((40, 2)) * [1.0, 100.0]
     after = before * [0.5, 1.0]
-    item = judge([scored(before, after)] * 2, (0,), np.array([1.0, 10.0]))
+    item = combine_scores([scored(before, after)] * 2, (0,), np.array([1.0, 10.0]))
     np.testing.assert_allclose(item.gains, 0.5)
     assert item.drop == pytest.approx(0.5)
     np.testing.assert_allclose(item.after_weighted, 0.5)
@@ -444,9 +448,9 @@ def test_of_explanations_that_no_stretch_tells_apart_the_simplest_is_taken():
     wide = judged(gains + rng.normal(0, 0.5, 40) + 0.02, (5, 6), "wide")
     slim = judged(gains, (7,), "slim")
     poor = judged(gains - 0.8 + rng.normal(0, 0.1, 40), (8,), "poor")
-    assert indistinguishable(wide, slim)
-    assert not indistinguishable(slim, poor)
-    chosen, equal = simplest([poor, wide, slim])
+    assert are_indistinguishable(wide, slim)
+    assert not are_indistinguishable(slim, poor)
+    chosen, equal = select_simplest([poor, wide, slim])
     assert chosen is slim
     assert equal == (wide,)
 
@@ -454,9 +458,9 @@ def test_of_explanations_that_no_stretch_tells_apart_the_simplest_is_taken():
 def test_a_richer_explanation_is_taken_where_it_gains_enough_more():
     gains = np.random.default_rng(3).uniform(1, 2, 40)
     wide, slim = judged(gains + 0.5, (5, 6), "wide"), judged(gains, (7,), "slim")
-    assert simplest([slim, wide])[0] is wide
+    assert select_simplest([slim, wide])[0] is wide
 
 
 def test_a_single_explanation_has_no_equals():
     only = judged(np.ones(10))
-    assert simplest([only]) == (only, ())
+    assert select_simplest([only]) == (only, ())

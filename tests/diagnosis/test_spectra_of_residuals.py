@@ -8,7 +8,7 @@ from hidden_physics import ROBOT
 from oracles import fourier_motion
 
 from dynident.diagnosis import angle_spectrum, autocorrelation, time_spectrum
-from dynident.diagnosis.comparing.autocorrelation import independent_squares
+from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
 from dynident.errors import DynidentError
 
 T = np.arange(4000) / 50.0
@@ -21,23 +21,23 @@ def white(seed: int, count: int = len(T)):
 
 def test_a_vibration_stands_in_the_time_spectrum_with_its_frequency_and_amplitude():
     found = time_spectrum(T, ONE, 0.8 * np.sin(2 * np.pi * 7.3 * T + 1) + 0.1 * white(0) + 5.0)
-    peak = found.peaks()[0]
+    peak = found.list_highest_peaks()[0]
     assert found.frequency[peak] == pytest.approx(7.3, abs=found.resolution)
     assert found.amplitude[peak] == pytest.approx(0.8, rel=0.15)
     assert found.over == "time"
-    assert found.stands_out(peak)
+    assert found.is_line(peak)
 
 
 def test_noise_has_peaks_but_none_that_stands_out():
     found = time_spectrum(T, ONE, white(7))
-    assert not any(found.stands_out(k) for k in found.peaks())
+    assert not any(found.is_line(k) for k in found.list_highest_peaks())
 
 
 def test_gaps_and_segments_are_not_taken_for_signal():
     segment = np.repeat([0.0, 1.0], len(T) // 2)
     t = T + np.where(segment == 1, 300.0, 0.0)
     found = time_spectrum(t, segment, np.sin(2 * np.pi * 3.0 * t))
-    peak = found.peaks()[0]
+    peak = found.list_highest_peaks()[0]
     assert found.frequency[peak] == pytest.approx(3.0, abs=found.resolution)
     assert found.amplitude[peak] == pytest.approx(1.0, rel=0.15)
 
@@ -47,7 +47,7 @@ def test_a_ripple_stands_in_the_angle_spectrum_with_its_amplitude_however_the_jo
     q, dq = motion.q[:, 4], motion.dq[:, 4]
     for k in (9.0, 40.0, 121.0):
         found = angle_spectrum(q, dq, 0.5 * np.sin(k * q + 0.4) + 0.1 * white(1, len(q)))
-        peak = found.peaks()[0]
+        peak = found.list_highest_peaks()[0]
         assert found.frequency[peak] * 2 * np.pi == pytest.approx(k, abs=2 * np.pi * found.resolution)
         assert found.amplitude[peak] == pytest.approx(0.5, rel=0.2)
 
@@ -80,7 +80,7 @@ def test_a_residual_with_memory_is_worth_as_many_samples_as_theory_says():
         found = autocorrelation(t, np.zeros(len(t)), x)
         np.testing.assert_allclose(found.value[:6], memory ** np.arange(6), atol=0.05)
         assert found.effective_samples == pytest.approx(len(x) * (1 - memory) / (1 + memory), rel=0.2)
-        squares = independent_squares([x])
+        squares = count_independent_squares([x])
         assert squares == pytest.approx(len(x) * (1 - memory**2) / (1 + memory**2), rel=0.2)
 
 

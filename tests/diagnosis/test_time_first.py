@@ -155,7 +155,7 @@ def reduction(rows: int, bad: slice, seed: int = 0, breaks: tuple[int, ...] = ()
     folded = FactorAccumulator([np.arange(5)], 5, 0.999)
     for part in np.split(np.arange(rows), breaks):
         folded.push(0.02 * (part - part[0]), [np.column_stack([w, y])[part]])
-        folded.end_stretch()
+        folded.end_block()
     return folded.finish()
 
 

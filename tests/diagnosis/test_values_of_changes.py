@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.diagnosis.changed_values import Estimates, changes_at
+from dynident.diagnosis.changed_values import Estimates, yield_changes
 from dynident.diagnosis.result import Change, RankedEffect
 from dynident.effects import Column, EffectChoice
 from dynident.estimation.statistics import Statistics
@@ -33,7 +33,7 @@ def told(
     choice = EffectChoice(effect, joints, (), SINCE)
     ranked = RankedEffect(1, choice, 0.2, 0.1, 0.5, 9.0, 0.001, True, "", (), 0.9)
     found: Any = SimpleNamespace(equal=())
-    return list(changes_at(estimates, found, ranked))
+    return list(yield_changes(estimates, found, ranked))
 
 
 @pytest.mark.parametrize(("correlation", "is_told"), [(0.99, True), (0.0, False)])

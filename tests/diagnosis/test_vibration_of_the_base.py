@@ -12,8 +12,8 @@ from hidden_physics import BAND, ROBOT, WITH_OFFSET, nothing, recorded
 from oracles import FloatArray, Motion, fourier_motion
 
 from dynident.diagnosis import Comparison, compare
-from dynident.diagnosis.residuals.lines import motion_lines
-from dynident.diagnosis.residuals.vibration import shaking
+from dynident.diagnosis.residuals.lines import find_motion_lines
+from dynident.diagnosis.residuals.vibration import find_base_vibration
 from dynident.identification import Identification, IdentificationChoices, identify
 
 HIGHEST = 11.0
@@ -26,8 +26,8 @@ def trembling(motion: Motion, load: FloatArray) -> FloatArray:
 
 
 def frequencies(model: Identification, compared: Comparison) -> list[float]:
-    lines = motion_lines([compared], HIGHEST)
-    return shaking([compared], model.model.signals, model.estimate.next_reference(), HIGHEST, lines)
+    lines = find_motion_lines([compared], HIGHEST)
+    return find_base_vibration([compared], model.model.signals, model.estimate.next_reference(), HIGHEST, lines)
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.diagnosis.candidates.pool import build_pool
-from dynident.diagnosis.residuals.leads import Leads
+from dynident.diagnosis.residuals.leads import ShapeProposals
 from dynident.effects import EffectChoice
-from dynident.effects.catalogue import is_change
+from dynident.effects.catalogue import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording
@@ -141,15 +141,15 @@ def test_tests_of_single_joints_are_no_day_to_compare() -> None:
 
 def test_a_robot_that_feels_no_gravity_can_be_asked() -> None:
     weightless = replace(ROBOT, gravity=np.zeros(3))
-    pool = build_pool(build_model(weightless, WITH_OFFSET), None, Leads(since=("friday",)))
+    pool = build_pool(build_model(weightless, WITH_OFFSET), None, ShapeProposals(since=("friday",)))
     changes = {one.effect for one in pool.candidates if pool.is_change(one)}
     assert "coulomb" in changes
     assert "base_tilt" not in changes
 
 
 def test_a_touch_on_the_later_day_is_no_lasting_change() -> None:
-    assert is_change(EffectChoice("coulomb", NAMES[:1], (), ("friday",)), ("friday",))
-    assert not is_change(EffectChoice("external_contact", (), (), ("friday",)), ("friday",))
+    assert is_lasting_change(EffectChoice("coulomb", NAMES[:1], (), ("friday",)), ("friday",))
+    assert not is_lasting_change(EffectChoice("external_contact", (), (), ("friday",)), ("friday",))
 
 
 def test_one_recording_on_both_sides_is_told_and_no_day_differs_from_itself() -> None:

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from oracles import FloatArray, pinocchio_rows, random_states
 
-from dynident.effects import Column, EffectChoice, RunSignal, Signals, columns_of
+from dynident.effects import Column, EffectChoice, RunSignal, Signals, build_columns
 from dynident.robot import Robot
 
 COUNT = 40
@@ -30,7 +30,7 @@ class Evaluated:
     def __init__(self, robot: Robot, *choices: EffectChoice, smooth_sign: float = 0.0, seed: int = 0) -> None:
         self.robot = robot
         self.signals = s = Signals(robot, smooth_sign=smooth_sign)
-        self.columns: list[Column] = columns_of(choices, s)
+        self.columns: list[Column] = build_columns(choices, s)
         rng = np.random.default_rng(seed)
         self.q, self.dq, self.ddq = random_states(robot, COUNT, seed)
         self.dq[0] = 0.0
@@ -44,7 +44,7 @@ class Evaluated:
         self.z = rng.uniform(-1, 1, (COUNT, len(s.memory_signals)))
         self.load = pinocchio_rows(robot, self.q, self.dq, self.ddq) @ self.inertia
         stacked = ca.densify(ca.horzcat(*(column.torque for column in self.columns)))
-        self.run_signals: tuple[RunSignal, ...] = s.runs_in(stacked)
+        self.run_signals: tuple[RunSignal, ...] = s.find_run_signals(stacked)
         self.runs = rng.integers(0, 2, (COUNT, len(self.run_signals))).astype(float)
         present = ca.vertcat(*(s.in_runs(run) for run in self.run_signals)) if self.run_signals else ca.SX(0, 1)
         state = [s.q, s.dq, s.ddq, s.dddq, s.ddddq, s.time, s.temperature, s.memory_symbols, present]

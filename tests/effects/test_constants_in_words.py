@@ -10,13 +10,13 @@ import pytest
 from oracles import arm
 
 from dynident.effects import CATALOGUE, EffectChoice
-from dynident.effects.catalogue import check_shape
-from dynident.effects.written import effect_text, written_effects
+from dynident.effects.catalogue import check_shape_constants
+from dynident.effects.written import format_effect, parse_effects
 from dynident.errors import DynidentError
-from dynident.export.summary import effect_line
+from dynident.export.summary import describe_effect
 from dynident.identification import IdentifiedParameter, ShapeConstant
-from dynident.identification.study.removing import effects_without
-from dynident.reports.words import shape_text
+from dynident.identification.study.removing import subtract_effects
+from dynident.reports.words import format_shape_constants
 
 ROBOT = arm("scara")
 
@@ -46,12 +46,12 @@ def test_every_way_to_show_a_kind_says_its_word_and_no_number(effect, name, valu
         repr(choice),
         repr(constant),
         repr(parameter),
-        effect_text(choice),
-        effect_line(choice),
-        shape_text(choice),
+        format_effect(choice),
+        describe_effect(choice),
+        format_shape_constants(choice),
     ]
     with pytest.raises(DynidentError) as refused:
-        effects_without((EffectChoice(effect, (), ((name, -value),)),), (replace(choice, joints=()),), ROBOT)
+        subtract_effects((EffectChoice(effect, (), ((name, -value),)),), (replace(choice, joints=()),), ROBOT)
     for text in (*shown, refused.value.detail):
         assert re.search(rf"{name}(=|: ){word}\b", text), text
         assert not re.search(rf"{name}\s*[=:]\s*[-+]?\d", text), text
@@ -62,13 +62,13 @@ def test_a_kind_stays_a_number_for_programs(effect, name, value, word):
     choice = EffectChoice(effect, (), ((name, value),))
     assert choice.shape_values == {name: value}
     assert json.loads(json.dumps(choice.shape_values)) == {name: value}
-    assert written_effects([effect_text(choice)]) == (choice,)
+    assert parse_effects([format_effect(choice)]) == (choice,)
 
 
 @pytest.mark.parametrize(("effect", "name"), sorted({(effect, name) for effect, name, *_ in KINDS}))
 def test_what_is_no_kind_is_answered_with_those_there_are(effect, name):
     with pytest.raises(DynidentError) as refused:
-        check_shape(EffectChoice(effect, (), ((name, 0.0),)))
+        check_shape_constants(EffectChoice(effect, (), ((name, 0.0),)))
     for word in (word for one, of, _, word in KINDS if (one, of) == (effect, name)):
         assert f"({word})" in refused.value.detail
 
@@ -80,19 +80,19 @@ def test_other_constants_are_told_as_numbers_with_their_runs():
 
 
 def test_nobody_reads_a_number_for_a_kind():
-    assert shape_text(DAHL) == "d0 = 0.002 rad, law: dahl"
-    assert effect_line(DAHL) == "presliding on elbow (d0 = 0.002, law: dahl)"
-    assert shape_text(TURNED) == "side: difference"
+    assert format_shape_constants(DAHL) == "d0 = 0.002 rad, law: dahl"
+    assert describe_effect(DAHL) == "presliding on elbow (d0 = 0.002, law: dahl)"
+    assert format_shape_constants(TURNED) == "side: difference"
 
 
 @pytest.mark.parametrize("text", ["presliding@elbow:d0=0.002,law=dahl", "presliding@elbow:d0=0.002,law=-1"])
 def test_a_kind_is_read_as_its_word_or_its_number(text):
-    assert written_effects([text]) == (DAHL,)
+    assert parse_effects([text]) == (DAHL,)
 
 
 def test_a_word_that_is_none_is_answered_with_those_there_are():
     with pytest.raises(DynidentError, match="cannot read 'maxwell'; write stop or dahl"):
-        written_effects(["presliding:law=maxwell"])
+        parse_effects(["presliding:law=maxwell"])
 
 
 def test_every_constant_that_is_no_quantity_and_has_two_signs_has_words():

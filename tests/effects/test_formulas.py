@@ -18,11 +18,11 @@ from dynident.effects import (
     MemorySignal,
     RunSignal,
     Signals,
-    columns_of,
-    effect_by_id,
+    build_columns,
+    get_effect,
 )
 from dynident.effects.memory import MemoryStates
-from dynident.effects.structure import across
+from dynident.effects.structure import get_horizontal_directions
 from dynident.robot import Robot
 
 ROBOTS = ("ur10", "scara", "dual_arm")
@@ -109,7 +109,7 @@ def test_friction_that_drifts_is_friction_times_temperature_or_decay(tw):
 
 def test_friction_is_as_stated_at_25_degrees():
     signals = Signals(arm("ur10"))
-    for column in columns_of([EffectChoice("temperature_friction")], signals):
+    for column in build_columns([EffectChoice("temperature_friction")], signals):
         torque = ca.substitute(column.torque, signals.temperature, ca.SX.ones(6, 1) * 25.0)
         assert ca.DM(ca.substitute(torque, signals.dq, ca.SX.ones(6, 1))).is_zero()
 
@@ -139,7 +139,7 @@ def test_a_compensating_spring_takes_the_slope_of_its_energy(phi, a, b, stiffnes
 
 def test_a_compensating_spring_sits_on_the_first_joints_that_gravity_loads():
     robot = arm("ur10")
-    assert effect_by_id("gravity_compensator").applicable(robot) == (1, 2, 3)
+    assert get_effect("gravity_compensator").applicable(robot) == (1, 2, 3)
 
 
 @pytest.mark.parametrize("robot_name", ["ur10", "dual_arm"])
@@ -147,7 +147,7 @@ def test_a_cable_pulls_both_its_joints_by_the_slope_of_one_energy(robot_name):
     robot = arm(robot_name)
     found = Evaluated(robot, EffectChoice("cable_force"))
     h = 1e-6
-    for j in effect_by_id("cable_force").applicable(robot):
+    for j in get_effect("cable_force").applicable(robot):
         x, y = found.q[:, j], found.q[:, j + 1]
         for a, b in ((1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3), (1, 0), (0, 1)):
             expected = np.zeros((COUNT, robot.n))
@@ -209,7 +209,7 @@ def test_a_shared_motor_brakes_both_joints_by_its_own_friction_and_inertia(side)
 def test_a_tilted_base_is_what_a_change_of_gravity_does_to_pinocchios_torque(robot_name):
     robot = arm(robot_name)
     found = Evaluated(robot, EffectChoice("base_tilt"))
-    for name, direction in zip(("gx", "gy"), across(robot.gravity), strict=True):
+    for name, direction in zip(("gx", "gy"), get_horizontal_directions(robot.gravity), strict=True):
         tilted = Robot(
             robot.name, robot.joints, robot.gravity + direction, robot.drives, robot.description, robot.inertias
         )
@@ -221,13 +221,13 @@ def test_a_tilted_base_is_what_a_change_of_gravity_does_to_pinocchios_torque(rob
 
 @given(g=st.tuples(*[st.floats(-10, 10)] * 3).filter(lambda g: np.linalg.norm(g) > 0.1))
 def test_the_directions_of_a_tilt_are_across_gravity(g):
-    first, second = across(np.array(g))
+    first, second = get_horizontal_directions(np.array(g))
     frame = np.array([first, second, np.array(g) / np.linalg.norm(g)])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-9)
 
 
 def test_under_common_gravity_a_tilt_is_named_by_the_axes_x_and_y():
-    first, second = across(np.array([0.0, 0.0, -9.81]))
+    first, second = get_horizontal_directions(np.array([0.0, 0.0, -9.81]))
     np.testing.assert_allclose([first, second], [[1, 0, 0], [0, 1, 0]], atol=1e-15)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.effects import DAHL, STOP, TRAVEL, MemorySignal, Operator
-from dynident.effects.memory import MemoryStates, step, step_expression
+from dynident.effects.memory import MemoryStates, build_step_expression, step_state
 
 SIGNALS = (
     MemorySignal(STOP, 0, 2e-3),
@@ -42,7 +42,9 @@ def naive(path: np.ndarray) -> np.ndarray:
     out = np.empty((len(path), len(SIGNALS)))
     before = path[0]
     for k, here in enumerate(path):
-        states = np.array([step(s, z, here[s.joint] - before[s.joint]) for s, z in zip(SIGNALS, states, strict=True)])
+        states = np.array(
+            [step_state(s, z, here[s.joint] - before[s.joint]) for s, z in zip(SIGNALS, states, strict=True)]
+        )
         out[k] = states
         before = here
     return out
@@ -77,8 +79,8 @@ def test_a_joint_that_stands_still_forgets_what_it_travelled(path, still):
 @given(state=st.floats(-1, 1), displacement=moves)
 def test_a_state_is_the_same_as_an_expression(state, displacement):
     for signal in SIGNALS:
-        found = step_expression(signal, ca.SX(state), ca.SX(displacement))
-        assert float(found) == pytest.approx(step(signal, state, displacement), abs=1e-12)
+        found = build_step_expression(signal, ca.SX(state), ca.SX(displacement))
+        assert float(found) == pytest.approx(step_state(signal, state, displacement), abs=1e-12)
 
 
 def test_a_new_run_starts_relaxed():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from oracles import ARMS, FROM_PINOCCHIO, arm, crooked_urdf, pinocchio_rows, random_states
 
-from dynident.effects.mechanics import dynamic_rows
+from dynident.effects.mechanics import build_dynamic_rows
 from dynident.effects.signals import Signals
 from dynident.robot import Robot, robot_from_modified_dh, robot_from_urdf, to_pinocchio, urdf_from_robot
 
@@ -160,7 +160,7 @@ def test_a_joint_has_entries_only_for_the_links_it_moves(name):
     filled = np.array(ca.DM(rows.sparsity(), 1)).reshape(robot.n, 10 * robot.n) != 0
     for joint in range(robot.n):
         links = {int(k) // 10 for k in np.flatnonzero(filled[joint])}
-        assert links <= set(robot.subtree(joint))
+        assert links <= set(robot.list_subtree(joint))
 
 
 def test_gravity_may_point_anywhere():
@@ -177,6 +177,6 @@ def test_gravity_may_point_anywhere():
 def test_rounded_constants_shorten_the_rows_without_changing_them():
     robot = arm("franka_panda")
     signals = Signals(robot)
-    rows = dynamic_rows(robot, signals.q, signals.dq, signals.ddq, signals.mechanics.gravity)
+    rows = build_dynamic_rows(robot, signals.q, signals.dq, signals.ddq, signals.mechanics.gravity)
     assert rows.nnz() < 0.55 * rows.numel()
     assert ca.Function("n", [signals.q, signals.dq, signals.ddq], [ca.cse(rows)]).n_instructions() < 4000

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import ARMS, FloatArray, arm, crooked_urdf, pinocchio_torque, random_states
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of, reference_size
-from dynident.effects.mechanics import constant
-from dynident.effects.newton_euler import inverse_dynamics, link_jacobian
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns, count_reference_parameters
+from dynident.effects.mechanics import to_constant
+from dynident.effects.newton_euler import build_inverse_dynamics, build_link_jacobian
 from dynident.errors import DynidentError
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_library, robot_from_urdf, to_pinocchio
@@ -42,7 +42,7 @@ def states(robot: Robot, seed: int = 0) -> list[State]:
     third, fourth = rng.uniform(-20, 20, (COUNT, robot.n)), rng.uniform(-80, 80, (COUNT, robot.n))
     assert robot.inertias is not None
     reference = np.concatenate([robot.inertias.reshape(-1), rng.uniform(0.1, 2.0, 4 * robot.n)])
-    assert len(reference) == reference_size(robot)
+    assert len(reference) == count_reference_parameters(robot)
     return [State(row, reference) for row in zip(q, dq, ddq, third, fourth, strict=True)]
 
 
@@ -88,7 +88,7 @@ def test_any_tree_of_any_axes_has_pinocchios_inverse_dynamics(data: st.DataObjec
     sliding = tuple(k for k in range(n) if data.draw(st.booleans()))
     robot = robot_from_urdf("tree", crooked_urdf(n, seed, sliding, parents))
     s = Signals(robot)
-    expression = inverse_dynamics(robot, s.q, s.dq, s.ddq, constant(robot.gravity), s.reference[: 10 * n])
+    expression = build_inverse_dynamics(robot, s.q, s.dq, s.ddq, to_constant(robot.gravity), s.reference[: 10 * n])
     function = ca.Function("f", [s.q, s.dq, s.ddq, s.reference], [expression])
     for state in states(robot, seed):
         found = np.array(function(*state.derivatives[:3], state.reference)).ravel()
@@ -142,7 +142,7 @@ def test_the_torque_of_another_gravity_is_pinocchios_at_rest(name: str) -> None:
     data = model.createData()
     model.gravity.linear = gravity
     s = Signals(robot)
-    function = ca.Function("g", [s.q, s.reference], [s.predicted.gravity_torque(gravity)])
+    function = ca.Function("g", [s.q, s.reference], [s.predicted.build_gravity_torque(gravity)])
     for state in states(robot, 4):
         expected = pin.computeGeneralizedGravity(model, data, state.q)
         assert close(np.array(function(state.q, state.reference)).ravel(), np.array(expected), 1e-11)
@@ -167,7 +167,7 @@ def test_the_tools_jacobian_is_pinocchios(name: str) -> None:
     model = to_pinocchio(robot)
     data = model.createData()
     s = Signals(robot)
-    function = ca.Function("j", [s.q], [link_jacobian(robot, s.q, robot.n - 1)])
+    function = ca.Function("j", [s.q], [build_link_jacobian(robot, s.q, robot.n - 1)])
     for state in states(robot, 6):
         pin.computeJointJacobians(model, data, state.q)
         expected = pin.getJointJacobian(model, data, robot.n, pin.LOCAL_WORLD_ALIGNED)
@@ -178,12 +178,12 @@ def test_parameters_that_torque_is_predicted_with_have_names():
     rng = np.random.default_rng(0)
     robot = robot_from_library("ur10")
     vector = rng.normal(size=14 * 6)
-    known = ReferenceParameters.of_vector(vector, robot)
+    known = ReferenceParameters.from_vector(vector, robot)
     assert known.inertias.shape == (6, 10)
     np.testing.assert_array_equal(known.rotors, vector[60:66])
     np.testing.assert_array_equal(known.constant, vector[78:])
     np.testing.assert_array_equal(known.vector, vector)
-    links = ReferenceParameters.of_vector(vector[:60], robot)
+    links = ReferenceParameters.from_vector(vector[:60], robot)
     np.testing.assert_array_equal(links.vector, [*vector[:60], *np.zeros(24)])
 
 
@@ -191,14 +191,14 @@ def test_parameters_that_torque_is_predicted_with_have_names():
 def test_parameters_of_half_of_the_motors_are_not_filled_up_with_nothing(length):
     robot = robot_from_library("ur10")
     with pytest.raises(DynidentError, match="expected 60 of the links alone, or 84 with Ia, Fc, Fv and b"):
-        ReferenceParameters.of_vector(np.zeros(length), robot)
+        ReferenceParameters.from_vector(np.zeros(length), robot)
 
 
 @pytest.mark.parametrize(("links", "joints"), [(5, 6), (6, 5), (7, 7)])
 def test_parameters_of_another_robot_predict_no_torque_of_this_one(links, joints):
     robot = robot_from_library("ur10")
     signals = Signals(robot)
-    observation = Observation.of(robot, columns_of([EffectChoice("drive_gain_error")], signals), signals)
-    other = ReferenceParameters.of_links(np.zeros((links, 10)), joints)
+    observation = Observation.from_columns(robot, build_columns([EffectChoice("drive_gain_error")], signals), signals)
+    other = ReferenceParameters.from_links(np.zeros((links, 10)), joints)
     with pytest.raises(DynidentError, match=f"of {links} links and {joints} driven joints; ur10 has 6 and 6"):
         observation.evaluate(*np.zeros((3, 1, 6)), reference=other, memory=np.zeros((1, 0)))

@@ -10,7 +10,7 @@ import pytest
 from evaluating import COUNT, Evaluated
 from oracles import FROM_PINOCCHIO, FloatArray, arm, pinocchio_torque
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.robot import Robot, to_pinocchio
 
 ROBOTS = ("ur10", "dual_arm", "crooked")
@@ -147,7 +147,7 @@ def test_late_torque_is_torque_less_its_rate_times_the_delay():
 def test_a_rotor_that_is_carried_along_is_a_body_that_spins_in_pinocchio(name):
     robot, found = arm(name), Evaluated(arm(name), EffectChoice("rotor_coupling"))
     ratio, inertia = 40.0, 2e-3
-    for j in effect_by_id("rotor_coupling").applicable(robot):
+    for j in get_effect("rotor_coupling").applicable(robot):
         spinning, carried = (_with_rotor(found, j, speed, inertia) for speed in (ratio, 0.0))
         expected = spinning - carried
         expected[:, j] -= ratio**2 * inertia * found.ddq[:, j]

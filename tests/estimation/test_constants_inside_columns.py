@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from dynident.estimation import FactorAccumulator, Information, Reduction, linearised, solve, statistics
+from dynident.estimation import FactorAccumulator, PriorInformation, Reduction, linearise_constants, solve, statistics
 
 STRETCHES, PER_STRETCH = 20, 50
 TRUTH = np.array([2.0, -1.0, 0.7])
@@ -51,20 +51,20 @@ def test_deviations_are_those_of_nonlinear_refits_without_each_stretch():
     stretch = np.floor(data.t + 1e-9).astype(int)
     away = np.array([data.best(stretch != s) for s in range(STRETCHES)]) - best
     expected = np.sqrt((STRETCHES - 1) / STRETCHES * (away**2).sum(axis=0))
-    found = linearised(data.reduction(best), solution, WIDE, "by_time_and_joints")
+    found = linearise_constants(data.reduction(best), solution, WIDE, "by_time_and_joints")
     assert abs(found.steps[0]) < 1e-4 * found.deviations[0]
     np.testing.assert_allclose(found.deviations, expected[2:], rtol=0.03)
-    np.testing.assert_allclose(found.of_parameters.standard_deviations, expected[:2], rtol=0.03)
+    np.testing.assert_allclose(found.parameter_statistics.standard_deviations, expected[:2], rtol=0.03)
 
 
 def test_parameters_are_less_sure_than_with_the_constant_taken_for_certain():
     data = Decay(1)
     best, solution = estimated(data)
     certain = statistics(data.reduction(best, shaped=False), solution).standard_deviations
-    found = linearised(data.reduction(best), solution, WIDE, "by_time_and_joints")
-    assert found.of_parameters.standard_deviations[1] > 1.3 * certain[1]
-    known = linearised(data.reduction(best), solution, np.array([1e-9]), "by_time_and_joints")
-    np.testing.assert_allclose(known.of_parameters.standard_deviations, certain, rtol=1e-3)
+    found = linearise_constants(data.reduction(best), solution, WIDE, "by_time_and_joints")
+    assert found.parameter_statistics.standard_deviations[1] > 1.3 * certain[1]
+    known = linearise_constants(data.reduction(best), solution, np.array([1e-9]), "by_time_and_joints")
+    np.testing.assert_allclose(known.parameter_statistics.standard_deviations, certain, rtol=1e-3)
 
 
 def test_an_estimate_beside_the_best_is_told_where_the_best_is():
@@ -73,7 +73,7 @@ def test_an_estimate_beside_the_best_is_told_where_the_best_is():
     beside = best + np.array([0.0, 0.0, 0.01])
     solution = solve(data.reduction(beside, shaped=False), np.array([SIGMA]))
     start = np.array([*solution.values, beside[2]])
-    found = linearised(data.reduction(start), solution, WIDE, "by_time_and_joints")
+    found = linearise_constants(data.reduction(start), solution, WIDE, "by_time_and_joints")
     assert beside[2] + found.steps[0] == pytest.approx(best[2], abs=5e-4)
 
 
@@ -81,14 +81,14 @@ def test_a_constant_that_no_row_tells_of_is_as_uncertain_as_its_range():
     data = Decay(3)
     best, solution = estimated(data)
     nothing = data.reduction(np.array([0.0, best[1], best[2]]))
-    found = linearised(nothing, solution, np.array([0.4]), "by_time_and_joints")
+    found = linearise_constants(nothing, solution, np.array([0.4]), "by_time_and_joints")
     assert found.deviations[0] == pytest.approx(0.4, rel=1e-6)
 
 
 def test_what_was_known_of_the_parameters_stays_known():
     data = Decay(4)
     best, _ = estimated(data)
-    known = Information(np.array([[1e4, 0.0]]), np.array([1e4 * best[0]]))
+    known = PriorInformation(np.array([[1e4, 0.0]]), np.array([1e4 * best[0]]))
     solution = solve(data.reduction(best, shaped=False), np.array([SIGMA]), known)
-    found = linearised(data.reduction(best), solution, WIDE, "by_time_and_joints")
-    assert found.of_parameters.standard_deviations[0] == pytest.approx(1e-4, rel=0.05)
+    found = linearise_constants(data.reduction(best), solution, WIDE, "by_time_and_joints")
+    assert found.parameter_statistics.standard_deviations[0] == pytest.approx(1e-4, rel=0.05)

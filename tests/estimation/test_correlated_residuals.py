@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from dynident.estimation import FactorAccumulator, Reduction, correlation_factor, ordinary, statistics
+from dynident.estimation import FactorAccumulator, Reduction, compute_correlation_factor, ordinary, statistics
 
 P, M, RATE = 5, 6000, 50.0
 
@@ -27,7 +27,7 @@ def reduced(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> Reduction:
 
 def factor_of(w: np.ndarray, y: np.ndarray, stretch: float = 2.0) -> float:
     reduction = reduced(w, y, stretch)
-    return correlation_factor(reduction.equations[0], ordinary(reduction).values)
+    return compute_correlation_factor(reduction.equations[0], ordinary(reduction).values)
 
 
 def many(column_pole: float, residual_pole: float, runs: int = 60, stretch: float = 2.0) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_effective_rows_are_the_rows_over_the_factor():
     w = smooth(rng, (M, P), 0.9)
     reduction = reduced(w, w @ np.ones(P) + smooth(rng, (M, 1), 0.9)[:, 0])
     solution = ordinary(reduction)
-    factor = correlation_factor(reduction.equations[0], solution.values)
+    factor = compute_correlation_factor(reduction.equations[0], solution.values)
     assert statistics(reduction, solution).effective_rows[0] == pytest.approx(M / factor)
 
 
@@ -101,8 +101,10 @@ def test_neither_units_nor_the_order_of_stretches_change_the_factor(seed, scales
     w = smooth(rng, (M, P), 0.9)
     y = w @ np.ones(P) + smooth(rng, (M, 1), 0.8)[:, 0]
     plain = factor_of(w, y)
-    reduction = reduced(w * scales, gain * y).stretches(order)
-    assert correlation_factor(reduction.equations[0], ordinary(reduction).values) == pytest.approx(plain, rel=1e-6)
+    reduction = reduced(w * scales, gain * y).select_blocks(order)
+    assert compute_correlation_factor(reduction.equations[0], ordinary(reduction).values) == pytest.approx(
+        plain, rel=1e-6
+    )
 
 
 def test_too_few_stretches_to_see_a_correlation_claim_none():
@@ -127,4 +129,4 @@ def test_a_column_that_an_equation_hardly_sees_does_no_harm():
     accumulator.push(np.arange(M) / RATE, [np.column_stack([wide, y])])
     equation = accumulator.finish().equations[0]
     values = np.append(ordinary(reduced(w, y)).values, 7.0)
-    assert correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)
+    assert compute_correlation_factor(equation, values) == pytest.approx(plain, rel=1e-6)

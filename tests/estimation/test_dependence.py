@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.estimation import FactorAccumulator, ordinary, statistics
-from dynident.estimation.dependence import Dependence, dependence
+from dynident.estimation.dependence import Collinearity, find_collinearity
 
 M = 2000
 
 
-def found(w: np.ndarray, **more) -> Dependence:
+def found(w: np.ndarray, **more) -> Collinearity:
     rng = np.random.default_rng(1)
     accumulator = FactorAccumulator([np.arange(w.shape[1])], w.shape[1], 2.0)
     y = w @ np.ones(w.shape[1]) + rng.normal(size=M)
     accumulator.push(np.arange(M) / 50.0, [np.column_stack([w, y])])
     reduction = accumulator.finish()
     solution = ordinary(reduction)
-    return dependence(solution, statistics(reduction, solution, "by_joint"), **more)
+    return find_collinearity(solution, statistics(reduction, solution, "by_joint"), **more)
 
 
 def columns(share: float, seed: int = 0) -> np.ndarray:

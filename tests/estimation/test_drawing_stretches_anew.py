@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.linalg import lstsq
 
-from dynident.estimation import FactorAccumulator, Information, Reduction, bootstrap, solve, statistics, weighted
+from dynident.estimation import (
+    FactorAccumulator,
+    PriorInformation,
+    Reduction,
+    bootstrap_estimates,
+    solve,
+    statistics,
+    weighted,
+)
 
 CONTAINS = (np.array([0, 1, 2]), np.array([1, 2, 3]))
 SIGMA = np.array([0.5, 3.0])
@@ -63,7 +71,7 @@ class Rows:
 def test_pairs_are_those_of_rows_drawn_stretch_by_stretch_and_weighed_anew():
     data = Rows(40)
     solution = weighted(data.reduction())
-    found = bootstrap(data.reduction(), solution, draws=2000, seed=1)
+    found = bootstrap_estimates(data.reduction(), solution, draws=2000, seed=1)
     assert (found.kind, found.lost) == ("pairs", 0)
     np.testing.assert_allclose(found.deviations, data.drawn(2000, solution.noise), rtol=0.08)
 
@@ -90,7 +98,7 @@ def test_wild_draws_are_those_of_dense_residuals_with_webbs_weights():
         lstsq(w, w @ solution.values + rng.choice([*values, *-values], size=data.stretches)[stretch] * straight)[0]
         for _ in range(3000)
     ]
-    found = bootstrap(data.reduction(), solution, draws=3000, reweigh=False)
+    found = bootstrap_estimates(data.reduction(), solution, draws=3000, reweigh=False)
     assert found.kind == "wild"
     np.testing.assert_allclose(found.deviations, np.std(drawn, axis=0), rtol=0.06)
 
@@ -100,21 +108,21 @@ def test_it_agrees_with_what_is_told_without_drawing(stretches):
     data = Rows(stretches, 3)
     solution = weighted(data.reduction())
     told = statistics(data.reduction(), solution).standard_deviations
-    np.testing.assert_allclose(bootstrap(data.reduction(), solution).deviations, told, rtol=0.25)
+    np.testing.assert_allclose(bootstrap_estimates(data.reduction(), solution).deviations, told, rtol=0.25)
 
 
 def test_it_disagrees_where_the_shared_error_is_not_counted():
     data = Rows(20, 4)
     solution = weighted(data.reduction())
     told = statistics(data.reduction(), solution, "independent").standard_deviations
-    assert np.median(bootstrap(data.reduction(), solution).deviations / told) > 1.5
+    assert np.median(bootstrap_estimates(data.reduction(), solution).deviations / told) > 1.5
 
 
 def test_what_was_known_is_drawn_with_its_own_error():
     data = Rows(20, 6)
-    known = Information(np.array([[1e4, 0.0, 0.0, 0.0]]), np.array([1e4]))
+    known = PriorInformation(np.array([[1e4, 0.0, 0.0, 0.0]]), np.array([1e4]))
     solution = solve(data.reduction(), SIGMA, known)
-    found = bootstrap(data.reduction(), solution, draws=2000)
+    found = bootstrap_estimates(data.reduction(), solution, draws=2000)
     assert found.deviations[0] == pytest.approx(1e-4, rel=0.05)
 
 
@@ -123,5 +131,5 @@ def test_draws_that_lack_what_a_parameter_is_told_by_are_counted():
     for w in data.w:
         w[data.stretch > 1] *= np.array([1.0, 1.0, 0.0]) if w is data.w[1] else np.ones(3)
     data.y[1] = data.w[1] @ np.array([-2.0, 0.5, 3.0]) + np.random.default_rng(0).normal(size=len(data.t))
-    found = bootstrap(data.reduction(), weighted(data.reduction()), kind="pairs", draws=300)
+    found = bootstrap_estimates(data.reduction(), weighted(data.reduction()), kind="pairs", draws=300)
     assert 0.08 < found.lost / 300 < 0.2

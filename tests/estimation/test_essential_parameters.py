@@ -12,7 +12,7 @@ from dynident.estimation import (
     EliminationPath,
     FactorAccumulator,
     Reduction,
-    eliminate,
+    eliminate_parameters,
     ordinary,
     statistics,
 )
@@ -35,7 +35,7 @@ def drawn(truth: np.ndarray, seed: int = 0, noise: float = 1.0) -> tuple[np.ndar
 def path_of(w: np.ndarray, y: np.ndarray, **more) -> EliminationPath:
     reduction = reduced(w, y)
     solution = ordinary(reduction)
-    return eliminate(reduction, solution, statistics(reduction, solution), **more)
+    return eliminate_parameters(reduction, solution, statistics(reduction, solution), **more)
 
 
 ZEROS = np.array([2.0, 0.3, 20.0, 0.0, 0.0, 1.0, 0.0, 0.4])

@@ -12,9 +12,9 @@ from dynident.estimation import (
     EstimationError,
     FactorAccumulator,
     Reduction,
-    instrumental,
-    known_values,
+    build_prior,
     ordinary,
+    solve_instrumental,
     statistics,
     weighted,
 )
@@ -55,7 +55,7 @@ class Rows:
 
 def test_estimates_are_those_of_statsmodels_on_the_same_weighted_rows():
     data = Rows()
-    found = instrumental(data.reduction())
+    found = solve_instrumental(data.reduction())
     z, w, y = data.dense(found.solution.noise)
     np.testing.assert_allclose(found.solution.values, IV2SLS(y, w, instrument=z).fit().params, rtol=1e-9)
 
@@ -63,16 +63,19 @@ def test_estimates_are_those_of_statsmodels_on_the_same_weighted_rows():
 def test_instruments_that_are_the_columns_themselves_give_weighted_least_squares():
     data = Rows(1)
     data.z = data.w
-    found, expected = instrumental(data.reduction()), weighted(data.reduction().select(np.arange(C, 2 * C)))
+    found, expected = (
+        solve_instrumental(data.reduction()),
+        weighted(data.reduction().select_columns(np.arange(C, 2 * C))),
+    )
     np.testing.assert_allclose(found.solution.values, expected.values, rtol=1e-9)
-    observed = data.reduction().select(np.arange(C, 2 * C))
+    observed = data.reduction().select_columns(np.arange(C, 2 * C))
     np.testing.assert_allclose(found.statistics.covariance, statistics(observed, expected).covariance, rtol=1e-7)
     assert found.strength == pytest.approx(1.0)
 
 
 def test_the_strength_is_the_smallest_canonical_correlation():
     data = Rows(2)
-    found = instrumental(data.reduction())
+    found = solve_instrumental(data.reduction())
     z, w, _ = data.dense(found.solution.noise)
     expected = np.linalg.svd(np.linalg.qr(z)[0].T @ np.linalg.qr(w)[0], compute_uv=False)[-1]
     assert found.strength == pytest.approx(expected, rel=1e-9)
@@ -83,8 +86,8 @@ def test_noise_in_the_columns_biases_least_squares_but_not_instrumental_variable
     estimates, deviations, plain, plain_deviations = [], [], [], []
     for seed in range(runs):
         both = Rows(seed).reduction()
-        found = instrumental(both)
-        observed = both.select(np.arange(C, 2 * C))
+        found = solve_instrumental(both)
+        observed = both.select_columns(np.arange(C, 2 * C))
         least = ordinary(observed)
         estimates.append(found.solution.values)
         deviations.append(found.statistics.standard_deviations)
@@ -99,14 +102,14 @@ def test_noise_in_the_columns_biases_least_squares_but_not_instrumental_variable
 
 def test_what_is_known_beforehand_counts_as_its_own_instrument():
     data = Rows(3)
-    known = known_values(np.array([3.0]), np.array([[0.04]]), np.array([3]), C)
-    found = instrumental(data.reduction(), known)
+    known = build_prior(np.array([3.0]), np.array([[0.04]]), np.array([3]), C)
+    found = solve_instrumental(data.reduction(), known)
     z, w, y = data.dense(found.solution.noise)
     row, right = known.factor, known.right
     expected = np.linalg.solve(z.T @ w + row.T @ row, z.T @ y + row.T @ right)
     np.testing.assert_allclose(found.solution.values, expected, rtol=1e-9)
-    certain = known_values(np.array([7.0]), np.zeros((1, 1)), np.array([0]), C)
-    assert instrumental(data.reduction(), certain).solution.values[0] == pytest.approx(7.0, abs=1e-5)
+    certain = build_prior(np.array([7.0]), np.zeros((1, 1)), np.array([0]), C)
+    assert solve_instrumental(data.reduction(), certain).solution.values[0] == pytest.approx(7.0, abs=1e-5)
 
 
 @settings(max_examples=20, deadline=None)
@@ -117,11 +120,11 @@ def test_what_is_known_beforehand_counts_as_its_own_instrument():
 )
 def test_units_of_parameters_change_only_their_units_and_those_of_instruments_nothing(seed, scales, others):
     data = Rows(seed)
-    one = instrumental(data.reduction())
+    one = solve_instrumental(data.reduction())
     s, instruments = np.array(scales), np.array(others)
     data.w = [w * s[columns] for w, columns in zip(data.w, CONTAINS, strict=True)]
     data.z = [z * instruments[columns] for z, columns in zip(data.z, CONTAINS, strict=True)]
-    other = instrumental(data.reduction())
+    other = solve_instrumental(data.reduction())
     np.testing.assert_allclose(other.solution.values * s, one.solution.values, rtol=1e-6)
     deviations = other.statistics.standard_deviations * s
     np.testing.assert_allclose(deviations, one.statistics.standard_deviations, rtol=1e-5)
@@ -133,7 +136,7 @@ def test_instruments_that_have_nothing_to_do_with_the_columns_are_refused():
     rng = np.random.default_rng(9)
     data.z = [rng.normal(size=one.shape) for one in data.z]
     with pytest.raises(EstimationError, match="correlation of only") as caught:
-        instrumental(data.reduction())
+        solve_instrumental(data.reduction())
     assert caught.value.title == "Weak instruments"
 
 
@@ -142,9 +145,9 @@ def test_a_column_that_is_zero_is_refused(which):
     data = Rows(5)
     getattr(data, which)[0][:, 0] = 0.0
     with pytest.raises(EstimationError, match="simulated" if which == "z" else "measured"):
-        instrumental(data.reduction())
+        solve_instrumental(data.reduction())
 
 
 def test_fewer_rows_than_parameters_are_refused():
     with pytest.raises(EstimationError, match="4 equations cannot determine 5 parameters"):
-        instrumental(Rows(6, m=2).reduction())
+        solve_instrumental(Rows(6, m=2).reduction())

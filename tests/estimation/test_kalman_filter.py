@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dynident.estimation import EstimationError, known_values
+from dynident.estimation import EstimationError, build_prior
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, TorqueSlopes
-from dynident.estimation.triangles import triangular
+from dynident.estimation.triangles import compute_r_factor
 
 # Inertia, first moment times gravity, viscous friction.
 TRUTH = np.array([0.4, 3.0, 0.25])
@@ -104,8 +104,8 @@ def test_the_estimate_is_the_least_squares_solution_of_the_equations_that_its_sa
     start = np.array([0.5, 2.5, 0.4])
     one = started(start, position=1e-3, torque=0.3)
     rows = np.concatenate([sample.rows for sample in run(one, q, tau)])
-    known = known_values(start, np.eye(3) * 0.25, np.arange(3), 3)
-    factor = triangular(np.concatenate([known.rows, rows]))
+    known = build_prior(start, np.eye(3) * 0.25, np.arange(3), 3)
+    factor = compute_r_factor(np.concatenate([known.rows, rows]))
     np.testing.assert_allclose(np.linalg.solve(factor[:3, :3], factor[:3, 3]), one.values, rtol=1e-9)
     np.testing.assert_allclose(np.linalg.inv(factor[:3, :3].T @ factor[:3, :3]), one.covariance, rtol=1e-7)
 

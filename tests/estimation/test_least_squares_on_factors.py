@@ -12,16 +12,16 @@ from dynident.estimation import (
     EstimationError,
     FactorAccumulator,
     Reduction,
-    concatenate,
-    condition_number,
-    errors,
-    known_values,
-    noise_levels,
+    build_prior,
+    build_weighted_factor,
+    compute_condition_number,
+    compute_errors,
+    compute_noise_levels,
+    concatenate_reductions,
     ordinary,
     solve,
     statistics,
     weighted,
-    weighted_factor,
 )
 
 N_PARAMETERS = 7
@@ -69,7 +69,7 @@ def test_ordinary_least_squares_is_numpys():
     np.testing.assert_allclose(solution.values, expected, rtol=1e-10)
     np.testing.assert_allclose(solution.normal_inverse, np.linalg.inv(w.T @ w), rtol=1e-8)
     np.testing.assert_allclose(solution.scales, np.linalg.norm(w, axis=0), rtol=1e-12)
-    assert condition_number(data.reduction()) == pytest.approx(np.linalg.cond(w), rel=1e-10)
+    assert compute_condition_number(data.reduction()) == pytest.approx(np.linalg.cond(w), rel=1e-10)
 
 
 def test_what_is_known_beforehand_counts_as_rows_of_its_own():
@@ -77,7 +77,7 @@ def test_what_is_known_beforehand_counts_as_rows_of_its_own():
     rng = np.random.default_rng(5)
     root = rng.normal(size=(2, 2))
     covariance, values = root @ root.T + 0.1 * np.eye(2), np.array([0.3, -2.0])
-    known = known_values(values, covariance, np.array([1, 4]), N_PARAMETERS)
+    known = build_prior(values, covariance, np.array([1, 4]), N_PARAMETERS)
     w, y = data.dense(noise=SIGMA)
     picked = np.zeros((2, N_PARAMETERS))
     picked[[0, 1], [1, 4]] = 1.0
@@ -88,9 +88,9 @@ def test_what_is_known_beforehand_counts_as_rows_of_its_own():
 
 def test_a_value_known_for_certain_stays_what_it_is_and_a_vague_one_changes_nothing():
     reduction = Rows().reduction()
-    certain = known_values(np.array([3.0]), np.zeros((1, 1)), np.array([2]), N_PARAMETERS)
+    certain = build_prior(np.array([3.0]), np.zeros((1, 1)), np.array([2]), N_PARAMETERS)
     assert weighted(reduction, certain).values[2] == pytest.approx(3.0, abs=1e-6)
-    vague = known_values(np.array([3.0]), np.full((1, 1), 1e16), np.array([2]), N_PARAMETERS)
+    vague = build_prior(np.array([3.0]), np.full((1, 1), 1e16), np.array([2]), N_PARAMETERS)
     for estimator in (ordinary, weighted):
         np.testing.assert_allclose(
             estimator(reduction, vague).values, estimator(reduction).values, rtol=0.02, atol=0.02
@@ -100,7 +100,7 @@ def test_a_value_known_for_certain_stays_what_it_is_and_a_vague_one_changes_noth
 def test_the_covariance_counts_what_was_known_once():
     data = Rows(sigma=np.array([1.0, 1.0, 1.0]), m=4000)
     reduction = data.reduction(stretch=2.0)
-    known = known_values(data.truth[:1], np.full((1, 1), 1e-8), np.array([0]), N_PARAMETERS)
+    known = build_prior(data.truth[:1], np.full((1, 1), 1e-8), np.array([0]), N_PARAMETERS)
     solution = weighted(reduction, known)
     found = statistics(reduction, solution)
     assert found.standard_deviations[0] == pytest.approx(1e-4, rel=0.05)
@@ -147,7 +147,7 @@ def test_the_noise_of_an_equation_is_that_of_its_residual():
         np.sqrt(np.sum((y - w @ chi[c]) ** 2) / (len(y) * share))
         for w, y, c in zip(data.w, data.y, CONTAINS, strict=True)
     ]
-    np.testing.assert_allclose(noise_levels(reduction, chi), expected, rtol=1e-10)
+    np.testing.assert_allclose(compute_noise_levels(reduction, chi), expected, rtol=1e-10)
 
 
 def test_the_covariance_of_one_equation_with_independent_residuals_is_statsmodels():
@@ -209,7 +209,7 @@ def test_relative_deviations_are_fractions_and_infinite_at_zero():
 def test_errors_are_those_of_all_rows():
     data = Rows(6)
     chi = data.truth * 1.1
-    found = errors(data.reduction(), chi)
+    found = compute_errors(data.reduction(), chi)
     rest = [y - w @ chi[c] for w, y, c in zip(data.w, data.y, CONTAINS, strict=True)]
     np.testing.assert_allclose(found.squares, [r @ r for r in rest], rtol=1e-10)
     np.testing.assert_allclose(found.rms, [np.sqrt(np.mean(r**2)) for r in rest], rtol=1e-10)
@@ -224,43 +224,43 @@ def test_an_equation_without_torque_has_no_relative_error_but_one_where_torque_i
     data = Rows(7)
     data.y[1] = np.zeros(len(data.t))
     reduction = data.reduction()
-    assert errors(reduction, np.zeros(N_PARAMETERS)).relative[1] == 0.0
-    assert errors(reduction, np.ones(N_PARAMETERS)).relative[1] == 1.0
+    assert compute_errors(reduction, np.zeros(N_PARAMETERS)).relative[1] == 0.0
+    assert compute_errors(reduction, np.ones(N_PARAMETERS)).relative[1] == 1.0
 
 
 def test_choosing_columns_is_the_fit_with_those_columns():
     data = Rows(8)
     w, y = data.dense()
     picked = [5, 0, 4, 3]
-    reduction = data.reduction().select(picked)
+    reduction = data.reduction().select_columns(picked)
     np.testing.assert_allclose(ordinary(reduction).values, np.linalg.lstsq(w[:, picked], y, rcond=None)[0], rtol=1e-9)
-    np.testing.assert_allclose(errors(reduction, np.zeros(4)).measured, [v @ v for v in data.y], rtol=1e-10)
+    np.testing.assert_allclose(compute_errors(reduction, np.zeros(4)).measured, [v @ v for v in data.y], rtol=1e-10)
 
 
 def test_choosing_stretches_is_the_fit_on_those_rows():
     data = Rows(9)
     reduction = data.reduction(stretch=2.0)  # four of 100 rows
-    assert reduction.n_stretches == 4
+    assert reduction.n_blocks == 4
     w, y = data.dense(rows=slice(100, 300))
     np.testing.assert_allclose(
-        ordinary(reduction.stretches([1, 2])).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9
+        ordinary(reduction.select_blocks([1, 2])).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9
     )
-    without = reduction.equations[0].without([0, 3])
-    chosen = reduction.stretches([1, 2]).equations[0].joined
+    without = reduction.equations[0].factor_without_blocks([0, 3])
+    chosen = reduction.select_blocks([1, 2]).equations[0].joint_factor
     np.testing.assert_allclose(without.T @ without, chosen.T @ chosen, rtol=1e-9, atol=1e-9)
 
 
 def test_leaving_all_out_leaves_nothing():
     reduction = Rows(9).reduction(stretch=2.0)
-    assert not reduction.equations[0].without(range(4)).any()
+    assert not reduction.equations[0].factor_without_blocks(range(4)).any()
 
 
 def test_data_sets_behind_one_another_are_one_data_set():
     data = Rows(10)
     parts = [data.reduction(rows=slice(0, 130)), data.reduction(rows=slice(130, 400))]
-    whole = concatenate(parts)
+    whole = concatenate_reductions(parts)
     assert whole.n_rows == 1200
-    assert whole.n_stretches == parts[0].n_stretches + parts[1].n_stretches
+    assert whole.n_blocks == parts[0].n_blocks + parts[1].n_blocks
     w, y = data.dense()
     np.testing.assert_allclose(ordinary(whole).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
 
@@ -269,7 +269,7 @@ def test_data_sets_behind_one_another_are_one_data_set():
 @given(seed=st.integers(0, 1000), order=st.permutations(range(16)))
 def test_the_order_of_stretches_changes_neither_estimates_nor_deviations(seed, order):
     reduction = Rows(seed).reduction(stretch=0.5)
-    mixed = reduction.stretches(order)
+    mixed = reduction.select_blocks(order)
     one, other = weighted(reduction), weighted(mixed)
     np.testing.assert_allclose(one.values, other.values, rtol=1e-9)
     np.testing.assert_allclose(
@@ -350,7 +350,7 @@ def test_given_noise_weights_the_rows():
     noise = np.array([2.0, 0.1, 1.0])
     w, y = data.dense(noise)
     np.testing.assert_allclose(solve(data.reduction(), noise).values, np.linalg.lstsq(w, y, rcond=None)[0], rtol=1e-9)
-    r = weighted_factor(data.reduction(), noise)
+    r = build_weighted_factor(data.reduction(), noise)
     both = np.column_stack([w, y])
     np.testing.assert_allclose(r.T @ r, both.T @ both, rtol=1e-9, atol=1e-7)
 

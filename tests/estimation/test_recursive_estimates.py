@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.estimation import FactorAccumulator, known_values, weighted_factor
-from dynident.estimation.recursive import recursive_statistics
+from dynident.estimation import FactorAccumulator, build_prior, build_weighted_factor
+from dynident.estimation.recursive import compute_recursive_statistics
 
 STRETCHES, LENGTH, C = 50, 40, 3
 
@@ -28,10 +28,10 @@ def estimated(seed: int, correlated: bool, size: float = 1.0):
     accumulator = FactorAccumulator([np.arange(C)] * 2, C, 1.0)
     accumulator.push(t, rows)
     reduction = accumulator.finish()
-    start = known_values(np.zeros(C), 1e4 * np.eye(C), np.arange(C), C)
-    factor = weighted_factor(reduction, np.ones(2), start)
+    start = build_prior(np.zeros(C), 1e4 * np.eye(C), np.arange(C), C)
+    factor = build_weighted_factor(reduction, np.ones(2), start)
     values = np.linalg.solve(factor[:C, :C], factor[:C, C])
-    return values, recursive_statistics(reduction, values, start)
+    return values, compute_recursive_statistics(reduction, values, start)
 
 
 @pytest.mark.parametrize(("correlated", "size"), [(False, 1.0), (False, 0.1), (True, 1.0)])

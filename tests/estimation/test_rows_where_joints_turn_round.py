@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.estimation import (
-    Apart,
-    Beside,
     FactorAccumulator,
     Reduction,
-    concatenate,
-    errors,
-    noise_of_rows,
+    RestRows,
+    RowGroup,
+    compute_errors,
+    compute_row_noise,
+    concatenate_reductions,
+    estimate_reversal_weights,
+    merge_reversal_equations,
     ordinary,
-    told_apart,
-    turning_weights,
     weighted,
 )
 
@@ -43,7 +43,7 @@ def rows(seed: int, noise: tuple[float, float], share: float = 0.1) -> tuple[lis
 def reduction(found: list[np.ndarray], turns: np.ndarray) -> Reduction:
     accumulator = FactorAccumulator(2 * COLUMNS, N_COLUMNS, N_ROWS / STRETCHES)
     accumulator.push(np.arange(N_ROWS, dtype=float), 2 * found, np.hstack([~turns, turns]))
-    return told_apart(accumulator.finish())
+    return merge_reversal_equations(accumulator.finish())
 
 
 def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -61,39 +61,39 @@ def by_rows(found: list[np.ndarray], turns: np.ndarray, weights: np.ndarray) -> 
 def test_a_solution_is_that_of_rows_divided_by_their_noise_whatever_they_were_weighed_by_before(seed, given_weights):
     found, turns = rows(seed, (0.1, 0.5))
     weights = np.array(given_weights)
-    once = reduction(found, turns).weighing_turns(weights)
-    again = reduction(found, turns).weighing_turns(np.array([0.3, 0.02])).weighing_turns(weights)
+    once = reduction(found, turns).weight_reversals(weights)
+    again = reduction(found, turns).weight_reversals(np.array([0.3, 0.02])).weight_reversals(weights)
     expected = by_rows(found, turns, weights)
     np.testing.assert_allclose(ordinary(once).values, expected, rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(ordinary(again).values, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_weights_are_what_the_noise_of_either_kind_of_rows_says():
-    weights = turning_weights(reduction(*rows(1, (0.1, 0.5))))
+    weights = estimate_reversal_weights(reduction(*rows(1, (0.1, 0.5))))
     assert weights == pytest.approx([1 / 25] * 2, rel=0.4)
 
 
 def test_rows_that_are_quieter_where_a_joint_turns_round_count_as_the_others_do():
-    assert (turning_weights(reduction(*rows(1, (0.5, 0.1)))) == 1.0).all()
+    assert (estimate_reversal_weights(reduction(*rows(1, (0.5, 0.1)))) == 1.0).all()
 
 
 def test_estimates_come_nearer_to_the_truth_than_with_all_rows_alike():
     drawn = [reduction(*rows(seed, (0.1, 2.0))) for seed in range(20)]
     alike = [weighted(one).values - TRUTH for one in drawn]
-    weighed = [weighted(one.weighing_turns(turning_weights(one))).values - TRUTH for one in drawn]
+    weighed = [weighted(one.weight_reversals(estimate_reversal_weights(one))).values - TRUTH for one in drawn]
     assert np.linalg.norm(weighed) < 0.4 * np.linalg.norm(alike)
 
 
 def test_errors_are_told_of_all_rows_alike_whatever_they_count_for():
     found, turns = rows(2, (0.1, 0.5))
     data = reduction(found, turns)
-    weighed = data.weighing_turns(np.array([0.1, 0.0]))
+    weighed = data.weight_reversals(np.array([0.1, 0.0]))
     values = TRUTH + 0.1
     rests = [own[:, -1] - own[:, :-1] @ values[columns] for own, columns in zip(found, COLUMNS, strict=True)]
     for one in (data, weighed):
-        assert errors(one, values).squares == pytest.approx([rest @ rest for rest in rests])
-        assert errors(one, values).measured == pytest.approx([own[:, -1] @ own[:, -1] for own in found])
-    assert noise_of_rows(weighed, values) == pytest.approx(noise_of_rows(data, values))
+        assert compute_errors(one, values).squares == pytest.approx([rest @ rest for rest in rests])
+        assert compute_errors(one, values).measured == pytest.approx([own[:, -1] @ own[:, -1] for own in found])
+    assert compute_row_noise(weighed, values) == pytest.approx(compute_row_noise(data, values))
 
 
 @pytest.mark.parametrize("picked", [[0, 1, 2, 3], [3, 1], [2]])
@@ -101,40 +101,44 @@ def test_fewer_columns_and_combinations_of_them_keep_what_is_told_apart(picked):
     found, turns = rows(3, (0.1, 0.5))
     weights = np.array([0.04, 0.2])
     change = np.eye(N_COLUMNS)[:, picked]
-    for smaller in (reduction(found, turns).select(picked), reduction(found, turns).combined(change)):
-        expected = reduction(found, turns).weighing_turns(weights).select(picked)
-        np.testing.assert_allclose(ordinary(smaller.weighing_turns(weights)).values, ordinary(expected).values)
+    for smaller in (reduction(found, turns).select_columns(picked), reduction(found, turns).combine_columns(change)):
+        expected = reduction(found, turns).weight_reversals(weights).select_columns(picked)
+        np.testing.assert_allclose(ordinary(smaller.weight_reversals(weights)).values, ordinary(expected).values)
 
 
 def test_recordings_behind_one_another_are_told_apart_where_all_of_them_are():
     drawn = [rows(seed, (0.1, 0.5), share) for seed, share in ((4, 0.02), (5, 0.3))]
-    both = concatenate([reduction(*one) for one in drawn])
+    both = concatenate_reductions([reduction(*one) for one in drawn])
     stacked = [np.concatenate([one[0][k] for one in drawn]) for k in range(2)]
     turns = np.concatenate([one[1] for one in drawn])
-    assert [e.turned.counts.sum() for e in both.equations] == turns.sum(axis=0).tolist()
+    assert [e.reversal_rows.counts.sum() for e in both.equations] == turns.sum(axis=0).tolist()
     rest = stacked[0][turns[:, 0]]
-    assert both.equations[0].turned.squares(TRUTH[COLUMNS[0]]) == pytest.approx(
+    assert both.equations[0].reversal_rows.sum_squares(TRUTH[COLUMNS[0]]) == pytest.approx(
         float(((rest[:, -1] - rest[:, :-1] @ TRUTH[COLUMNS[0]]) ** 2).sum())
     )
     plain = reduction(*drawn[0])
-    mixed = concatenate([plain, plain.select(range(N_COLUMNS)).stretches(range(3))])
-    assert mixed.equations[0].turned is None
+    mixed = concatenate_reductions([plain, plain.select_columns(range(N_COLUMNS)).select_blocks(range(3))])
+    assert mixed.equations[0].reversal_rows is None
 
 
 def test_of_recordings_that_are_not_all_told_apart_it_is_known_all_the_same_which_rows_turn():
-    nothing = Apart(np.zeros((len(COLUMNS[0]) + 1,) * 2), 0)
+    nothing = RowGroup(np.zeros((len(COLUMNS[0]) + 1,) * 2), 0)
     standing = np.zeros((0, len(COLUMNS[0])))
-    beside = Beside(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
+    beside = RestRows(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
     told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], beside=beside)
-    mixed = concatenate([Reduction(N_COLUMNS, (one,), np.zeros((0, 2))) for one in (told, told.without_weights)])
-    turning = mixed.equations[0].turning
-    assert isinstance(turning, Apart)
-    assert turning.count == 2 * told.turned.count
-    assert turning.squares(TRUTH[COLUMNS[0]]) == pytest.approx(2 * told.turned.squares(TRUTH[COLUMNS[0]]))
+    mixed = concatenate_reductions(
+        [Reduction(N_COLUMNS, (one,), np.zeros((0, 2))) for one in (told, told.with_fixed_weights)]
+    )
+    turning = mixed.equations[0].rows_at_reversals
+    assert isinstance(turning, RowGroup)
+    assert turning.count == 2 * told.reversal_rows.count
+    assert turning.sum_squares(TRUTH[COLUMNS[0]]) == pytest.approx(
+        2 * told.reversal_rows.sum_squares(TRUTH[COLUMNS[0]])
+    )
 
 
 def test_where_no_joint_turns_round_nothing_changes():
     found, _ = rows(6, (0.1, 0.5))
     data = reduction(found, np.zeros((N_ROWS, 2), dtype=bool))
-    assert (turning_weights(data) == 1.0).all()
-    np.testing.assert_array_equal(ordinary(data.weighing_turns(np.full(2, 0.5))).values, ordinary(data).values)
+    assert (estimate_reversal_weights(data) == 1.0).all()
+    np.testing.assert_array_equal(ordinary(data.weight_reversals(np.full(2, 0.5))).values, ordinary(data).values)

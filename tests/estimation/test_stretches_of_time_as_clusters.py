@@ -10,14 +10,14 @@ from scipy.linalg import lstsq
 
 from dynident.estimation import (
     FactorAccumulator,
-    Information,
+    PriorInformation,
     Reduction,
-    instrumental,
     solve,
+    solve_instrumental,
     statistics,
     weighted,
 )
-from dynident.estimation.clusters import spread_over_stretches
+from dynident.estimation.clusters import estimate_cluster_covariance
 
 N_PARAMETERS = 4
 CONTAINS = (np.array([0, 1, 2]), np.array([1, 2, 3]))
@@ -65,17 +65,17 @@ class Rows:
 def test_it_is_the_jackknife_of_refits_without_each_stretch():
     data = Rows()
     reduction = data.reduction()
-    assert reduction.n_stretches == STRETCHES
+    assert reduction.n_blocks == STRETCHES
     solution = solve(reduction, SIGMA)
     refits = np.array([lstsq(*data.dense(data.stretch != s))[0] for s in range(STRETCHES)])
     away = refits - solution.values
     expected = (STRETCHES - 1) / STRETCHES * away.T @ away
-    np.testing.assert_allclose(spread_over_stretches(reduction, solution).covariance, expected, rtol=1e-8)
+    np.testing.assert_allclose(estimate_cluster_covariance(reduction, solution).covariance, expected, rtol=1e-8)
 
 
 def test_what_was_known_beside_the_data_stays_known_in_every_refit():
     data = Rows(1)
-    known = Information(np.array([[0.0, 3.0, 1.0, 0.0]]), np.array([-5.0]))
+    known = PriorInformation(np.array([[0.0, 3.0, 1.0, 0.0]]), np.array([-5.0]))
     solution = solve(data.reduction(), SIGMA, known)
     refits = []
     for s in range(STRETCHES):
@@ -86,7 +86,7 @@ def test_what_was_known_beside_the_data_stays_known_in_every_refit():
     bread = np.linalg.inv(w.T @ w + known.factor.T @ known.factor)
     of_known = bread @ known.factor.T @ known.factor @ bread
     expected = (STRETCHES - 1) / STRETCHES * away.T @ away + of_known
-    np.testing.assert_allclose(spread_over_stretches(data.reduction(), solution).covariance, expected, rtol=1e-8)
+    np.testing.assert_allclose(estimate_cluster_covariance(data.reduction(), solution).covariance, expected, rtol=1e-8)
 
 
 def test_degrees_of_freedom_are_those_of_the_quadratic_form_in_independent_rows():
@@ -101,7 +101,7 @@ def test_degrees_of_freedom_are_those_of_the_quadratic_form_in_independent_rows(
         own = w[stretch == s]
         steps.append(np.linalg.inv(w.T @ w - own.T @ own) @ own.T @ left[stretch == s])
     maps = np.array(steps)  # (s, c, rows): how every stretch's step follows from independent errors
-    for k, freedom in enumerate(spread_over_stretches(data.reduction(), solution).freedom):
+    for k, freedom in enumerate(estimate_cluster_covariance(data.reduction(), solution).freedom):
         omega = maps[:, k] @ maps[:, k].T
         assert freedom == pytest.approx(np.trace(omega) ** 2 / np.sum(omega**2), rel=1e-6)
 
@@ -126,7 +126,7 @@ def test_what_one_stretch_alone_tells_of_is_not_called_sure():
     data.y[0] = data.y[0] - 0.0
     reduction = data.reduction()
     solution = solve(reduction, SIGMA)
-    found = spread_over_stretches(reduction, solution)
+    found = estimate_cluster_covariance(reduction, solution)
     by_rows = statistics(reduction, solution, "independent").standard_deviations
     assert 0.3 * by_rows[0] < np.sqrt(found.covariance[0, 0]) < 10 * by_rows[0]
     # Nobody knows how far off it is: its interval is as wide as one degree of freedom makes it.
@@ -141,7 +141,7 @@ def test_a_motion_within_one_stretch_is_judged_by_its_rows_and_never_called_exac
     rows = [np.column_stack([w, y]) for w, y in zip(data.w, data.y, strict=True)]
     accumulator.push(data.t, rows, np.column_stack([moving, moving]))
     reduction = accumulator.finish()
-    assert reduction.n_stretches == STRETCHES
+    assert reduction.n_blocks == STRETCHES
     solution = solve(reduction, SIGMA)
     found = statistics(reduction, solution).standard_deviations
     np.testing.assert_allclose(found, statistics(reduction, solution, "by_joint").standard_deviations)
@@ -154,14 +154,14 @@ def test_instruments_that_are_the_columns_themselves_change_nothing():
         tuple(np.concatenate([columns, columns + N_PARAMETERS]) for columns in CONTAINS), 2 * N_PARAMETERS, 1.0 - 1e-6
     )
     accumulator.push(data.t, [np.column_stack([w, w, y]) for w, y in zip(data.w, data.y, strict=True)])
-    found = instrumental(accumulator.finish())
-    plain = spread_over_stretches(data.reduction(), replace(found.solution, known=None))
+    found = solve_instrumental(accumulator.finish())
+    plain = estimate_cluster_covariance(data.reduction(), replace(found.solution, known=None))
     np.testing.assert_allclose(found.statistics.covariance, plain.covariance, rtol=1e-6)
     np.testing.assert_allclose(found.statistics.freedom, plain.freedom, rtol=1e-6)
 
 
 def test_few_stretches_are_judged_by_joint():
-    reduction = Rows(5).reduction().stretches([0, 1, 2])
+    reduction = Rows(5).reduction().select_blocks([0, 1, 2])
     solution = solve(reduction, SIGMA)
     np.testing.assert_allclose(
         statistics(reduction, solution).covariance, statistics(reduction, solution, "by_joint").covariance

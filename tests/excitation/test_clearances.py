@@ -9,14 +9,14 @@ from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest
-from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.nearness import nearest_along
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.criteria.smooth import build_smooth_criterion
+from dynident.excitation.nearness import find_nearest_along
+from dynident.excitation.observation.model import build_design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
 from dynident.motion import Box, Surroundings, ToolRange, Wall
-from dynident.motion.limits.bounds import Bounds, bounds_of
-from dynident.motion.surroundings.obstacles import block_of
-from dynident.motion.surroundings.segments import closest_shares, distance_to_block
+from dynident.motion.limits.bounds import Bounds, build_bounds
+from dynident.motion.surroundings.obstacles import build_block
+from dynident.motion.surroundings.segments import compute_block_distance, find_closest_shares
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
 from dynident.robot.kinematics import joint_frames
@@ -32,7 +32,7 @@ CELL = Surroundings(
 def bounds_in_cell(name: str) -> Bounds:
     robot = safe_robot(name)
     power = {joint.name: Limits(power=0.05 * (joint.limits.effort or 50.0)) for joint in robot.joints}
-    return bounds_of(robot, power, surroundings=CELL)
+    return build_bounds(robot, power, surroundings=CELL)
 
 
 @pytest.mark.parametrize("name", ["franka_panda", "gantry"])
@@ -61,8 +61,8 @@ def test_capsules_never_promise_more_room_than_the_shapes_have(name):
     assert space is not None
     assert space.contacts is not None
     q = np.random.default_rng(2).uniform(bounds.position_low, bounds.position_high, (150, len(bounds.names)))
-    clear = q[space.least_room(q) >= 0]
-    exact = np.array([space.contacts.distances(pair, clear) for pair in space.contacts.pairs])
+    clear = q[space.compute_least_slack(q) >= 0]
+    exact = np.array([space.contacts.compute_distances(pair, clear) for pair in space.contacts.pairs])
     # Pairs that came near in none of the postures looked at first are left to the verdict.
     assert np.mean(exact.min(axis=0) < CELL.clearance) <= 0.05
 
@@ -74,8 +74,8 @@ def test_the_nearest_approach_along_a_motion_is_found_without_looking_at_every_s
     assert space.contacts is not None
     t = np.linspace(0, 2 * np.pi, 800)[:, None]
     q = bounds.middle + 0.8 * bounds.half_range * np.sin(t * np.arange(1, 8) + np.arange(7))
-    brute = {pair.name: float(space.contacts.distances(pair, q).min()) for pair in space.contacts.pairs}
-    for approach, body in zip(space.contacts.approaches(q), space.contacts.bodies, strict=True):
+    brute = {pair.name: float(space.contacts.compute_distances(pair, q).min()) for pair in space.contacts.pairs}
+    for approach, body in zip(space.contacts.find_approaches(q), space.contacts.bodies, strict=True):
         own = [brute[pair.name] for pair in space.contacts.pairs if pair.moving.joint == body]
         assert min(own) <= approach.distance <= min(own) + 1e-3 + 0.06 * max(min(own), 0)
         assert approach.distance >= brute[approach.name] - 1e-9
@@ -93,11 +93,11 @@ def test_what_a_link_is_nearest_to_is_told_with_the_points_that_the_distance_lie
     def in_base(joint: int, k: int, point: np.ndarray) -> np.ndarray:
         return point if joint < 0 else frames[k, joint, :3, :3] @ point + frames[k, joint, :3, 3]
 
-    found = nearest_along(robot, DesignRequest(surroundings=CELL), q)
+    found = find_nearest_along(robot, DesignRequest(surroundings=CELL), q)
     assert [one.body.joint for one in found] == list(contacts.bodies)
     for one in found:
         own = [pair for pair in contacts.pairs if pair.moving.joint == one.body.joint]
-        rooms = np.array([contacts.distances(pair, q) - pair.clearance for pair in own])
+        rooms = np.array([contacts.compute_distances(pair, q) - pair.clearance for pair in own])
         np.testing.assert_allclose(one.distance - one.wanted, rooms.min(axis=0), atol=1e-9)
         for k, place in enumerate(one.to):
             there = in_base(one.others[place].joint, k, one.there[k])
@@ -105,14 +105,14 @@ def test_what_a_link_is_nearest_to_is_told_with_the_points_that_the_distance_lie
             assert apart == pytest.approx(abs(one.distance[k]), abs=1e-9)
     assert {one.others[k].name for one in found for k in one.to} >= {"floor", "box 'table'"}
     nothing = Surroundings(self_collision=False, assume_floor=False)
-    assert nearest_along(robot, DesignRequest(surroundings=nothing), q) == ()
+    assert find_nearest_along(robot, DesignRequest(surroundings=nothing), q) == ()
 
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=60, deadline=None)
 def test_closest_points_of_segments_are_the_closest(seed):
     a, a_end, b, b_end = np.random.default_rng(seed).normal(size=(4, 3))
-    s, t = closest_shares(a, a_end, b, b_end)
+    s, t = find_closest_shares(a, a_end, b, b_end)
 
     def distance(shares: np.ndarray) -> float:
         return float(np.linalg.norm(a + shares[0] * (a_end - a) - b - shares[1] * (b_end - b)))
@@ -126,27 +126,27 @@ def test_closest_points_of_segments_are_the_closest(seed):
 def test_distance_from_a_box_is_that_of_its_nearest_point(seed):
     rng = np.random.default_rng(seed)
     box = Box("b", tuple(rng.normal(size=3)), tuple(rng.uniform(0.2, 1, 3)), tuple(rng.normal(size=3)))
-    block, point = block_of(box), rng.normal(size=3)
-    distance, gradient = distance_to_block(point, block)
+    block, point = build_block(box), rng.normal(size=3)
+    distance, gradient = compute_block_distance(point, block)
     local = block.placement[:3, :3].T @ (point - block.placement[:3, 3])
     nearest = np.clip(local, -0.5 * block.size, 0.5 * block.size)
     outside = np.linalg.norm(local - nearest)
     inside = (0.5 * block.size - np.abs(local)).min()
     assert distance == pytest.approx(outside if outside > 0 else -inside)
-    ahead, _ = distance_to_block(point + 1e-6 * gradient, block)
+    ahead, _ = compute_block_distance(point + 1e-6 * gradient, block)
     assert ahead - distance == pytest.approx(1e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["franka_panda", "gantry"])
 def test_the_gradient_is_exact_with_obstacles_and_limits_of_power(name):
     robot, bounds = safe_robot(name), bounds_in_cell(name)
-    model = design_model(robot, (EffectChoice("rigid_body"), EffectChoice("viscous")))
+    model = build_design_model(robot, (EffectChoice("rigid_body"), EffectChoice("viscous")))
     a_priori = np.ones(model.n_parameters)
-    problem = DesignProblem(FourierFamily(3, 3.0), model, criterion_of(CriterionChoice(), a_priori), bounds)
+    problem = DesignProblem(FourierFamily(3, 3.0), model, build_smooth_criterion(CriterionChoice(), a_priori), bounds)
     rng = np.random.default_rng(0)
     x = rng.normal(size=(5, robot.n))
     x[0] = bounds.middle
-    none = problem.no_multipliers(3.0)
+    none = problem.create_multipliers(3.0)
     multipliers = Multipliers(
         rng.uniform(0, 1, none.values.shape), rng.uniform(0, 1, none.crowding.shape), none.penalty
     )

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.criteria.values import true_values
+from dynident.excitation.criteria.smooth import build_smooth_criterion
+from dynident.excitation.criteria.values import compute_true_values
 
 seeds = st.integers(0, 2**32 - 1)
 A_PRIORI = np.geomspace(0.5, 2, 6)
@@ -24,7 +24,7 @@ def drawn(seed: int, rows: int = 40, columns: int = 6) -> np.ndarray:
 @settings(max_examples=10, deadline=None)
 def test_gradients_agree_with_finite_differences(name, seed):
     w = drawn(seed)
-    criterion = criterion_of(CriterionChoice(name, weight=0.7), A_PRIORI)
+    criterion = build_smooth_criterion(CriterionChoice(name, weight=0.7), A_PRIORI)
     direction = np.random.default_rng(seed + 1).standard_normal(w.shape)
     # One of them divides by the smallest entry: the step stays far below it.
     step = 1e-4 * float(np.abs(w).min()) if name == "equilibrated" else 1e-5
@@ -38,7 +38,7 @@ def test_gradients_agree_with_finite_differences(name, seed):
 @settings(max_examples=30, deadline=None)
 def test_the_smooth_condition_number_bounds_the_true_one_closely_from_above(seed):
     w = drawn(seed)
-    value, _ = criterion_of(CriterionChoice(), A_PRIORI)(w)
+    value, _ = build_smooth_criterion(CriterionChoice(), A_PRIORI)(w)
     true = np.log(np.linalg.cond(w))
     assert true - 1e-12 <= value <= true + np.log(6) / 8
 
@@ -58,28 +58,28 @@ def test_reported_values_are_those_of_numpy(seed):
         ("condition_plus_inverse_sigma", np.linalg.cond(w) + 2 * np.linalg.norm(np.linalg.inv(m), 2) ** 0.5),
         ("equilibrated", np.linalg.cond(w) + 2 * sizes.max() / sizes.min()),
     ):
-        values = true_values(CriterionChoice(name, weight=2.0), w, 20, A_PRIORI)
+        values = compute_true_values(CriterionChoice(name, weight=2.0), w, 20, A_PRIORI)
         assert values.criterion == pytest.approx(expected, rel=1e-8)
         assert values.condition_number == pytest.approx(np.linalg.cond(w), rel=1e-8)
 
 
 def test_neither_the_number_of_samples_nor_their_order_changes_a_value():
     w = drawn(3)
-    once = true_values(CriterionChoice("a_optimal"), w, 20, A_PRIORI)
-    twice = true_values(CriterionChoice("a_optimal"), np.vstack([w[::-1], w]), 40, A_PRIORI)
+    once = compute_true_values(CriterionChoice("a_optimal"), w, 20, A_PRIORI)
+    twice = compute_true_values(CriterionChoice("a_optimal"), np.vstack([w[::-1], w]), 40, A_PRIORI)
     assert once.criterion == pytest.approx(twice.criterion)
 
 
 def test_a_matrix_without_full_rank_has_an_infinite_condition_number_and_a_finite_gradient():
     w = drawn(0)
     w[:, 5] = w[:, 4]
-    assert true_values(CriterionChoice(), w, 20, A_PRIORI).condition_number == np.inf
+    assert compute_true_values(CriterionChoice(), w, 20, A_PRIORI).condition_number == np.inf
     for name in CRITERIA:
-        value, gradient = criterion_of(CriterionChoice(name), A_PRIORI)(w)
+        value, gradient = build_smooth_criterion(CriterionChoice(name), A_PRIORI)(w)
         assert np.isfinite(value)
         assert np.isfinite(gradient).all()
 
 
 def test_an_unknown_criterion_is_answered_with_those_there_are():
     with pytest.raises(DynidentError, match=r"no criterion 'best'.*condition_number.*e_optimal"):
-        criterion_of(CriterionChoice("best"), A_PRIORI)
+        build_smooth_criterion(CriterionChoice("best"), A_PRIORI)

@@ -5,15 +5,15 @@ import pinocchio as pin
 import pytest
 
 from dynident.effects import CATALOGUE, DAHL, STOP, TRAVEL, EffectChoice, MemorySignal
-from dynident.effects.memory import step
+from dynident.effects.memory import step_state
 from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.criteria.smooth import build_smooth_criterion
+from dynident.excitation.observation.model import build_design_model
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.excitation.observation.sensitivity import ObservationGradient
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import robot_from_library, to_pinocchio
 
@@ -34,18 +34,18 @@ def test_the_torque_that_limits_are_checked_with_is_pinocchios(name):
     model = to_pinocchio(robot)
     data = model.createData()
     expected = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)])
-    ours = design_model(robot, [EffectChoice("viscous")]).torque(q, dq, ddq)
+    ours = build_design_model(robot, [EffectChoice("viscous")]).torque(q, dq, ddq)
     np.testing.assert_allclose(ours, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("effects", [MOST, FRICTION])
 def test_the_fast_observation_matrix_is_that_of_identification_and_predicts_the_torque(panda, effects):
-    model = design_model(panda, [EffectChoice(name) for name in effects])
+    model = build_design_model(panda, [EffectChoice(name) for name in effects])
     q, dq, ddq = drawn_states(7, 30)
     w = ObservationGradient(model, 30, smooth_sign=1e-9).evaluate(q, dq, ddq)
     b = model.n_parameters
     np.testing.assert_allclose(w[:, :, :b].reshape(-1, b), model.observe(q, dq, ddq), atol=1e-9)
-    np.testing.assert_allclose(w @ model.nominal, model.torque(q, dq, ddq), atol=1e-4)
+    np.testing.assert_allclose(w @ model.nominal_values, model.torque(q, dq, ddq), atol=1e-4)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -53,9 +53,11 @@ def test_the_fast_observation_matrix_is_that_of_identification_and_predicts_the_
 def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name, effects, criterion):
     robot = robot_from_library(name)
     family = FourierFamily(4, 3.0)
-    model = design_model(robot, [EffectChoice(effect) for effect in effects])
+    model = build_design_model(robot, [EffectChoice(effect) for effect in effects])
     a_priori = np.geomspace(0.1, 2, model.n_parameters)
-    problem = DesignProblem(family, model, criterion_of(CriterionChoice(criterion), a_priori), bounds_of(robot, {}))
+    problem = DesignProblem(
+        family, model, build_smooth_criterion(CriterionChoice(criterion), a_priori), build_bounds(robot, {})
+    )
     rng = np.random.default_rng(2)
     # Beyond the limits, so that all of them act.
     x = rng.standard_normal(family.n_coefficients * robot.n)
@@ -70,7 +72,7 @@ def test_the_gradient_over_the_coefficients_agrees_with_finite_differences(name,
 
 
 def test_hysteresis_belongs_to_what_a_motion_can_be_designed_for(panda):
-    model = design_model(panda, [EffectChoice("viscous"), EffectChoice("presliding", joints=("joint2",))])
+    model = build_design_model(panda, [EffectChoice("viscous"), EffectChoice("presliding", joints=("joint2",))])
     assert model.parameter_names[-2:] == ("Fz2", "cz2")
     assert not model.notes
 
@@ -79,12 +81,12 @@ def test_hysteresis_belongs_to_what_a_motion_can_be_designed_for(panda):
 def test_the_gradient_goes_through_hysteresis(scara, criterion):
     family = FourierFamily(3, 6.0)
     slip = EffectChoice("presliding", ("elbow",), (("d0", 0.03),))
-    model = design_model(scara, [EffectChoice("coulomb"), EffectChoice("stribeck", ("elbow",)), slip])
-    yardstick = yardstick_of(model, CriterionChoice(criterion, effects=(slip,)), {})
-    problem = DesignProblem(family, model, yardstick.smooth, bounds_of(scara, {}))
+    model = build_design_model(scara, [EffectChoice("coulomb"), EffectChoice("stribeck", ("elbow",)), slip])
+    yardstick = build_design_criterion(model, CriterionChoice(criterion, effects=(slip,)), {})
+    problem = DesignProblem(family, model, yardstick.smooth_criterion, build_bounds(scara, {}))
     rng = np.random.default_rng(4)
     x = 0.3 * rng.standard_normal(family.n_coefficients * scara.n)
-    multipliers = problem.no_multipliers(1.0)
+    multipliers = problem.create_multipliers(1.0)
     at = problem.evaluate(x, multipliers)
     for _ in range(3):
         direction = rng.standard_normal(x.shape)
@@ -102,13 +104,13 @@ def test_every_effect_of_the_motion_can_be_designed_for_with_an_exact_gradient(s
     last = () if CATALOGUE[effect].scope == "robot" else (scara.joint_names[joints[-1]],)
     choice = EffectChoice(effect, last)
     base = [EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous") if name != effect]
-    model = design_model(scara, [*base, choice])
-    yardstick = yardstick_of(model, CriterionChoice("separation", effects=(choice,)), {})
+    model = build_design_model(scara, [*base, choice])
+    yardstick = build_design_criterion(model, CriterionChoice("separation", effects=(choice,)), {})
     family = FourierFamily(4, 6.0)
-    problem = DesignProblem(family, model, yardstick.smooth, bounds_of(scara, {}))
+    problem = DesignProblem(family, model, yardstick.smooth_criterion, build_bounds(scara, {}))
     rng = np.random.default_rng(0)
     x = 0.3 * rng.standard_normal(family.n_coefficients * scara.n)
-    multipliers = problem.no_multipliers(1.0)
+    multipliers = problem.create_multipliers(1.0)
     direction = rng.standard_normal(x.shape)
     forward, backward = (problem.evaluate(x + s * direction, multipliers) for s in (1e-6, -1e-6))
     # The limits' part is exact as well, and much larger here: without it, the effect's own could hide.
@@ -119,7 +121,7 @@ def test_every_effect_of_the_motion_can_be_designed_for_with_an_exact_gradient(s
 
 @pytest.mark.parametrize("effect", NOT_IN_THE_MOTION)
 def test_what_is_not_in_the_motion_is_left_out_and_named(scara, effect):
-    model = design_model(scara, [EffectChoice("viscous"), EffectChoice(effect)])
+    model = build_design_model(scara, [EffectChoice("viscous"), EffectChoice(effect)])
     assert model.parameter_names == ("Fv1", "Fv2", "Fv3", "Fv4")
     assert "leaves out" in model.notes[0]
 
@@ -132,5 +134,5 @@ def test_states_that_a_path_is_designed_with_are_those_of_a_simulation(scara):
     for _ in range(2):
         for k in range(len(q)):
             moved = q[k] - q[k - 1]
-            states = [step(s, z, moved[s.joint]) for s, z in zip(signals, states, strict=True)]
-    np.testing.assert_allclose(PathMemory(signals).along(q, periodic=True)[-1], states, atol=1e-12)
+            states = [step_state(s, z, moved[s.joint]) for s, z in zip(signals, states, strict=True)]
+    np.testing.assert_allclose(PathMemory(signals).compute_states(q, periodic=True)[-1], states, atol=1e-12)

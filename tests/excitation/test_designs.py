@@ -139,7 +139,7 @@ def _dense_observation(robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndar
     model = build_model(robot, INERTIA_AND_FRICTION)
     observation = model.observation
     entries = observation.evaluate(
-        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+        q, dq, ddq, reference=ReferenceParameters.massless(robot), memory=np.zeros((len(q), 0))
     )
     w = np.zeros((len(q), robot.n, observation.n_columns))
     w[:, observation.entry_rows, observation.entry_columns] = entries

@@ -10,12 +10,12 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.criteria.smooth import criterion_of
-from dynident.excitation.observation.model import design_model
-from dynident.excitation.observation.row_models import ROW_MODELS, row_model
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.criteria.smooth import build_smooth_criterion
+from dynident.excitation.observation.model import build_design_model
+from dynident.excitation.observation.row_models import ROW_MODELS, build_row_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.recordings import recording_from_arrays
 from dynident.robot import robot_from_library
@@ -29,9 +29,9 @@ QUICK = DesignRequest(
 @pytest.mark.parametrize("rows", ROW_MODELS)
 def test_the_gradient_for_every_models_rows_agrees_with_finite_differences(scara, rows):
     family = FourierFamily(4, 3.0)
-    model = design_model(scara, EFFECTS)
-    criterion = criterion_of(CriterionChoice(), np.ones(model.n_parameters))
-    problem = DesignProblem(family, model, criterion, bounds_of(scara, {}), rows)
+    model = build_design_model(scara, EFFECTS)
+    criterion = build_smooth_criterion(CriterionChoice(), np.ones(model.n_parameters))
+    problem = DesignProblem(family, model, criterion, build_bounds(scara, {}), rows)
     rng = np.random.default_rng(2)
     x = rng.standard_normal(family.n_coefficients * scara.n)
     multipliers = Multipliers(rng.uniform(0, 1, (6, problem.n_samples, scara.n)), np.zeros((problem.n_samples, 0)), 3.0)
@@ -49,15 +49,15 @@ def test_the_rows_are_those_of_their_models_written_out():
     w = np.stack([np.sin(wave * t), np.cos(wave * t)], axis=1)[:, :, None]
     dq = np.stack([np.cos(wave * t), np.full(n_samples, 2.0)], axis=1)
     power = w[:, 0, 0] * dq[:, 0] + w[:, 1, 0] * dq[:, 1]
-    np.testing.assert_allclose(row_model("power", n_samples, period, highest).rows(w, dq)[:, 0], power)
+    np.testing.assert_allclose(build_row_model("power", n_samples, period, highest).build_rows(w, dq)[:, 0], power)
     length = 0.125 / highest
     # sin cos = sin(2 wave t)/2 and 2 cos, integrated from t to t + length
     primitive = lambda t: -np.cos(2 * wave * t) / (4 * wave) + 2 * np.sin(wave * t) / wave  # noqa: E731
-    energy = row_model("energy", n_samples, period, highest).rows(w, dq)[:, 0]
+    energy = build_row_model("energy", n_samples, period, highest).build_rows(w, dq)[:, 0]
     np.testing.assert_allclose(energy, primitive(t + length) - primitive(t), atol=1e-9)
     pole = 2 * 2 * np.pi * highest
     gain = (pole / (1j * wave + pole)) ** 2
-    filtered = row_model("filtered", n_samples, period, highest).rows(w, dq).reshape(n_samples, 2)
+    filtered = build_row_model("filtered", n_samples, period, highest).build_rows(w, dq).reshape(n_samples, 2)
     np.testing.assert_allclose(filtered[:, 0], np.imag(gain * np.exp(1j * wave * t)), atol=1e-9)
 
 
@@ -70,14 +70,14 @@ def test_the_energy_and_power_models_need_more_excitation_and_another_motion(sca
     gained = other.baseline.median_condition_number / other.criterion_values.condition_number
     assert gained > 1.5 * dynamic.baseline.median_condition_number / dynamic.criterion_values.condition_number
     family = FourierFamily(4, 8.0)
-    model = design_model(scara, EFFECTS)
+    model = build_design_model(scara, EFFECTS)
     exciting = [
         np.stack([d.q, d.dq, d.ddq])[:, (d.t >= d.exciting[0]) & (d.t < d.exciting[1])] for d in (dynamic, other)
     ]
     conditions = []
     for q, dq, ddq in exciting:
         w = model.observe(q, dq, ddq).reshape(*q.shape, -1)
-        made = row_model(rows, len(q), family.period, family.highest_frequency).rows(w, dq)
+        made = build_row_model(rows, len(q), family.period, family.highest_frequency).build_rows(w, dq)
         conditions.append(np.linalg.cond(made))
     # What is best for the dynamic model is not what is best for this one.
     assert conditions[1] < 0.8 * conditions[0]
@@ -89,24 +89,24 @@ def test_promised_deviations_are_those_of_repeated_least_squares(scara, rows):
     design = design_experiment(scara, replace(QUICK, kind="random", model=rows, noise=noise))
     inside = (design.t >= design.exciting[0]) & (design.t < design.exciting[1])
     q, dq, ddq = design.q[inside], design.dq[inside], design.ddq[inside]
-    model = design_model(scara, EFFECTS)
+    model = build_design_model(scara, EFFECTS)
     w = model.observe(q, dq, ddq).reshape(*q.shape, -1)
-    made = row_model(rows, len(q), design.period, 0.5)
+    made = build_row_model(rows, len(q), design.period, 0.5)
     sigma = np.array([noise[name] for name in scara.joint_names])
     weights = np.ones(1) if made.joined else sigma
-    solve = np.linalg.pinv(made.rows(w, dq) / np.tile(weights, len(q))[:, None])
+    solve = np.linalg.pinv(made.build_rows(w, dq) / np.tile(weights, len(q))[:, None])
     rng = np.random.default_rng(0)
     draws = []
     for _ in range(300):
         torque = (rng.standard_normal(q.shape) * sigma)[:, :, None]
-        draws.append(solve @ (made.rows(torque, dq)[:, 0] / np.tile(weights, len(q))))
+        draws.append(solve @ (made.build_rows(torque, dq)[:, 0] / np.tile(weights, len(q))))
     promised = np.array([one.standard_deviation for one in design.expected])
     np.testing.assert_allclose(np.std(draws, axis=0), promised, rtol=0.2)
 
 
 def test_a_design_complements_what_earlier_runs_have_told(scara):
     first = design_experiment(scara, replace(QUICK, kind="random", random_trajectories=1))
-    torque = design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
+    torque = build_design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
     run = recording_from_arrays(first.t, first.q, torque, joint_names=scara.joint_names, name="first")
     wished = replace(QUICK, criterion=CriterionChoice("d_optimal"))
     alone, after = design_experiment(scara, wished), design_experiment(scara, wished, earlier=[run])
@@ -115,8 +115,8 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
     assert after.criterion_values.criterion < again.criterion_values.criterion
     # Of the same random motions the one is chosen that is worth most together with the run. (In which valley a search
     # ends depends on the last digits of the processor, and that makes more of a difference.)
-    model = design_model(scara, EFFECTS)
-    yardstick = yardstick_of(model, wished.criterion, {})
+    model = build_design_model(scara, EFFECTS)
+    yardstick = build_design_criterion(model, wished.criterion, {})
     gained = []
     for seed in range(6):
         drawn = replace(wished, kind="random", seed=seed)
@@ -128,7 +128,7 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
                 for k in [(d.t >= d.exciting[0]) & (d.t < d.exciting[1])]
             ]
             w = np.concatenate(rows)
-            both.append(yardstick.values(w, len(w) // scara.n).criterion)
+            both.append(yardstick.evaluate(w, len(w) // scara.n).criterion)
         gained.append(both[0] - both[1])
     # The run has the rows of its way there and back as well, and filtered ones.
     assert min(gained) > -0.1
@@ -140,7 +140,7 @@ def test_earlier_runs_lower_what_is_to_be_expected_of_every_parameter(scara):
     # One and the same motion: of several the best one is another, once earlier runs have told some of it.
     request = replace(QUICK, kind="random", noise=noise, random_trajectories=1)
     first = design_experiment(scara, replace(request, seed=5))
-    torque = design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
+    torque = build_design_model(scara, EFFECTS).torque(first.q, first.dq, first.ddq)
     run = recording_from_arrays(first.t, first.q, torque, joint_names=scara.joint_names, name="first")
     alone, after = design_experiment(scara, request), design_experiment(scara, request, earlier=[run])
     before = np.array([one.standard_deviation for one in alone.expected])
@@ -154,7 +154,7 @@ def test_a_motion_that_weighs_a_payload_is_designed_beside_a_run_without_it(ur10
     """The deviation of a payload's mass, given that the arm was recorded without it."""
     noise = dict.fromkeys(ur10.joint_names, 1.0)
     bare = design_experiment(ur10, replace(QUICK, kind="random", random_trajectories=1))
-    torque = design_model(ur10, EFFECTS).torque(bare.q, bare.dq, bare.ddq)
+    torque = build_design_model(ur10, EFFECTS).torque(bare.q, bare.dq, bare.ddq)
     run = recording_from_arrays(bare.t, bare.q, torque, joint_names=ur10.joint_names, name="bare")
     wished = replace(
         QUICK,

@@ -13,9 +13,9 @@ from scipy.signal import resample
 from dynident.effects import EffectChoice
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import Box, ImpossibleLimitsError, Surroundings
-from dynident.motion.limits.bounds import bounds_of
-from dynident.motion.surroundings.clearance import Clearances, Hindrances, Part
-from dynident.motion.surroundings.loop_rooms import LoopRooms
+from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.surroundings.clearance import CapsulePart, ClearanceConstraints, ClearancePairs
+from dynident.motion.surroundings.loop_rooms import LoopConstraints
 from dynident.robot import Limits, Robot
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh
@@ -100,7 +100,7 @@ def test_a_limit_of_a_passive_joint_that_is_not_kept_is_told(by_description: boo
     if by_description:
         table["joints"][1]["limits"] = {"jerk": 200.0}
     stated = {} if by_description else {"left_rod": Limits(jerk=200.0)}
-    told = bounds_of(robot_from_modified_dh("rated", table), stated).notes
+    told = build_bounds(robot_from_modified_dh("rated", table), stated).notes
     assert (
         "Of joints that follow others position, velocity and acceleration are limited; not kept: jerk of left_rod."
         in told
@@ -150,8 +150,8 @@ def test_a_home_in_which_the_loop_is_open_is_refused() -> None:
 
 def test_rooms_have_the_slopes_of_their_differences() -> None:
     robot = wide()
-    rooms = LoopRooms.of(robot, {})
-    q = robot.linkage.closure.postures(np.random.default_rng(1), 40)
+    rooms = LoopConstraints.from_robot(robot, {})
+    q = robot.linkage.closure.draw_postures(np.random.default_rng(1), 40)
     found, h = rooms.evaluate(q), 1e-6
     assert found.values.shape == (40, rooms.count) == (40, 3)
     for j in range(2):
@@ -163,10 +163,13 @@ def test_rooms_have_the_slopes_of_their_differences() -> None:
 def test_rods_of_a_loop_are_kept_from_obstacles_with_exact_slopes() -> None:
     robot = robot_from_modified_dh("palletiser", palletiser())
     forearm, rod = (robot.tree.joint_names.index(name) for name in ("forearm", "rod"))
-    bars = [Part(j, Capsule(np.zeros(3), np.array([length, 0, 0]), 0.04)) for j, length in ((forearm, 0.9), (rod, 0.8))]
-    base = Part(-1, Capsule(np.array([0.5, 0.3, 0.0]), np.array([0.5, 0.3, 1.0]), 0.1))
-    clearances = Clearances(robot, Hindrances(pairs=tuple((bar, base) for bar in bars), clearance=0.05))
-    q = robot.linkage.closure.postures(np.random.default_rng(1), 30)
+    bars = [
+        CapsulePart(j, Capsule(np.zeros(3), np.array([length, 0, 0]), 0.04))
+        for j, length in ((forearm, 0.9), (rod, 0.8))
+    ]
+    base = CapsulePart(-1, Capsule(np.array([0.5, 0.3, 0.0]), np.array([0.5, 0.3, 1.0]), 0.1))
+    clearances = ClearanceConstraints(robot, ClearancePairs(pairs=tuple((bar, base) for bar in bars), clearance=0.05))
+    q = robot.linkage.closure.draw_postures(np.random.default_rng(1), 30)
     found, h = clearances.evaluate(q), 1e-6
     weights = np.random.default_rng(2).uniform(0.5, 1, found.values.shape)
     slopes = found.pull_back(weights)

@@ -9,13 +9,13 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.observation.locked import locked_model
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.observation.locked import lock_model
+from dynident.excitation.observation.model import build_design_model
 from dynident.excitation.optimising.problem import DesignProblem, Multipliers
 from dynident.motion import Surroundings
-from dynident.motion.limits.bounds import bounds_of
-from dynident.motion.limits.locked import locked_bounds
+from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.limits.locked import lock_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 
@@ -46,7 +46,7 @@ def rank_of_moving_rows(robot: Robot, home: np.ndarray, moving: np.ndarray) -> i
 def test_the_parameters_of_a_motion_with_locked_joints_are_as_many_as_pinocchios_regressor_has_ranks(ur10, joints):
     home = np.array([0.3, -1.0, 0.5, 0.2, 0.4, 0.1])
     moving = np.isin(np.arange(6), joints)
-    model = locked_model(design_model(ur10, LINKS), home, moving)
+    model = lock_model(build_design_model(ur10, LINKS), home, moving)
     assert model.n_parameters == rank_of_moving_rows(ur10, home, moving)
 
 
@@ -79,10 +79,10 @@ def test_a_joint_may_be_locked_at_its_limit(ur10):
 
 def test_the_gradient_is_exact_with_locked_joints_and_leaves_them_where_they_are(ur10):
     home, moving = np.array([0.3, -1.0, 0.5, 0.2, 0.4, 0.1]), np.isin(np.arange(6), (1, 4))
-    model = locked_model(design_model(ur10, QUICK.wanted_effects), home, moving)
-    bounds = locked_bounds(bounds_of(ur10, {}), home, moving)
+    model = lock_model(build_design_model(ur10, QUICK.effects_or_default), home, moving)
+    bounds = lock_bounds(build_bounds(ur10, {}), home, moving)
     family = FourierFamily(4, 3.0)
-    problem = DesignProblem(family, model, yardstick_of(model, QUICK.criterion, {}).smooth, bounds)
+    problem = DesignProblem(family, model, build_design_criterion(model, QUICK.criterion, {}).smooth_criterion, bounds)
     rng = np.random.default_rng(2)
     x = rng.standard_normal((family.n_coefficients, 6)) * moving
     x[0] = np.where(moving, x[0], home)

@@ -9,11 +9,11 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import Cancelled, DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.observation.model import design_model
-from dynident.excitation.points.sequence import Legs, PointSequence, rows_of
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.observation.model import build_design_model
+from dynident.excitation.points.sequence import MovePlanner, PointSequence, stack_rows
 from dynident.excitation.points.spaces import FreePoints, TwoPoints
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.surroundings.obstacles import Surroundings
 from dynident.robot import Limits, Robot, to_pinocchio
 
@@ -92,10 +92,10 @@ def test_the_condition_number_is_that_of_pinocchios_regressor(ur10):
 
 
 def test_a_few_samples_of_a_move_tell_what_the_whole_is_worth(scara):
-    model, bounds = design_model(scara, EFFECTS), bounds_of(scara, {})
+    model, bounds = build_design_model(scara, EFFECTS), build_bounds(scara, {})
     rng = np.random.default_rng(0)
     points = bounds.middle + 0.6 * bounds.half_range * rng.uniform(-1, 1, (5, 4))
-    legs = Legs(bounds, model, 2000.0).of(PointSequence(points, np.full((5, 2), 0.7)))
+    legs = MovePlanner(bounds, model, 2000.0).plan_sequence(PointSequence(points, np.full((5, 2), 0.7)))
     assert legs is not None
     closely = []
     for leg in legs:
@@ -103,11 +103,13 @@ def test_a_few_samples_of_a_move_tell_what_the_whole_is_worth(scara):
         closely.append(model.observe(motion.q, motion.dq, motion.ddq, dddq=motion.dddq))
     w = np.concatenate(closely)
     exact = w.T @ w / (len(w) / 4)
-    ours = rows_of(legs).T @ rows_of(legs)
+    ours = stack_rows(legs).T @ stack_rows(legs)
     sizes = np.sqrt(np.diag(exact))
     np.testing.assert_allclose(ours / np.outer(sizes, sizes), exact / np.outer(sizes, sizes), atol=0.2)
-    yardstick = yardstick_of(model, QUICK.criterion, {})
-    assert yardstick.smooth(rows_of(legs))[0] == pytest.approx(yardstick.smooth(w / np.sqrt(len(w) / 4))[0], abs=0.2)
+    yardstick = build_design_criterion(model, QUICK.criterion, {})
+    assert yardstick.smooth_criterion(stack_rows(legs))[0] == pytest.approx(
+        yardstick.smooth_criterion(w / np.sqrt(len(w) / 4))[0], abs=0.2
+    )
 
 
 def test_the_points_are_chosen_so_that_no_move_touches_the_arm_itself(ur10):
@@ -189,7 +191,7 @@ def test_effects_that_remember_the_path_and_other_models_are_refused(scara):
 
 
 def test_drawn_and_varied_points_stay_inside_the_limits_and_two_points_lock_the_others(ur10):
-    bounds = bounds_of(ur10, {})
+    bounds = build_bounds(ur10, {})
     rng = np.random.default_rng(1)
     postures = bounds.middle + 0.8 * bounds.half_range * rng.uniform(-1, 1, (50, 6))
     longest = np.array([0.0, 0.4, 0.0, 1.0, 0.0, 0.0])
@@ -197,7 +199,7 @@ def test_drawn_and_varied_points_stay_inside_the_limits_and_two_points_lock_the_
     for space in spaces:
         sequence = space.draw(rng)
         for _ in range(200):
-            sequence = space.varied(sequence, rng, 0.4)
+            sequence = space.vary(sequence, rng, 0.4)
             assert (sequence.points >= bounds.position_low - 1e-12).all()
             assert (sequence.points <= bounds.position_high + 1e-12).all()
             assert ((sequence.shares > 0) & (sequence.shares <= 1)).all()

@@ -10,11 +10,11 @@ import pytest
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.excitation import CriterionChoice, Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, identify_model
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
-from dynident.simulation import Reference, Sensors, SimulationRequest, on_each_joint, simulate
+from dynident.simulation import Reference, Sensors, SimulationRequest, simulate, spread_over_joints
 
 pytestmark = pytest.mark.slow
 
@@ -63,8 +63,8 @@ class Arm:
     def recorded(self, design: Design, seed: int) -> list[Recording]:
         """Every run by itself; of a motion of all joints the exciting part."""
         friction = (
-            *on_each_joint(self.robot, "coulomb", "Fc", self.coulomb),
-            *on_each_joint(self.robot, "viscous", "Fv", self.viscous),
+            *spread_over_joints(self.robot, "coulomb", "Fc", self.coulomb),
+            *spread_over_joints(self.robot, "viscous", "Fv", self.viscous),
         )
         sensors = Sensors(sampling_rate=RATE, torque_noise_absolute=tuple(self.noise), encoder_counts=COUNTS)
         motion = Reference(design.t, design.q, design.dq, design.ddq)
@@ -87,8 +87,8 @@ class Arm:
         recordings = self.recorded(design, seed)
         filters = choose_preprocessing(recordings)
         choices = IdentificationChoices(effects=EFFECTS, preprocessing=filters)
-        reference = ReferenceParameters.nothing(self.robot)
-        found = identify_model(self.model, recordings, [], choices, filters, reference, silent)
+        reference = ReferenceParameters.massless(self.robot)
+        found = identify_model(self.model, recordings, [], choices, filters, reference, ignore_progress)
         return found.values - self.truth
 
 

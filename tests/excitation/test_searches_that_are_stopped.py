@@ -10,7 +10,7 @@ import pytest
 
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.reached import reached_of
+from dynident.excitation.optimising.reached import read_checkpoint
 from dynident.robot import Robot, robot_from_library
 
 REQUEST = DesignRequest(
@@ -45,7 +45,7 @@ def robot() -> Robot:
 def test_a_search_that_was_stopped_again_and_again_gives_the_same_design(robot: Robot) -> None:
     at_once = Kept()
     whole = design_experiment(robot, REQUEST, checkpoints=at_once)
-    last = reached_of(at_once.content)
+    last = read_checkpoint(at_once.content)
     assert last is not None
     assert last.completed > 0  # there was one to be counted
     content, rounds = None, 0
@@ -64,12 +64,12 @@ def test_a_search_that_was_stopped_again_and_again_gives_the_same_design(robot: 
 
 def test_the_time_that_was_taken_before_counts() -> None:
     budget = Budget(None, 60.0)
-    budget.go_on_after(50.0)
+    budget.add_elapsed(50.0)
     assert budget.share_spent == pytest.approx(50 / 60, abs=0.01)
     time.sleep(0.01)
-    assert budget.taken > 50.0
+    assert budget.elapsed > 50.0
 
 
 @pytest.mark.parametrize("content", [None, b"", b"PK\x03\x04 half of it"])
 def test_a_checkpoint_that_cannot_be_read_is_none(content: bytes | None) -> None:
-    assert reached_of(content) is None
+    assert read_checkpoint(content) is None

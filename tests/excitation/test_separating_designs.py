@@ -27,7 +27,7 @@ def observed(robot: Robot, design: Design, effects: tuple[EffectChoice, ...]) ->
     first, last = (round(at * design.sampling_rate) for at in design.exciting)
     q, dq, ddq = (signal[first:last] for signal in (design.q, design.dq, design.ddq))
     assert robot.inertias is not None
-    reference = ReferenceParameters.of_links(robot.inertias.astype(float), robot.n)
+    reference = ReferenceParameters.from_links(robot.inertias.astype(float), robot.n)
     entries = model.observation.evaluate(q, dq, ddq, reference=reference, memory=np.zeros((len(q), 0)))
     w = np.zeros((len(q), robot.n, model.n_parameters))
     w[:, model.observation.entry_rows, model.observation.entry_columns] = entries

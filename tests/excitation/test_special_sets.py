@@ -19,8 +19,8 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.sets.planned import BetweenTwoPoints, planned_runs
-from dynident.excitation.sets.run_search import rows_like
+from dynident.excitation.sets.planned import BetweenTwoPoints, plan_runs
+from dynident.excitation.sets.run_search import factor_information
 from dynident.motion.surroundings.obstacles import Surroundings
 from dynident.robot import Robot, to_pinocchio
 
@@ -51,7 +51,7 @@ def moving_in(design: Design, run: object) -> tuple[str, ...]:
 @pytest.mark.parametrize("sets", ["link_by_link", "wrist_then_shoulder"])
 def test_in_every_run_only_the_named_joints_move_and_all_of_them_do(scara, sets):
     design = design_experiment(scara, request_for(sets))
-    assert len(design.runs) == len(planned_runs(sets, scara.joint_names))
+    assert len(design.runs) == len(plan_runs(sets, scara.joint_names))
     for run in design.runs:
         assert moving_in(design, run) == run.joints
     assert np.isfinite(design.criterion_values.condition_number)
@@ -88,7 +88,7 @@ def test_vandanjons_sets_lock_all_joints_but_one_or_two_and_move_between_two_poi
 
 
 def test_the_fast_joint_of_a_centrifugal_run_reaches_its_top_speed_and_an_inertial_run_never_cruises(scara, vandanjon):
-    for planned, run in zip(planned_runs("vandanjon", scara.joint_names), vandanjon.runs, strict=True):
+    for planned, run in zip(plan_runs("vandanjon", scara.joint_names), vandanjon.runs, strict=True):
         inside = vandanjon.segments == 1 + vandanjon.runs.index(run)
         if not isinstance(planned.how, BetweenTwoPoints):
             continue
@@ -126,7 +126,7 @@ def test_rows_that_stand_for_an_information_matrix_have_its_inner_products():
     w = np.random.default_rng(0).standard_normal((40, 6)) * np.geomspace(1e-4, 1e4, 6)
     w[:, 3] = 0.0
     information = w.T @ w
-    rows = rows_like(information)
+    rows = factor_information(information)
     sizes = np.sqrt(np.maximum(np.diag(information), 1e-300))
     np.testing.assert_allclose((rows.T @ rows - information) / np.outer(sizes, sizes), 0.0, atol=1e-12)
 
@@ -215,4 +215,4 @@ def test_what_is_no_set_of_test_motions_is_refused_with_its_place(scara, more, p
 
 def test_a_robot_without_shoulder_has_no_wrist_either():
     with pytest.raises(DynidentError, match="need at least 4"):
-        planned_runs("wrist_then_shoulder", ("a", "b", "c"))
+        plan_runs("wrist_then_shoulder", ("a", "b", "c"))

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.excitation.formats.ros2 import format_joint_trajectory
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -22,7 +22,7 @@ NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 def test_every_number_and_name_arrives_as_it_was(names, rows, start, rate):
     q = np.array(rows)
     t = start + np.arange(len(q)) / rate
-    message = yaml.safe_load("".join(joint_trajectory(names, t, q, 2 * q, -q)))
+    message = yaml.safe_load("".join(format_joint_trajectory(names, t, q, 2 * q, -q)))
     assert message["joint_names"] == names
     for k, point in enumerate(message["points"]):
         assert all(isinstance(value, float) for value in point["positions"])

@@ -11,14 +11,14 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.observation.model import build_design_model
 from dynident.motion import Box, Surroundings
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.margins import keeps
-from dynident.motion.surroundings.free_space import free_space_of
+from dynident.motion.limits.margins import are_limits_kept
+from dynident.motion.surroundings.free_space import build_free_space
 from dynident.robot import Limits, robot_from_urdf
-from dynident.robot.mesh_files import mesh_file
-from dynident.robot.meshes import hulls_of, surface_of_mesh
+from dynident.robot.mesh_files import find_mesh_file
+from dynident.robot.meshes import build_hulls, read_surface
 
 FRICTION = (EffectChoice("coulomb"), EffectChoice("viscous"))
 SHORT = TrajectoryRequest(duration=4.0, harmonics=3, sampling_rate=100.0)
@@ -41,9 +41,9 @@ def test_a_box_within_the_range_that_only_the_request_states_is_seen():
         robot, joints=(robot.joints[0], replace(robot.joints[1], limits=replace(robot.joints[1].limits, position=None)))
     )
     box = Surroundings(boxes=(Box("post", (1.5, 0.0, 0.0), (0.02, 0.02, 0.02)),))
-    space = free_space_of(robot, box, np.array([-3.0, 0.0]), np.array([3.0, 2.0]))
+    space = build_free_space(robot, box, np.array([-3.0, 0.0]), np.array([3.0, 2.0]))
     path = np.column_stack([np.linspace(-3, 3, 5001), np.full(5001, 1.5)])
-    assert space.complaint(path) is not None
+    assert space.find_complaint(path) is not None
 
 
 @pytest.mark.parametrize("effort", [19.0, 20.0, 21.0])
@@ -54,8 +54,8 @@ def test_the_ways_from_and_to_home_keep_the_limits_as_the_exciting_part_does(eff
         design = design_experiment(robot, replace(QUICK, limits=limits, home=(-2.4, 0.1)))
     except ImpossibleLimitsError:
         return
-    assert keeps(design.margins)
-    torque = design_model(robot, FRICTION).torque(design.q, design.dq, design.ddq)
+    assert are_limits_kept(design.margins)
+    torque = build_design_model(robot, FRICTION).torque(design.q, design.dq, design.ddq)
     assert np.abs(torque[:, 0]).max() <= effort
 
 
@@ -64,7 +64,7 @@ def test_a_slower_pace_is_valued_as_it_is_run(scara):
     asked = replace(QUICK, effects=effects, trajectory=replace(SHORT, paces=(0.5,)))
     design = design_experiment(scara, asked)
     inside = (design.t >= design.exciting[0]) & (design.t < design.exciting[1])
-    w = design_model(scara, effects).observe(design.q[inside], design.dq[inside], design.ddq[inside])
+    w = build_design_model(scara, effects).observe(design.q[inside], design.dq[inside], design.ddq[inside])
     assert design.period == pytest.approx(8.0)
     assert np.linalg.cond(w) == pytest.approx(design.criterion_values.condition_number, rel=0.05)
 
@@ -88,7 +88,7 @@ def test_what_is_too_much_is_refused(scara, wrong):
 def test_a_flat_mesh_is_a_thin_body(tmp_path: Path):
     plate = tmp_path / "plate.obj"
     plate.write_text("v 0 0 0\nv 1 0 0\nv 1 0.5 0\nv 0 0.5 0\nf 1 2 3\nf 1 3 4\n", encoding="utf-8")
-    bodies = hulls_of(surface_of_mesh(plate, np.ones(3), np.eye(4)))
+    bodies = build_hulls(read_surface(plate, np.ones(3), np.eye(4)))
     assert all(min(body.size) == pytest.approx(1e-4) for body in bodies)
     robot = robot_from_urdf(
         "arm",
@@ -97,8 +97,8 @@ def test_a_flat_mesh_is_a_thin_body(tmp_path: Path):
         ),
     )
     near = Surroundings(boxes=(Box("post", (2.5, 0.0, 0.0), (0.1, 0.1, 0.1)),), mesh_folders=(str(tmp_path),))
-    space = free_space_of(robot, near, np.array([-3.0, 0.0]), np.array([3.0, 1.0]))
-    distance = space.contacts.approaches(np.array([[0.0, 1.0], [0.0, 0.9]]))[0].distance
+    space = build_free_space(robot, near, np.array([-3.0, 0.0]), np.array([3.0, 1.0]))
+    distance = space.contacts.find_approaches(np.array([[0.0, 1.0], [0.0, 0.9]]))[0].distance
     assert distance == pytest.approx(2.45 - 2.0, abs=2e-3)
 
 
@@ -107,7 +107,7 @@ def test_a_description_opens_no_file_outside_of_the_folders_that_are_named(tmp_p
     inside.mkdir()
     (inside / "a.stl").touch()
     outside.touch()
-    assert mesh_file(str(outside), [inside]) is None
-    assert mesh_file(f"file://{outside}", []) is None
-    assert mesh_file("../secret.stl", [inside]) is None
-    assert mesh_file(str(inside / "a.stl"), [inside]) == inside / "a.stl"
+    assert find_mesh_file(str(outside), [inside]) is None
+    assert find_mesh_file(f"file://{outside}", []) is None
+    assert find_mesh_file("../secret.stl", [inside]) is None
+    assert find_mesh_file(str(inside / "a.stl"), [inside]) == inside / "a.stl"

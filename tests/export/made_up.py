@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice, ReferenceParameters, reference_size
+from dynident.effects import EffectChoice, ReferenceParameters, count_reference_parameters
 from dynident.effects.memory import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Estimate, Identification, IdentificationChoices, identify
@@ -57,10 +57,10 @@ def made_up(
     rows = EquationFactors(np.arange(count), factor[None], np.array([1000]))
     reduction = Reduction(count, (rows,) * robot.n, np.array([[0.0, 1.0]]))
     data = replace(known.data, equations=reduction, training=reduction)
-    estimate = Estimate.of(
+    estimate = Estimate.from_solution(
         model,
         data,
-        ReferenceParameters.of_vector(rng.uniform(0.2, 1.5, reference_size(robot)), robot),
+        ReferenceParameters.from_vector(rng.uniform(0.2, 1.5, count_reference_parameters(robot)), robot),
         Solution(np.asarray(values), np.ones(robot.n), np.eye(count)),
         Statistics(1e-6 * np.eye(count), np.ones(robot.n), np.ones(robot.n), np.full(count, np.inf)),
     )
@@ -134,4 +134,4 @@ def predicted(identification: Identification, motion: Motion, runs: FloatArray |
         memory=MemoryStates(observation.memory).push(motion.q),
         further=FurtherSignals(runs=runs, period=0.01, **signals(identification.model.robot, len(motion.q))),
     )
-    return observation.torque(entries, identification.values)
+    return observation.compute_torque(entries, identification.values)

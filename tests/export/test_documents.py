@@ -11,7 +11,7 @@ from oracles import arm
 from test_programs import MODELS, NAMES, run_signals
 
 from dynident.errors import DynidentError
-from dynident.export import export_model, model_document, model_from_json, to_json
+from dynident.export import export_model, model_from_json, model_to_document, to_json
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.robot.model import INERTIAL_NAMES
 
@@ -46,7 +46,7 @@ def test_json_has_a_feasible_full_set_where_there_is_one() -> None:
     base = [sum(weight * full[int(k)] for k, weight in one["grouping"].items()) for one in document["base_parameters"]]
     np.testing.assert_allclose(base, model.values, rtol=1e-9, atol=1e-12)
     assert set(standard[robot.joint_names[0]]) == {*INERTIAL_NAMES, "Ia", "Fc", "Fv"}
-    assert model_document(made_up(robot, PLAIN))["standard_parameters"] is None
+    assert model_to_document(made_up(robot, PLAIN))["standard_parameters"] is None
 
 
 def test_names_and_media_types_of_files() -> None:

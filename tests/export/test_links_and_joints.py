@@ -27,8 +27,8 @@ from oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.export.completion import complete
-from dynident.export.exported import Links
+from dynident.export.completion import complete_parameters
+from dynident.export.exported import FeasibleLinks
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import ROTOR_TAG, to_urdf
 from dynident.identification import Identification, identify
@@ -111,7 +111,7 @@ def test_arms_drawn_at_random_survive_both_formats(data: st.DataObject) -> None:
 @pytest.mark.parametrize("merged", [False, True])
 def test_standard_parameters_are_feasible_and_give_the_base_parameters_exactly(robot: Robot, merged: bool) -> None:
     model = identified(robot, 4)
-    found = complete(model, rotors_in_links=merged)
+    found = complete_parameters(model, rotors_in_links=merged)
     assert found.exact
     assert np.all(np.linalg.eigvalsh(pseudo_inertia(found.inertias)) > 0)
     for name in ("rotors", "coulomb", "viscous"):
@@ -129,7 +129,7 @@ def test_standard_parameters_are_feasible_and_give_the_base_parameters_exactly(r
 
 def test_what_is_right_in_the_description_stays() -> None:
     robot = arm("ur10")
-    found = complete(from_standard(robot))
+    found = complete_parameters(from_standard(robot))
     np.testing.assert_allclose(found.inertias, robot.inertias, atol=0.02)
     np.testing.assert_allclose(found.inertias[:, 9], robot.inertias[:, 9], rtol=0.01)
 
@@ -273,7 +273,7 @@ def test_parameters_that_no_body_has_are_refused_with_the_link_and_the_way_out()
 
 def test_the_nearest_feasible_model_predicts_nearly_as_well() -> None:
     poor = measured("ur10", noise=2.0)
-    found = complete(poor, nearest=True)
+    found = complete_parameters(poor, nearest=True)
     assert not found.exact
     motion = path(poor.model.robot, 300)
     change = predicted(poor, motion) - predicted(made_up(poor.model.robot, PLAIN, found.values), motion)
@@ -285,7 +285,7 @@ def test_friction_that_drives_is_refused() -> None:
     model = measured_like(from_standard(robot, drives(robot) | {"Fv2": -0.4}))
     with pytest.raises(DynidentError, match=r"Fv2 of elbow \(friction of -0.4"):
         to_urdf(model)
-    assert 0 <= complete(model, nearest=True).viscous[1] < 1e-3
+    assert 0 <= complete_parameters(model, nearest=True).viscous[1] < 1e-3
 
 
 def test_a_rotor_below_zero_is_refused_by_name() -> None:
@@ -310,15 +310,15 @@ def test_rounded_right_angles_do_not_show_in_the_torque() -> None:
     found = torque_of_mjcf(to_mjcf(model).content.decode(), motion)
     assert_same(found[used], predicted(model, motion)[used])
     # With a rotor of its own, the first joint's torque would differ by what the base parameters leave out.
-    apart = Links.of(model, (), nearest=False)
-    assert 1e-9 < apart.rounding < 1e-6
+    apart = FeasibleLinks.from_model(model, (), nearest=False)
+    assert 1e-9 < apart.rounding_error < 1e-6
     assert any("rounded" in note for note in apart.notes)
 
 
 @pytest.mark.parametrize("name", ["ur10", "scara"])
 def test_what_the_feasible_estimator_gives_can_be_exported_exactly(name: str) -> None:
     model = measured(name, noise=2.0, estimator="feasible")
-    assert complete(model).exact
+    assert complete_parameters(model).exact
     motion = path(model.model.robot)
     for text, used in (
         (
@@ -343,7 +343,7 @@ def test_what_is_there_in_some_runs_only_is_no_part_of_the_links() -> None:
         [always.values[names.index(column.name)] if not column.runs else -0.3 for column in both.model.kept]
     )
     both = made_up(robot, (*PLAIN, heavy, sticky), values)
-    found, alone = complete(both), complete(always)
+    found, alone = complete_parameters(both), complete_parameters(always)
     np.testing.assert_allclose(found.inertias, alone.inertias, atol=1e-6)
     np.testing.assert_allclose(found.coulomb, alone.coulomb)
     assert sum("in heavy" in note for note in to_urdf(both).notes) == 2
@@ -365,6 +365,6 @@ def test_a_prior_is_what_open_parameters_stay_near_to() -> None:
     tau = tau + np.sign(motion.dq) + 1.5 * motion.dq + 0.3 * motion.ddq
     choices = replace(measured().choices, estimator="wls", prior="description")
     model = identify(robot, [record(robot, motion, tau)], [], choices)
-    found = complete(model)
+    found = complete_parameters(model)
     assert found.exact
     np.testing.assert_allclose(found.inertias[:, 9], robot.inertias[:, 9], rtol=0.02)

@@ -18,11 +18,11 @@ from oracles import Motion, arm, crooked_urdf
 
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
-from dynident.export.c_code import c_name, to_c
-from dynident.export.c_instructions import c_statements
-from dynident.export.casadi_function import casadi_bytes, to_casadi
+from dynident.export.c_code import make_c_name, to_c
+from dynident.export.c_instructions import write_c_statements
+from dynident.export.casadi_function import to_casadi, to_casadi_bytes
 from dynident.export.document import model_from_json, to_json
-from dynident.export.formula import torque_formula
+from dynident.export.formula import build_torque_formula
 from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.further_signals import FurtherSignals
@@ -96,7 +96,7 @@ def test_a_predictor_gives_the_torque_of_the_whole_motion_in_whatever_pieces_it_
     known = MODELS[REMEMBERS]()
     motion, rng = path(known.model.robot), np.random.default_rng(seed)
     expected = predicted(known, motion)
-    for model in (PredictingModel.of(known), model_from_json(to_json(known))):
+    for model in (PredictingModel.from_identification(known), model_from_json(to_json(known))):
         predictor = model.predictor()
         for _ in range(2):  # a new motion begins as the first one did
             predictor.reset()
@@ -114,7 +114,7 @@ def test_a_predictor_gives_the_torque_of_the_whole_motion_in_whatever_pieces_it_
 
 
 def test_a_single_sample_of_a_model_that_remembers_is_refused_with_the_way_out() -> None:
-    model = PredictingModel.of(MODELS[REMEMBERS]())
+    model = PredictingModel.from_identification(MODELS[REMEMBERS]())
     sample = np.ones((1, model.robot.n))
     with pytest.raises(DynidentError, match=r"predictor\(\) once and call its step\(\)"):
         model.torque(sample, sample, sample)
@@ -122,13 +122,13 @@ def test_a_single_sample_of_a_model_that_remembers_is_refused_with_the_way_out()
     ways = np.linspace(0.0, 1.0, 2000)[:, None] * np.ones(model.robot.n)
     steady = model.torque(ways, np.ones_like(ways), np.ones_like(ways))[-1]
     np.testing.assert_allclose(model.torque(sample, sample, sample, sliding=True)[0], steady, rtol=1e-9)
-    plain = PredictingModel.of(MODELS["plain"]())
+    plain = PredictingModel.from_identification(MODELS["plain"]())
     assert plain.torque(*(np.ones((1, plain.robot.n)),) * 3).shape == (1, plain.robot.n)
 
 
 def test_a_casadi_function_without_its_memory_gives_no_number_rather_than_a_wrong_one(tmp_path: Path) -> None:
     model = MODELS[REMEMBERS]()
-    (tmp_path / "model.casadi").write_bytes(casadi_bytes(model))
+    (tmp_path / "model.casadi").write_bytes(to_casadi_bytes(model))
     for function in (to_casadi(model), ca.Function.load(str(tmp_path / "model.casadi"))):
         ones = np.ones(model.model.robot.n)
         assert np.isnan(np.array(function(q=ones, dq=ones, ddq=ones)["tau"])).any()
@@ -138,7 +138,7 @@ def test_a_casadi_function_without_its_memory_gives_no_number_rather_than_a_wron
 
 def test_a_casadi_file_read_back_is_the_same_function(tmp_path: Path) -> None:
     model = MODELS["hysteresis on a tree"]()
-    (tmp_path / "model.casadi").write_bytes(casadi_bytes(model))
+    (tmp_path / "model.casadi").write_bytes(to_casadi_bytes(model))
     read, own = ca.Function.load(str(tmp_path / "model.casadi")), to_casadi(model)
     assert read.name_in() == own.name_in()
     rng = np.random.default_rng(0)
@@ -148,7 +148,7 @@ def test_a_casadi_file_read_back_is_the_same_function(tmp_path: Path) -> None:
 
 
 def test_a_plain_model_asks_for_the_motion_alone() -> None:
-    assert torque_formula(MODELS["plain"]().estimate).names == ("q", "dq", "ddq")
+    assert build_torque_formula(MODELS["plain"]().estimate).names == ("q", "dq", "ddq")
 
 
 def compiled(identification: Identification, folder: Path) -> ctypes.CDLL:
@@ -167,7 +167,7 @@ def compiled(identification: Identification, folder: Path) -> ctypes.CDLL:
 
 def run_c(library: ctypes.CDLL, identification: Identification, motion: Motion) -> FloatArray:
     """Torque along a motion, one call a sample."""
-    formula, name = torque_formula(identification.estimate), c_name(identification)
+    formula, name = build_torque_formula(identification.estimate), make_c_name(identification)
     call = getattr(library, f"{name}_torque")
     state = ctypes.create_string_buffer(8 * (len(formula.memory) + formula.robot.n + 1))
     if formula.memory:
@@ -199,7 +199,7 @@ def test_c_code_compiles_without_a_warning_and_gives_the_predicted_torque(
 def test_the_declarations_of_c_code_can_be_included_by_another_file(tmp_path: Path) -> None:
     model = MODELS["hysteresis on a tree"]()
     compiled(model, tmp_path)
-    name = c_name(model)
+    name = make_c_name(model)
     (tmp_path / "main.c").write_text(
         f'#define {name.upper()}_DECLARATIONS_ONLY\n#include "model.c"\n'
         f"int main(void) {{ double q[{name.upper()}_JOINTS] = {{0}}, tau[{name.upper()}_JOINTS]; {name}_state s; "
@@ -215,7 +215,7 @@ def test_a_controller_in_cpp_can_call_it(tmp_path: Path) -> None:
         pytest.skip("NO C++ COMPILER: calling exported C code from C++ is not tested here")
     model = MODELS["plain"]()
     compiled(model, tmp_path)
-    name = c_name(model)
+    name = make_c_name(model)
     (tmp_path / "main.cpp").write_text(
         f'#define {name.upper()}_DECLARATIONS_ONLY\n#include "model.c"\n'
         f"int main() {{ double q[7] = {{0}}, tau[7]; {name}_torque(q, q, q, tau); return tau[0] != tau[0]; }}\n"
@@ -256,7 +256,7 @@ def test_arms_drawn_at_random_are_computed_alike_by_every_program(data: st.DataO
 def test_names_that_users_give_cannot_break_c_code(tmp_path: Path) -> None:
     text = crooked_urdf(2).replace('"j0"', '"*/ int x; /* ??/ \\ // ‮ end"').replace("crooked", "7th /* arm */")
     model = made_up(robot_from_urdf("7th Arm */ ??/ // \\\n ü", text), PLAIN)
-    assert c_name(model) == "dynident_7th_arm"
+    assert make_c_name(model) == "dynident_7th_arm"
     compiled(model, tmp_path)
 
 
@@ -264,4 +264,4 @@ def test_an_operation_that_c_code_is_not_written_for_is_named() -> None:
     x = ca.SX.sym("x")
     function = ca.Function("f", [x], [ca.asinh(x)])
     with pytest.raises(DynidentError, match="CasADi function instead"):
-        c_statements(function, [["x"]], [["y"]])
+        write_c_statements(function, [["x"]], [["y"]])

@@ -15,7 +15,7 @@ from test_links_and_joints import moving, torque_of_mjcf, torque_of_urdf
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
-from dynident.export.projection import FREE, is_free
+from dynident.export.projection import MOST_FREE_ERROR_RATIO, predicts_as_well
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 
@@ -86,14 +86,14 @@ def test_the_error_that_a_file_states_is_what_its_reader_finds(write: Callable[[
 def test_a_file_that_holds_the_whole_model_warns_of_nothing() -> None:
     file = export_model(model_of(*PLAIN), "urdf")
     of_file, of_model = stated_errors(file)
-    assert of_file <= FREE * of_model
+    assert of_file <= MOST_FREE_ERROR_RATIO * of_model
     assert not any("Warning" in note for note in file.notes)
 
 
 def test_bodies_that_can_exist_are_free_where_they_predict_held_out_data_as_well() -> None:
     model = model_of(*PLAIN)
-    assert is_free(model, model.values)
-    assert not is_free(model, 1.2 * model.values)
+    assert predicts_as_well(model, model.values)
+    assert not predicts_as_well(model, 1.2 * model.values)
 
 
 def test_without_held_out_data_nobody_knows_what_feasibility_costs() -> None:

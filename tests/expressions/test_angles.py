@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.expressions.angles import Turns, turned
+from dynident.expressions.angles import AngleTerms, substitute_angles
 
 X, Y = ca.SX.sym("x", 2), ca.SX.sym("y")
 
@@ -17,9 +17,9 @@ def value(expression: ca.SX, **given: float) -> np.ndarray:
 
 
 def test_sines_of_symbols_are_those_given_and_all_else_is_of_the_angle() -> None:
-    given = Turns(ca.SX.sym("angle", 2), ca.SX.sym("c", 2), ca.SX.sym("s", 2))
+    given = AngleTerms(ca.SX.sym("angle", 2), ca.SX.sym("c", 2), ca.SX.sym("s", 2))
     expression = ca.horzcat(ca.sin(X[0]) * Y + X[0], ca.SX(1, 1), ca.cos(X[1] + Y), ca.if_else(Y > 0, ca.cos(X[1]), 2))
-    found = turned(expression, X, given)
+    found = substitute_angles(expression, X, given)
     assert found.sparsity() == expression.sparsity()
     expected = ca.horzcat(
         given.sines[0] * Y + given.angles[0], ca.SX(1, 1), ca.cos(given.angles[1] + Y),
@@ -32,13 +32,13 @@ def test_sines_of_symbols_are_those_given_and_all_else_is_of_the_angle() -> None
 
 def test_an_expression_without_the_symbols_stays() -> None:
     expression = ca.sin(Y) * Y
-    assert turned(expression, X, Turns.of(X)) is expression
+    assert substitute_angles(expression, X, AngleTerms.from_angles(X)) is expression
 
 
 @pytest.mark.parametrize("longest", [1e-9, 1e-3, 0.1, 0.25, 1.0])
 def test_a_step_onward_turns_exactly(longest: float) -> None:
     start, step = 0.7, np.linspace(-longest, longest, 41)
-    made = Turns.of(ca.SX(start)).onward(Y, np.array([longest]))
+    made = AngleTerms.from_angles(ca.SX(start)).add_steps(Y, np.array([longest]))
     found = ca.Function("f", [Y], list(made.parts)).map(len(step)).call([step[None]])
     angles, cosines, sines = (one.full().ravel() for one in found)
     np.testing.assert_allclose(angles, start + step, rtol=1e-15)
@@ -48,7 +48,7 @@ def test_a_step_onward_turns_exactly(longest: float) -> None:
 
 def test_the_tangent_of_half_an_angle_gives_all_of_it() -> None:
     angles = np.linspace(-1.5, 2.5, 41)
-    made = Turns.of_half(Y, 0.5)
+    made = AngleTerms.from_half_tangents(Y, 0.5)
     found = ca.Function("f", [Y], list(made.parts)).map(len(angles)).call([np.tan(0.5 * (angles - 0.5))[None]])
     for one, expected in zip(found, (angles, np.cos(angles), np.sin(angles)), strict=True):
         np.testing.assert_allclose(one.full().ravel(), expected, atol=1e-15)

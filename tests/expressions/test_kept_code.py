@@ -85,7 +85,7 @@ def test_another_processor_or_compiler_has_code_of_its_own(folder, builds, monke
 def test_code_that_others_could_have_written_is_not_run(folder, builds):
     folder.mkdir()
     folder.chmod(0o777)
-    kept_code._folder.cache_clear()
+    kept_code._find_folder.cache_clear()
     for _ in range(2):
         of(1.25)
     assert len(builds) == 2
@@ -102,15 +102,15 @@ def test_without_a_folder_everything_works(setting, builds, monkeypatch):
 
 def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
     for number in range(8):
-        kept_code.kept(f"text {number}", lambda: bytes(1000))
+        kept_code.load_or_compile(f"text {number}", lambda: bytes(1000))
         newest = max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)
         os.utime(newest, (number, number))
-    kept_code.kept("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
+    kept_code.load_or_compile("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
     monkeypatch.setattr(kept_code, "_ROOM", 5000)
-    kept_code._tidied.cache_clear()
-    kept_code.kept("text 8", lambda: bytes(1000))
+    kept_code._remove_old_files.cache_clear()
+    kept_code.load_or_compile("text 8", lambda: bytes(1000))
     for number in (0, 8):
-        kept_code.kept(f"text {number}", lambda: pytest.fail("it is there"))
+        kept_code.load_or_compile(f"text {number}", lambda: pytest.fail("it is there"))
     assert len(list(folder.iterdir())) == 2
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import arm, random_states
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.expressions import Program, UnsupportedOperationError
 from dynident.regressors.observation import Observation
 
@@ -155,10 +155,10 @@ def test_an_operation_without_a_translation_is_named():
 def test_several_threads_at_once_do_not_disturb_each_other():
     robot = arm("ur10")
     signals = Signals(robot)
-    observation = Observation.of(
-        robot, columns_of([EffectChoice("rigid_body"), EffectChoice("coulomb")], signals), signals
+    observation = Observation.from_columns(
+        robot, build_columns([EffectChoice("rigid_body"), EffectChoice("coulomb")], signals), signals
     )
-    reference, no_memory = ReferenceParameters.nothing(robot), np.zeros((3000, 0))
+    reference, no_memory = ReferenceParameters.massless(robot), np.zeros((3000, 0))
     inputs = [random_states(robot, 3000, seed) for seed in range(6)]
 
     def evaluate(states):

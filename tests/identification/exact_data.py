@@ -8,7 +8,7 @@ import numpy as np
 from oracles import Motion, pinocchio_torque, random_states
 
 from dynident.effects import ReferenceParameters
-from dynident.estimation import FactorAccumulator, concatenate
+from dynident.estimation import FactorAccumulator, concatenate_reductions
 from dynident.identification.equations.data import Data
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
@@ -51,7 +51,7 @@ def reduced_states(model: Model, runs: Sequence[tuple[Motion, FloatArray]]) -> D
             motion.q,
             motion.dq,
             motion.ddq,
-            reference=ReferenceParameters.nothing(model.robot),
+            reference=ReferenceParameters.massless(model.robot),
             memory=np.zeros((len(motion.t), observation.n_memory)),
         )
         rows = [np.column_stack([entries[:, picked], tau[:, j]]) for j, (picked, _) in enumerate(layout)]
@@ -59,5 +59,5 @@ def reduced_states(model: Model, runs: Sequence[tuple[Motion, FloatArray]]) -> D
             rows[j][:] = 0.0  # what stiction and brakes leave of a locked joint's torque is no equation
         accumulator.push(motion.t, rows)
         parts.append(accumulator.finish())
-    whole = concatenate(parts)
-    return Data(whole, whole, (), Preprocessing(None, None), ReferenceParameters.nothing(model.robot))
+    whole = concatenate_reductions(parts)
+    return Data(whole, whole, (), Preprocessing(None, None), ReferenceParameters.massless(model.robot))

@@ -11,7 +11,7 @@ from oracles import arm, fourier_motion, pinocchio_rows, record
 
 from dynident.errors import DynidentError
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains, payload_mass
-from dynident.identification.loads.payloads import known_payload
+from dynident.identification.loads.payloads import read_known_payload
 from dynident.recordings import Preprocessing
 from dynident.robot import Drive
 
@@ -163,7 +163,7 @@ def test_payloads_that_are_not_known_are_refused(payload, pointer, word):
     unloaded, loaded = currents()
     loaded = replace(loaded, payload=payload)
     with pytest.raises(DynidentError, match=word) as caught:
-        known_payload(loaded)
+        read_known_payload(loaded)
     assert caught.value.pointer == pointer
     with pytest.raises(DynidentError):
         gains_of(unloaded, loaded)

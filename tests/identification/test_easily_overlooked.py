@@ -10,9 +10,9 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import FactorAccumulator, instrumental, known_values, weighted
+from dynident.estimation import FactorAccumulator, build_prior, solve_instrumental, weighted
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.estimators.feasible_problem import _not_negative
+from dynident.identification.estimators.feasible_problem import _list_not_negative
 from dynident.identification.study.prediction import predict
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
@@ -64,7 +64,7 @@ def test_torque_that_depends_on_jerk_is_not_predicted_without_it():
 
 def test_friction_of_some_runs_is_a_difference_and_may_be_negative():
     model = build_model(arm("ur10"), (*EFFECTS, EffectChoice("coulomb", runs=("warm",))))
-    held = {(model.columns[k].name, model.columns[k].runs) for k in _not_negative(model)}
+    held = {(model.columns[k].name, model.columns[k].runs) for k in _list_not_negative(model)}
     assert ("Fc1", ()) in held
     assert ("Fc1", ("warm",)) not in held
 
@@ -77,7 +77,9 @@ def test_instruments_take_what_is_known_into_account_from_the_beginning():
     accumulator = FactorAccumulator([np.arange(6)], 6, 0.5)
     accumulator.push(np.arange(400) / 50.0, [np.column_stack([w, w, y])])
     both = accumulator.finish()
-    known = known_values(np.array([2.0]), np.full((1, 1), 1e-6), np.array([1]), 3)
+    known = build_prior(np.array([2.0]), np.full((1, 1), 1e-6), np.array([1]), 3)
     np.testing.assert_allclose(
-        instrumental(both, known).solution.values, weighted(both.select(np.arange(3)), known).values, atol=1e-3
+        solve_instrumental(both, known).solution.values,
+        weighted(both.select_columns(np.arange(3)), known).values,
+        atol=1e-3,
     )

@@ -13,13 +13,13 @@ from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import weighted, weighted_factor
+from dynident.estimation import build_weighted_factor, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.equations.data import reduced
-from dynident.identification.estimators.feasible import nearest
-from dynident.identification.estimators.feasible_problem import believed_of, problem_of
-from dynident.identification.prior.entropic import EntropicPrior, entropic_prior
-from dynident.identification.prior.prior import belief_of, prior_of
+from dynident.identification.equations.data import reduce_to_rows
+from dynident.identification.estimators.feasible import minimise_entropic_cost
+from dynident.identification.estimators.feasible_problem import build_problem, build_standard_prior
+from dynident.identification.prior.entropic import EntropicPrior, build_entropic_prior
+from dynident.identification.prior.prior import build_normal_prior, build_prior
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
@@ -49,20 +49,22 @@ class TwoLinks:
         self.model = build_model(self.robot, LINKS)
         self.choices = replace(CHOICES, effects=LINKS)
         run = recorded(self.robot, self.truth, 0.3, noise, friction=False)
-        data = reduced(self.model, self.choices.rows_asked, [run], FILTERS, ReferenceParameters.nothing(self.robot))
-        known = prior_of(self.model, self.choices.trust)
+        data = reduce_to_rows(
+            self.model, self.choices.row_options, [run], FILTERS, ReferenceParameters.massless(self.robot)
+        )
+        known = build_prior(self.model, self.choices.trust)
         start = weighted(data.equations, known)
-        believed = believed_of(self.model, self.choices.trust, start)
-        at_nominal = problem_of(self.model, data.equations, known, believed.at(believed.belief.mean))
-        _, found = nearest(self.model, at_nominal, believed, start.noise)
+        believed = build_standard_prior(self.model, self.choices.trust, start)
+        at_nominal = build_problem(self.model, data.equations, known, believed.approximate_at(believed.belief.mean))
+        _, found = minimise_entropic_cost(self.model, at_nominal, believed, start.noise)
         self.found = at_nominal.unit * found.values
         self.prior = believed.entropic
-        factor = weighted_factor(data.equations, start.noise)
+        factor = build_weighted_factor(data.equations, start.noise)
         b = self.model.n_parameters
         self.rows, self.right = factor[:b, :b] @ self.model.base.grouping, factor[:b, b]
 
     def cost(self, values) -> float:
-        return float(np.sum((self.rows @ values - self.right) ** 2)) + self.prior.value(values)
+        return float(np.sum((self.rows @ values - self.right) ** 2)) + self.prior.compute_cost(values)
 
 
 @pytest.fixture(scope="module", params=[0.02, 2.0], ids=["good data", "poor data"])
@@ -141,7 +143,7 @@ def test_the_distance_of_two_bodies_is_the_same_in_every_frame_and_unit():
     moved[:3, :3], moved[:3, 3] = 1e3 * rotation, rng.normal(size=3)  # a frame elsewhere, and millimetres
 
     def distance(one, other):
-        return EntropicPrior(np.arange(10)[None], other[None], 0.2).value(inertial_parameters(one))
+        return EntropicPrior(np.arange(10)[None], other[None], 0.2).compute_cost(inertial_parameters(one))
 
     assert distance(body, nominal) > 1.0
     assert distance(moved @ body @ moved.T, moved @ nominal @ moved.T) == pytest.approx(distance(body, nominal))
@@ -152,8 +154,8 @@ def test_masses_are_believed_within_the_share_that_is_given():
     model = build_model(arm("ur10"), LINKS)
     for share in (0.2, 0.05):
         choices = replace(CHOICES, effects=LINKS, prior_error=share)
-        belief = belief_of(model, choices.trust)
-        near = entropic_prior(model, share, belief).belief_at(belief, belief.mean)
+        belief = build_normal_prior(model, choices.trust)
+        near = build_entropic_prior(model, share, belief).approximate_at(belief, belief.mean)
         masses = slice(9, None, 10)
         np.testing.assert_allclose(np.linalg.norm(near.spread[masses], axis=1), share * arm("ur10").inertias[:, 9])
         np.testing.assert_allclose(near.mean, belief.mean, atol=1e-9)
@@ -161,18 +163,18 @@ def test_masses_are_believed_within_the_share_that_is_given():
 
 def test_the_normal_belief_near_a_body_has_the_slope_and_curvature_of_the_distance():
     model = build_model(arm("ur10"), LINKS)
-    belief = belief_of(model, CHOICES.trust)
-    prior = entropic_prior(model, CHOICES.prior_error, belief)
+    belief = build_normal_prior(model, CHOICES.trust)
+    prior = build_entropic_prior(model, CHOICES.prior_error, belief)
     here = 1.3 * belief.mean
-    near = prior.belief_at(belief, here)
+    near = prior.approximate_at(belief, here)
     information = np.linalg.inv(near.spread @ near.spread.T)
     step = 1e-3 * near.spread @ np.random.default_rng(1).normal(size=len(here))
 
     def normal(values):
         return (values - near.mean) @ information @ (values - near.mean)
 
-    slope = (prior.value(here + step) - prior.value(here - step)) / 2
-    bend = prior.value(here + step) + prior.value(here - step) - 2 * prior.value(here)
+    slope = (prior.compute_cost(here + step) - prior.compute_cost(here - step)) / 2
+    bend = prior.compute_cost(here + step) + prior.compute_cost(here - step) - 2 * prior.compute_cost(here)
     assert slope == pytest.approx((normal(here + step) - normal(here - step)) / 2, rel=1e-4)
     assert bend == pytest.approx(normal(here + step) + normal(here - step) - 2 * normal(here), rel=1e-2)
 
@@ -191,7 +193,7 @@ def test_a_poor_motion_predicts_a_good_one_better_than_with_independent_paramete
 
 def test_every_link_is_a_body_with_volume_and_nothing_is_held_at_an_edge():
     found = poor("description_entropic")
-    inertias = found.estimate.standard.inertias(found.model)
+    inertias = found.estimate.standard.to_inertias(found.model)
     relative = np.linalg.solve(pseudo_inertia(found.model.robot.inertias), pseudo_inertia(inertias))
     assert np.linalg.eigvals(relative).real.min() > 0.1
     assert not any("edge" in warning for warning in found.warnings)

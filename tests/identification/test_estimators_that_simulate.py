@@ -12,11 +12,11 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
-from dynident.identification.equations.data import torque_of
-from dynident.identification.estimators.commanded_motion import commanded_motion
-from dynident.identification.estimators.recorded_motion import whole_segments
-from dynident.identification.estimators.simulated_motion import movable_simulator, simulated_motion
-from dynident.identification.estimators.simulating import instrumental_variables
+from dynident.identification.equations.data import reduce_torque
+from dynident.identification.estimators.commanded_motion import align_commanded_motion
+from dynident.identification.estimators.recorded_motion import read_whole_segments
+from dynident.identification.estimators.simulated_motion import build_movable_simulator, simulate_recording
+from dynident.identification.estimators.simulating import estimate_by_instrumental_variables
 from dynident.identification.problem import Problem
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
@@ -58,8 +58,8 @@ def choices(estimator: str, **more) -> IdentificationChoices:
 
 def test_the_simulated_robot_follows_the_recorded_motion_with_the_true_accelerations():
     recording = SMALL.recorded()
-    simulator = movable_simulator(SMALL.model, SMALL.truth)
-    motion = simulated_motion(simulator, recording, whole_segments(recording, Preprocessing(40.0, None, 1)))
+    simulator = build_movable_simulator(SMALL.model, SMALL.truth)
+    motion = simulate_recording(simulator, recording, read_whole_segments(recording, Preprocessing(40.0, None, 1)))
     (q, dq, ddq), inner = motion.segments[0], slice(40, -40)
     assert q.shape == SMALL.motion.q.shape
     assert np.abs(q - SMALL.motion.q)[inner].max() < 2e-3
@@ -69,7 +69,7 @@ def test_the_simulated_robot_follows_the_recorded_motion_with_the_true_accelerat
 
 
 def test_where_no_robot_has_the_first_estimate_the_links_of_the_description_are_simulated_with_friction_that_brakes():
-    simulator = movable_simulator(SMALL.model, -SMALL.truth)
+    simulator = build_movable_simulator(SMALL.model, -SMALL.truth)
     assert np.array_equal(simulator.robot.inertias, SMALL.robot.inertias)
     assert not any(one.effect == "rotor_inertia" for one in simulator.robot.effects)
     friction = [value for one in simulator.robot.effects for name, value in one.values if name in ("Fc", "Fv")]
@@ -81,7 +81,7 @@ def test_where_no_robot_has_the_first_estimate_the_links_of_the_description_are_
 def test_where_the_description_has_no_inertias_either_nothing_is_simulated_and_the_error_says_what_to_do():
     bare = build_model(replace(SMALL.robot, inertias=None), EFFECTS)
     with pytest.raises(DynidentError, match="Use wls or feasible") as caught:
-        movable_simulator(bare, -bare.base.grouping @ np.ones(len(bare.columns)))
+        build_movable_simulator(bare, -bare.base.grouping @ np.ones(len(bare.columns)))
     assert caught.value.pointer == "/estimator"
 
 
@@ -127,11 +127,13 @@ def test_instrumental_variables_remove_the_bias_that_encoder_noise_leaves_in_lea
     noise = np.array([2.0, 2.0, 1.0, 0.5, 0.5, 0.5])
     least, least_deviations, found, deviations = [], [], [], []
     for seed in range(runs):
-        data = torque_of(big.model, [big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.nothing(big.robot))
+        data = reduce_torque(
+            big.model, [big.recorded(seed, 1e-4, noise)], WIDE, ReferenceParameters.massless(big.robot)
+        )
         plain = ordinary(data.equations)
         least.append(plain.values)
         least_deviations.append(statistics(data.equations, plain).standard_deviations)
-        fit = instrumental_variables(Problem.of(big.model, choices("iv"), data))
+        fit = estimate_by_instrumental_variables(Problem.from_choices(big.model, choices("iv"), data))
         found.append(fit.solution.values)
         deviations.append(fit.statistics.standard_deviations)
     plain_bias = np.abs(np.mean(least, axis=0) - big.truth) / np.mean(least_deviations, axis=0)
@@ -159,9 +161,9 @@ def commanded_run(late: float = 0.0, encoder: float = 0.0, noise: float = 0.0, s
 
 @pytest.mark.parametrize("late", [0.0, 0.03])
 def test_the_command_is_brought_as_late_as_the_motion(late):
-    found = commanded_motion(commanded_run(late, 1e-4), Preprocessing(40.0, None, 1))
+    found = align_commanded_motion(commanded_run(late, 1e-4), Preprocessing(40.0, None, 1))
     np.testing.assert_allclose(found.delay, late, atol=1e-3)
-    assert found.followed
+    assert found.is_followed
 
 
 @pytest.mark.parametrize("estimator", ["iv", "didim"])

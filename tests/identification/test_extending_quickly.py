@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors import rows
-from dynident.regressors.extension import extended_model
+from dynident.regressors.extension import extend_model
 from dynident.regressors.model import build_model
 
 ROBOT = arm("ur10")
@@ -43,7 +43,7 @@ RUNS, HELD_OUT = [run(1, 20.0), run(3, 8.0)], [run(2, 12.0)]
 def test_base_parameters_grown_step_by_step_are_those_found_at_once():
     grown = build_model(ROBOT, PLAIN)
     for step in STEPS:
-        grown = extended_model(grown, step)
+        grown = extend_model(grown, step)
     whole = build_model(ROBOT, grown.effects)
     assert grown.base.kept == whole.base.kept
     assert grown.base.names == whole.base.names

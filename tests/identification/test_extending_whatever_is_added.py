@@ -10,13 +10,13 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import diagnose
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.regressors.base_parameters import select_base
-from dynident.regressors.extension import extended_model
+from dynident.regressors.extension import extend_model
 from dynident.regressors.model import build_model
 from dynident.robot import Robot, robot_from_urdf
 
@@ -40,7 +40,7 @@ def rounded(name: str, seed: int) -> Robot:
 
 def choice_of(effect: str, robot: Robot, rng: np.random.Generator) -> EffectChoice | None:
     """The effect on a random joint, with its usual constants."""
-    described = effect_by_id(effect)
+    described = get_effect(effect)
     possible = described.applicable(robot)
     if not possible or any(effect == known.effect for known in KNOWN):
         return None
@@ -77,7 +77,7 @@ def test_a_model_keeps_its_parameters_whatever_is_added(name, seed):
         choice = choice_of(effect, robot, rng)
         if choice is None:
             continue
-        grown = extended_model(known, [choice], tolerance=tolerance)
+        grown = extend_model(known, [choice], tolerance=tolerance)
         assert grown.base.kept[: known.n_parameters] == known.base.kept
         assert grown.observation.n_columns == grown.n_parameters == len(grown.base.groupings)
 

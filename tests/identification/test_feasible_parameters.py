@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
-from dynident.estimation import errors, statistics, weighted_factor
+from dynident.estimation import build_weighted_factor, compute_errors, statistics
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.estimators.feasible import feasible
+from dynident.identification.estimators.feasible import solve_feasible
 from dynident.identification.problem import Problem
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
@@ -50,7 +50,7 @@ def test_data_of_a_robot_that_exists_give_the_same_as_weighted_least_squares():
 
 def test_without_noise_the_least_squares_solution_is_found():
     found, free = identified(), identified(estimator="wls")
-    possible, best = (errors(one.data.training, one.values).relative_total for one in (found, free))
+    possible, best = (compute_errors(one.data.training, one.values).relative_total for one in (found, free))
     assert possible < 1.02 * best
     scale = np.abs(found.values).max()
     np.testing.assert_allclose(found.values, free.values, atol=2e-3 * scale)
@@ -60,7 +60,7 @@ def test_feasible_parameters_are_those_of_cvxpy():
     """One weighting, the same constraints, stated in another language and solved by another solver."""
     found = identified(1.0, 3.0)
     model, solution = found.model, found.estimate.solution
-    rows = weighted_factor(found.data.equations, solution.noise)
+    rows = build_weighted_factor(found.data.equations, solution.noise)
     b, grouping = model.n_parameters, model.base.grouping
     u = cp.Variable(len(model.columns))
     constraints = [u[k] >= 0 for k, column in enumerate(model.columns) if column.effect != "rigid_body"]
@@ -86,7 +86,7 @@ def test_feasible_parameters_are_those_of_cvxpy():
 def test_every_link_could_exist_however_bad_the_data_are(seed, noise):
     found = identified(noise, 3.0, seed=seed)
     assert found.estimate.standard is not None
-    inertias = found.estimate.standard.inertias(found.model)
+    inertias = found.estimate.standard.to_inertias(found.model)
     assert np.linalg.eigvalsh(pseudo_inertia(inertias)).min() > 0
     assert smallest_pseudo_inertia(inertias).min() > 0
     assert all(p.value >= -1e-6 for p in found.parameters if p.effect in ("coulomb", "viscous"))
@@ -128,8 +128,8 @@ def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():
 
 def test_the_same_reduced_data_give_the_same_again():
     found = identified(1.0, 20.0)
-    data = found.data.to_solve(found.estimate.reference)
-    fit = feasible(Problem.of(found.model, found.choices, data))
+    data = found.data.to_data(found.estimate.reference)
+    fit = solve_feasible(Problem.from_choices(found.model, found.choices, data))
     np.testing.assert_allclose(fit.solution.values, found.values, rtol=1e-9)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident.effects import EffectChoice, role_of
+from dynident.effects import EffectChoice, get_role
 from dynident.export import export_model
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Recording
@@ -36,7 +36,7 @@ def truth(found: Identification) -> np.ndarray:
     drives = {"rotor": ROTORS, "dry": COULOMB, "damping": VISCOUS}
     standard = np.zeros(len(found.model.columns))
     for k, column in enumerate(found.model.columns):
-        joint, role = ROBOT.joint_names.index(column.link), role_of(column)
+        joint, role = ROBOT.joint_names.index(column.link), get_role(column)
         if role == "link":
             standard[k] = ROBOT.inertias[joint, INERTIAL_NAMES.index(column.parameter)]
         else:

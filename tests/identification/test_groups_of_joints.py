@@ -9,8 +9,8 @@ import pytest
 from strangers import FloatArray, guess, legged, log, log_of, read, signals
 
 from dynident.identification import identify
-from dynident.identification.mistakes.frictions import excess_of
-from dynident.identification.mistakes.search import chains_of
+from dynident.identification.mistakes.frictions import find_excess_friction
+from dynident.identification.mistakes.search import list_chains
 from dynident.recordings import Check, RecordingError
 from dynident.robot import Robot
 from dynident.verdict import verdict
@@ -63,8 +63,8 @@ def test_untouched_legs_have_no_finding(tmp_path: Path) -> None:
 
 
 def test_chains_of_a_tree_end_where_it_branches() -> None:
-    assert chains_of(legged(2)) == [[0, 1, 2], [3, 4, 5]]
-    assert chains_of(log().robot) == [list(range(6))]
+    assert list_chains(legged(2)) == [[0, 1, 2], [3, 4, 5]]
+    assert list_chains(log().robot) == [list(range(6))]
 
 
 @pytest.mark.parametrize(("name", "seed", "first", "times"), [
@@ -149,5 +149,5 @@ def test_a_joint_with_far_more_friction_than_others_with_a_drive_like_its_own_is
     size = np.array([15.0, 15.0, 10.0, 1.0, 1.0, 10.0])
     limits = [joint.limits.effort for joint in robot.joints]
     assert limits[3] == limits[4] == limits[5]
-    assert excess_of(robot, np.tile(size, (10, 1))) == {5: pytest.approx(10.0)}
-    assert excess_of(robot, np.tile(np.where(size == 10.0, 2.4, size), (10, 1))) == {}
+    assert find_excess_friction(robot, np.tile(size, (10, 1))) == {5: pytest.approx(10.0)}
+    assert find_excess_friction(robot, np.tile(np.where(size == 10.0, 2.4, size), (10, 1))) == {}

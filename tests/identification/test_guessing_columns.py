@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque
 
-from dynident.desk.robots import with_gains
+from dynident.desk.robots import set_drive_gains
 from dynident.identification.imports.effort import CANNOT_TELL
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
@@ -171,7 +171,7 @@ def test_gravity_compensated_torque_is_seen_in_the_data():
 def test_efforts_are_currents_where_the_drive_gains_say_so_and_asked_about_otherwise():
     s = signals()
     efforts = sample("t", {"position_{n}": s["q"], "effort_{n}": s["tau"] / GAINS})
-    found = propose(efforts, with_gains(ROBOT, GAINS))
+    found = propose(efforts, set_drive_gains(ROBOT, GAINS))
     assert found.effort_kind == "motor_current"
     assert found.columns["current2"] == f"effort_{ROBOT.joint_names[1]}"
     assert found.questions == ()
@@ -208,7 +208,7 @@ def test_without_masses_efforts_are_told_only_where_they_are_too_small_for_any_m
 
 def test_efforts_that_could_be_torques_and_currents_by_the_drive_gains_are_asked_about():
     s = signals()
-    found = propose(sample("t", {"position_{n}": s["q"], "effort_{n}": s["tau"]}), with_gains(ROBOT, (2.5,) * 6))
+    found = propose(sample("t", {"position_{n}": s["q"], "effort_{n}": s["tau"]}), set_drive_gains(ROBOT, (2.5,) * 6))
     assert found.effort_kind == "unknown"
     assert "effort_kind" in {one.field for one in found.questions}
 

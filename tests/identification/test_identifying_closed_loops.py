@@ -42,14 +42,14 @@ def recorded(robot: Robot, seed: int, noise: float = 1e-3) -> Recording:
     q = 0.5 * (low + high) + size * shape
     dq = size * (a * w * np.cos(w * t[:, None] + phase)).sum(0)
     ddq = -size * (a * w**2 * np.sin(w * t[:, None] + phase)).sum(0)
-    whole = robot.linkage.motion(q, dq, ddq)
+    whole = robot.linkage.compute_motion(q, dq, ddq)
     model = to_pinocchio(robot)
     data = model.createData()
     tau = np.array([pin.rnea(model, data, *state) for state in zip(*whole, strict=True)])
     forearm = robot.tree.joint_names.index("forearm")
     v = whole[1][:, forearm]
     tau[:, forearm] += COULOMB * np.sign(v) + VISCOUS * v
-    driven = np.einsum("mij,mi->mj", robot.linkage.rates(q), tau) + COULOMB * np.sign(dq) + VISCOUS * dq
+    driven = np.einsum("mij,mi->mj", robot.linkage.compute_jacobian(q), tau) + COULOMB * np.sign(dq) + VISCOUS * dq
     driven += noise * np.abs(driven).max(0) * rng.normal(size=q.shape)
     return recording_from_arrays(t, q, driven, joint_names=robot.joint_names, name=f"run{seed}")
 
@@ -117,9 +117,11 @@ def test_the_virtual_robot_moves_with_friction_on_a_passive_joint() -> None:
     q = np.array([[0.1, 1.3, 2.9, 0.2]])
     dq = np.array([[0.0, 0.3, -0.2, 0.0]])
     links = virtual.dynamics.rigid(q, dq, 0 * q)
-    whole = robot.linkage.motion(q, dq, 0 * q)
+    whole = robot.linkage.compute_motion(q, dq, 0 * q)
     model = to_pinocchio(robot)
-    expected = robot.linkage.rates(q)[0].T @ pin.rnea(model, model.createData(), *(part[0] for part in whole))
+    expected = robot.linkage.compute_jacobian(q)[0].T @ pin.rnea(
+        model, model.createData(), *(part[0] for part in whole)
+    )
     np.testing.assert_allclose(links[0], expected, rtol=1e-9, atol=1e-9)
 
 
@@ -134,7 +136,7 @@ def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp
     robot = machine("palletiser")
     rows = next(iter(recorded(robot, 1).source.rows(0, 3000, 3000)))
     t = np.arange(3000) / RATE
-    passive = robot.linkage.positions(rows.q)[:, list(robot.linkage.passive)]
+    passive = robot.linkage.compute_positions(rows.q)[:, list(robot.linkage.passive)]
     # Encoders of passive joints, whose names begin as those of driven ones: forearm and arm, and a rod.
     of_passive = [f"q_{robot.tree.joint_names[j]}" for j in robot.linkage.passive]
     of_driven = [f"{signal}_{name}" for signal in ("q", "tau") for name in robot.joint_names]

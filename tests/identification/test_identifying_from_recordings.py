@@ -14,7 +14,7 @@ from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectErr
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.parameters.inertia import random_postures, smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue, draw_postures
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import to_pinocchio
@@ -138,7 +138,7 @@ def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     robot = replace(ROBOT, inertias=known.inertias)
     inertial = np.array([c.effect in ("rigid_body", "rotor_inertia") for c in identified.model.kept])
     entries = identified.model.observation.evaluate(
-        q, dq, ddq, reference=ReferenceParameters.nothing(identified.model.robot), memory=np.zeros((50, 0))
+        q, dq, ddq, reference=ReferenceParameters.massless(identified.model.robot), memory=np.zeros((50, 0))
     )
     found = identified.model.observation.torque(entries, np.where(inertial, identified.values, 0.0))
     # Rotors that regroup into a link's inertia are told apart from it by how far a description is usually off.
@@ -174,13 +174,13 @@ def test_the_smallest_inertia_eigenvalue_is_pinocchios():
     oracle = to_pinocchio(ROBOT)
     data = oracle.createData()
     smallest = np.inf
-    for q in random_postures(ROBOT, 400, 0):
+    for q in draw_postures(ROBOT, 400, 0):
         upper = np.triu(pin.crba(oracle, data, q))
         matrix = upper + np.triu(upper, 1).T
         scale = 1 / np.sqrt(np.diag(matrix))
         smallest = min(smallest, np.linalg.eigvalsh(matrix * np.outer(scale, scale))[0])
-    assert smallest_inertia_eigenvalue(model, values) == pytest.approx(smallest, rel=1e-8)
-    assert smallest_inertia_eigenvalue(model, -values) < 0
+    assert compute_smallest_inertia_eigenvalue(model, values) == pytest.approx(smallest, rel=1e-8)
+    assert compute_smallest_inertia_eigenvalue(model, -values) < 0
 
 
 def test_a_user_is_warned_that_nothing_was_held_out():
@@ -226,7 +226,7 @@ def coverage(count: int) -> tuple[float, float]:
             [],
             choices(),
             Preprocessing(None, 8.0, 3),
-            ReferenceParameters.nothing(model.robot),
+            ReferenceParameters.massless(model.robot),
             lambda *_: None,
         )
         miss = np.abs(found.values - truth)
@@ -234,7 +234,7 @@ def coverage(count: int) -> tuple[float, float]:
         one_stretch = Reduction(
             found.data.training.n_columns,
             tuple(
-                EquationFactors(e.columns, e.joined[None], np.array([e.counts.sum()]))
+                EquationFactors(e.columns, e.joint_factor[None], np.array([e.counts.sum()]))
                 for e in found.data.training.equations
             ),
             np.array([[0.0, 30.0]]),

@@ -12,13 +12,13 @@ from dynident.diagnosis import compare, diagnose
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.equations.model_equations import with_constants
+from dynident.identification.equations.model_equations import find_constants
 from dynident.identification.study.removing import remove
 from dynident.identification.study.storage import from_bytes, to_bytes
-from dynident.progress import silent
-from dynident.recordings import Preprocessing, motion_band
+from dynident.progress import ignore_progress
+from dynident.recordings import Preprocessing, find_motion_band
 from dynident.regressors.model import build_model
-from dynident.reports import ReportedRun, html_report
+from dynident.reports import ReportedRecording, html_report
 
 ROBOT = arm("scara")
 RATE = 200.0
@@ -89,7 +89,9 @@ def test_95_per_cent_intervals_of_every_model_cover_the_truth_for_every_class_of
         recording = record(ROBOT, motion, clean + NOISE * drawn.normal(size=clean.shape))
         for which in MODELS:
             asked = choices(which, pole=50.0, interval=0.3)
-            one = identify_model(model, [recording], [], asked, BAND, ReferenceParameters.nothing(ROBOT), silent)
+            one = identify_model(
+                model, [recording], [], asked, BAND, ReferenceParameters.massless(ROBOT), ignore_progress
+            )
             off[which].append((one.values - truth(one)) / one.statistics.standard_deviations)
     for which, found_off in off.items():
         inside = np.abs(np.array(found_off)) < 1.96
@@ -112,11 +114,11 @@ def test_one_equation_is_less_exciting_than_one_a_joint(found):
 def test_the_constants_of_a_model_are_chosen_once_and_their_reason_is_told(found):
     filtered, energy = found["filtered"], found["energy"]
     assert filtered.choices.pole == pytest.approx(2 * np.pi * 8.0, abs=0.1)
-    assert energy.choices.interval == pytest.approx(1 / (8 * motion_band(TRAINING)))
+    assert energy.choices.interval == pytest.approx(1 / (8 * find_motion_band(TRAINING)))
     for one, word in ((filtered, "a = 50.3 rad/s"), (energy, "intervals of")):
         assert word in one.preprocessing.reasons[-1]
-        again, preprocessing = with_constants(one.choices.rows_asked, TRAINING, one.preprocessing)
-        assert (again, preprocessing) == (one.choices.rows_asked, one.preprocessing)
+        again, preprocessing = find_constants(one.choices.row_options, TRAINING, one.preprocessing)
+        assert (again, preprocessing) == (one.choices.row_options, one.preprocessing)
     given = identify(ROBOT, TRAINING, [], choices("filtered", pole=15.0))
     assert given.choices.pole == 15.0
     assert not any("F(s)" in reason for reason in given.preprocessing.reasons)
@@ -151,7 +153,7 @@ def test_effects_are_added_to_and_taken_out_of_any_model(model):
 
 @pytest.mark.parametrize("model", ["filtered", "power"])
 def test_a_report_is_written_of_any_model(found, model):
-    page = html_report(found[model], [ReportedRun(VALIDATION[0], compare(found[model], VALIDATION[0]), True)])
+    page = html_report(found[model], [ReportedRecording(VALIDATION[0], compare(found[model], VALIDATION[0]), True)])
     assert all(name in page for name in ROBOT.joint_names)
     assert {"filtered": "in F(s)", "power": "has one equation"}[model] in page
 

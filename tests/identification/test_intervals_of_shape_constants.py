@@ -9,7 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
-from dynident.estimation import statistics, weighted_factor
+from dynident.estimation import build_weighted_factor, statistics
 from dynident.identification import (
     Identification,
     IdentificationChoices,
@@ -140,9 +140,9 @@ def test_essential_parameters_are_told_with_the_shape_uncertain():
     left = essential_parameters(noisy, ratio=3.0)
     assert left.steps
     kept = [k for k in range(noisy.model.n_parameters) if k not in left.identification.estimate.not_essential]
-    data = noisy.data.equations.select(kept)
+    data = noisy.data.equations.select_columns(kept)
     known = replace(left.identification.estimate.solution, values=left.identification.values[kept])
-    factor = weighted_factor(data, known.noise)[:-1, :-1]
+    factor = build_weighted_factor(data, known.noise)[:-1, :-1]
     certain = statistics(data, replace(known, factor=factor)).standard_deviations
     coulomb = next(k for k, column in enumerate(noisy.model.kept) if column.name == "Fc1")
     told = left.identification.statistics.standard_deviations[coulomb]

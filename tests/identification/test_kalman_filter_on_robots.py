@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, known_values
+from dynident.estimation import EstimationError, build_prior
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.equations.data import reduced
-from dynident.identification.estimators.kalman import noise_of
+from dynident.identification.equations.data import reduce_to_rows
+from dynident.identification.estimators.kalman import estimate_noise
 from dynident.identification.estimators.kalman_run import run_filter
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import choose_preprocessing
@@ -117,12 +117,12 @@ def test_two_recordings_are_one_after_another():
 def test_a_filter_that_begins_with_a_robot_that_cannot_be_and_is_sure_of_it_diverges_with_an_error():
     run = recorded(10.0)
     filters = choose_preprocessing([run])
-    data = reduced(MODEL, choices("ekf").rows_asked, [run], filters, ReferenceParameters.nothing(ROBOT))
+    data = reduce_to_rows(MODEL, choices("ekf").row_options, [run], filters, ReferenceParameters.massless(ROBOT))
     values = TRUTH.copy()
     values[:4] *= -10.0
-    start = known_values(values, np.diag((1e-6 * np.abs(TRUTH) + 1e-9) ** 2), np.arange(len(TRUTH)), len(TRUTH))
+    start = build_prior(values, np.diag((1e-6 * np.abs(TRUTH) + 1e-9) ** 2), np.arange(len(TRUTH)), len(TRUTH))
     with pytest.raises(EstimationError, match="diverged") as caught:
-        run_filter(TorqueFunction(MODEL), MODEL, data, start, noise_of(data, np.full(ROBOT.n, 0.5)))
+        run_filter(TorqueFunction(MODEL), MODEL, data, start, estimate_noise(data, np.full(ROBOT.n, 0.5)))
     assert caught.value.title == "Divergence"
 
 

@@ -100,7 +100,7 @@ def moved(rubbed: Rubbed, seed: int, peak: Peak | None = None, *, silent: bool =
     t, q, dq = reference(robot, seed)
     tree = [model.joint(name).qposadr[0] for name in robot.tree.joint_names]
     driven = [model.joint(name).qposadr[0] for name in robot.joint_names]
-    whole = robot.linkage.motion(q[:1], dq[:1], 0 * dq[:1])
+    whole = robot.linkage.compute_motion(q[:1], dq[:1], 0 * dq[:1])
     data.qpos[tree], data.qvel[tree] = whole[0][0], whole[1][0]
     stiffness, damping = np.array([rubbed.gains[name] for name in robot.joint_names]).T
     seen, torque = np.empty_like(q), np.empty_like(q)

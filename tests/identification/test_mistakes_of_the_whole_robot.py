@@ -12,12 +12,17 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from dynident.identification import identify
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
-from dynident.identification.mistakes import Mistake, checks_against, examine, mistakes_in
-from dynident.identification.mistakes.bands import motion_of
-from dynident.identification.mistakes.described_units import find_units
-from dynident.identification.mistakes.gravity import mounting_of
-from dynident.identification.mistakes.scales import by_masses
-from dynident.identification.mistakes.search import parallel_to_the_one_before
+from dynident.identification.mistakes import (
+    ColumnFault,
+    build_dynamics_checks,
+    check_recording_faults,
+    find_recording_faults,
+)
+from dynident.identification.mistakes.bands import filter_motion
+from dynident.identification.mistakes.described_units import find_description_units
+from dynident.identification.mistakes.gravity import find_mounting
+from dynident.identification.mistakes.scales import refine_factor_by_masses
+from dynident.identification.mistakes.search import find_parallel_axes
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.verdict import verdict
@@ -38,7 +43,7 @@ def measured(seed: int = 3, gravity: tuple[float, ...] = (0.0, 0.0, -9.81)) -> t
 
 
 def findings(recording: Recording, robot: Robot = ROBOT) -> list[Check]:
-    return [one for one in checks_against(robot)(recording, Q, TAU) or () if one.status != "ok"]
+    return [one for one in build_dynamics_checks(robot)(recording, Q, TAU) or () if one.status != "ok"]
 
 
 def test_torques_that_are_all_turned_round_are_one_cause_with_one_cure() -> None:
@@ -55,12 +60,12 @@ def test_gravity_that_pulls_elsewhere_is_told_with_its_direction(direction: list
     recording = record(ROBOT, *measured(gravity=tuple(gravity)))
     (found,) = findings(recording)
     assert found.name == "gravity_direction"
-    motion = motion_of(recording)
+    motion = filter_motion(recording)
     assert motion is not None
-    mounting = mounting_of(ROBOT, motion)
+    mounting = find_mounting(ROBOT, motion)
     assert mounting.gravity == pytest.approx(gravity, abs=0.3)
     # The mean over the joints hides what is left of the first joint's torque.
-    assert mounting.left < 0.3 * mounting.left_as_stated or direction == [0, 0, 1]
+    assert mounting.unexplained < 0.3 * mounting.unexplained_as_stated or direction == [0, 0, 1]
     assert findings(recording, replace(ROBOT, gravity=gravity)) == []
 
 
@@ -82,18 +87,18 @@ def test_outer_drives_in_another_unit_are_told_together_and_by_a_ratio() -> None
     assert "wrist_1_joint, wrist_2_joint and wrist_3_joint" in found.detail
     # A ratio is as good as the description's masses: it is said, and not applied unasked.
     assert found.apply is None
-    rows = motion_of(record(ROBOT, motion, tau * np.where(np.arange(6) > 2, 207.0, 1.0)))
+    rows = filter_motion(record(ROBOT, motion, tau * np.where(np.arange(6) > 2, 207.0, 1.0)))
     assert rows is not None
-    assert by_masses(ROBOT, rows, (3, 4, 5), 0.001) == pytest.approx(1.0 / 207.0, rel=0.1)
+    assert refine_factor_by_masses(ROBOT, rows, (3, 4, 5), 0.001) == pytest.approx(1.0 / 207.0, rel=0.1)
 
 
 def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
     motion, tau = measured()
-    assert np.flatnonzero(parallel_to_the_one_before(ROBOT)).tolist() == [2, 3]
+    assert np.flatnonzero(find_parallel_axes(ROBOT)).tolist() == [2, 3]
     counted = motion.q + np.outer(motion.q[:, 1], np.arange(6) == 2)
     recording = record(ROBOT, replace(motion, q=counted), tau)
-    found, left = mistakes_in(ROBOT, recording) or ((), 1.0)
-    assert [one.mistake for one in found] == [Mistake("joint coupled", (2, 1), 1.0)]
+    found, left = find_recording_faults(ROBOT, recording) or ((), 1.0)
+    assert [one.mistake for one in found] == [ColumnFault("joint coupled", (2, 1), 1.0)]
     assert left < 0.1
     (check,) = findings(recording)
     assert check.name == "joint_coupling"
@@ -108,13 +113,13 @@ def test_a_description_in_grams_or_millimetres_is_what_is_wrong(masses: float, i
     assert ROBOT.inertias is not None
     factors = np.array([inertias] * 6 + [masses] * 4)
     described = replace(ROBOT, inertias=ROBOT.inertias * factors)
-    units = find_units(described)
+    units = find_description_units(described)
     assert units is not None
     assert words in str(units)
-    assert units.of(described).inertias == pytest.approx(ROBOT.inertias)
+    assert units.to_si(described).inertias == pytest.approx(ROBOT.inertias)
     (found,) = findings(record(ROBOT, *measured()), described)
     assert (found.name, found.status) == ("description_units", "warning")
-    assert all(find_units(arm(name)) is None for name in ("ur10", "franka_panda", "scara", "crooked"))
+    assert all(find_description_units(arm(name)) is None for name in ("ur10", "franka_panda", "scara", "crooked"))
 
 
 def test_of_cures_that_leave_alike_none_is_ordered() -> None:
@@ -123,7 +128,7 @@ def test_of_cures_that_leave_alike_none_is_ordered() -> None:
     motion = fourier_motion(planar, 20.0, 200.0, 1)
     tau = pinocchio_torque(planar, motion.q, motion.dq, motion.ddq) + 0.3 * np.sign(motion.dq) + 0.1 * motion.dq
     noise = 0.01 * np.random.default_rng(1).normal(size=tau.shape)
-    found = examine(planar, record(planar, motion, noise - tau), Q[:2], TAU[:2]).checks
+    found = check_recording_faults(planar, record(planar, motion, noise - tau), Q[:2], TAU[:2]).checks
     (wrong,) = [one for one in found if one.status != "ok"]
     assert "all torques" in wrong.detail
     assert "all positions" in wrong.detail
@@ -140,7 +145,7 @@ def test_an_elastic_arm_and_a_free_motor_are_no_mistake_in_the_columns() -> None
     free = tau * (np.arange(2) != 0)
     for torque in (tau, free):
         given = record(planar, replace(motion, q=motion.q + rattle), torque + noise)
-        assert [one for one in examine(planar, given, Q[:2], TAU[:2]).checks if one.status != "ok"] == []
+        assert [one for one in check_recording_faults(planar, given, Q[:2], TAU[:2]).checks if one.status != "ok"] == []
 
 
 def test_a_look_at_a_file_says_first_what_is_left_of_its_torque_and_why() -> None:
@@ -165,7 +170,7 @@ def test_a_check_of_size_vetoes_a_model_that_fits_well_until_it_is_accepted() ->
     model = identify(ROBOT, [fitted], [other])
     assert model.held_out is not None
     assert model.held_out.relative_total < 0.1
-    checks = {"fitted": checks_against(ROBOT)(fitted, Q, TAU) or ()}
+    checks = {"fitted": build_dynamics_checks(ROBOT)(fitted, Q, TAU) or ()}
     judged = verdict(model, [fitted], [other], checks)
     assert not any(one.fit for one in judged.uses)
     assert all("masses of the description" in one.reason for one in judged.uses)

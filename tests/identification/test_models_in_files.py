@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import Apart, Turned
+from dynident.estimation import ReversalRows, RowGroup
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.identification.study import result
 from dynident.recordings import Preprocessing
@@ -131,17 +131,19 @@ def test_a_model_without_its_last_bytes_is_not_taken_for_its_parent():
 def test_held_out_data_tell_the_rows_where_joints_turn_round_by_one_factor() -> None:
     kept, weighed = FIRST.data.held_out, FIRST.data.training
     assert kept is not None
-    assert [one.turned for one in kept.equations] == [None] * ROBOT.n
-    assert all(isinstance(one.turning, Apart) and one.turning.count for one in kept.equations)
-    assert all(isinstance(one.turning, Turned) and one.turning.count for one in weighed.equations)
+    assert [one.reversal_rows for one in kept.equations] == [None] * ROBOT.n
+    assert all(isinstance(one.rows_at_reversals, RowGroup) and one.rows_at_reversals.count for one in kept.equations)
+    assert all(
+        isinstance(one.rows_at_reversals, ReversalRows) and one.rows_at_reversals.count for one in weighed.equations
+    )
 
 
 def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_read_with_its_own_errors() -> None:
     arrays = dict(np.load(io.BytesIO(to_bytes(FIRST))))
     equations = FIRST.data.training.equations
-    turned = [one.turned for one in equations]
+    turned = [one.reversal_rows for one in equations]
     for joint, own in enumerate(turned):
-        factor = own.in_one.factor
+        factor = own.row_group.factor
         arrays[f"0/training_{joint}_beside_turning"] = 0.5 * factor[*np.triu_indices(len(factor))]
         arrays[f"0/training_{joint}_beside_n_turning"] = np.array(own.count)
     file = io.BytesIO()
@@ -149,7 +151,7 @@ def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_rea
     read = from_bytes(file.getvalue())
     assert_same(read, FIRST)
     # Halves of the rows, so that it shows which of the two are read: a quarter of their squares is taken off.
-    less = [0.75 * own.squares(FIRST.values[one.columns]) for own, one in zip(turned, equations, strict=True)]
+    less = [0.75 * own.sum_squares(FIRST.values[one.columns]) for own, one in zip(turned, equations, strict=True)]
     np.testing.assert_allclose(read.fit_moving.squares, FIRST.fit_moving.squares + less)
     assert_same(from_bytes(to_bytes(read)), read)
     np.testing.assert_array_equal(from_bytes(to_bytes(read)).fit_moving.squares, read.fit_moving.squares)
@@ -158,13 +160,13 @@ def test_a_file_of_a_version_that_kept_rows_where_joints_turn_round_twice_is_rea
 def test_a_model_is_written_with_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """On small matrices the others only spin: on a busy machine that took as long as the identification."""
     threads: list[int] = []
-    condition_number = result.condition_number
+    condition_number = result.compute_condition_number
 
     def watched(reduction):
         threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
         return condition_number(reduction)
 
-    monkeypatch.setattr(result, "condition_number", watched)
+    monkeypatch.setattr(result, "compute_condition_number", watched)
     read = from_bytes(CONTENT)
     with threadpool_limits(limits=2, user_api="blas"):
         assert to_bytes(read)

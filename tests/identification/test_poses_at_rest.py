@@ -17,7 +17,7 @@ from dynident.identification.imports.guess import propose
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, recording_from_arrays
 from dynident.recordings.phases import phase_shares
-from dynident.recordings.poses import is_of_poses, jump_from_row_to_row
+from dynident.recordings.poses import are_poses, has_poses
 from dynident.validation import validate_inertia_matrix
 from dynident.verdict import verdict
 
@@ -34,7 +34,7 @@ def recorded(name: str, seed: int, count: int = 60, **more) -> Recording:
 @pytest.mark.parametrize("name", ARMS)
 def test_gravity_and_offsets_are_identified_from_poses_and_hold_at_others(name, seed):
     learnt, tried = recorded(name, seed, offset=1.5), recorded(name, seed + 10, offset=1.5)
-    assert is_of_poses(learnt)
+    assert has_poses(learnt)
     assert len(learnt.segments) == 60
     np.testing.assert_array_equal(phase_shares(learnt).standing, 1.0)
     found = identify(arm(name), [learnt], [tried], CHOICES)
@@ -57,7 +57,10 @@ def test_parameters_of_poses_are_those_of_the_description_at_rest(name):
     entries = model.observation.evaluate(
         q, still, still, reference=found.estimate.reference, memory=np.zeros((20, model.observation.n_memory))
     )
-    predicted, expected = model.observation.torque(entries, found.values), pinocchio_torque(robot, q, still, still)
+    predicted, expected = (
+        model.observation.compute_torque(entries, found.values),
+        pinocchio_torque(robot, q, still, still),
+    )
     np.testing.assert_allclose(predicted, expected, atol=2e-3 * np.abs(expected).max())
 
 
@@ -130,7 +133,7 @@ def test_a_file_of_poses_is_proposed_and_read(name, factor, tmp_path):
         assert found.questions == ()
     metadata = RecordingMetadata(name="poses", units=dict(found.units))
     recording, checks = import_for_robot(robot, path, tmp_path / "stored.parquet", metadata)
-    assert is_of_poses(recording)
+    assert has_poses(recording)
     (check,) = [check for check in checks if check.name == "poses"]
     assert "50 poses at rest" in check.detail
     assert identify(robot, [recording], [], CHOICES).fit.relative_total < 0.1
@@ -150,9 +153,9 @@ def test_rows_without_numbers_are_left_out_and_told(tmp_path):
 def test_samples_of_a_motion_are_no_poses(name, rate):
     robot = arm(name)
     motion = fourier_motion(robot, 60.0, rate, 1, base_frequency=0.05)
-    assert not jump_from_row_to_row(motion.q)
+    assert not are_poses(motion.q)
 
 
 def test_a_grid_of_poses_is_one_of_poses():
     first, second = np.meshgrid(np.linspace(-1.5, 1.5, 6), np.linspace(-1.0, 1.0, 8), indexing="ij")
-    assert jump_from_row_to_row(np.column_stack([first.ravel(), second.ravel()]))
+    assert are_poses(np.column_stack([first.ravel(), second.ravel()]))

@@ -11,15 +11,15 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, solve, weighted_factor
+from dynident.estimation import EstimationError, build_weighted_factor, solve
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.prior.belief import Belief, parted
-from dynident.identification.prior.prior import belief_of, prior_of
+from dynident.identification.prior.belief import NormalPrior, split_prior
+from dynident.identification.prior.prior import build_normal_prior, build_prior
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
-from dynident.robot.usual_errors import usual_errors
+from dynident.robot.usual_errors import estimate_inertia_errors
 
 LINKS = (EffectChoice("rigid_body"),)
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))
@@ -75,17 +75,17 @@ def test_a_description_that_is_stated_to_be_better_is_believed_more():
 def test_base_parameters_are_believed_as_sums_of_what_is_believed_of_standard_ones():
     robot = arm("ur10")
     model = build_model(robot, LINKS)
-    known = prior_of(model, CHOICES.trust)
+    known = build_prior(model, CHOICES.trust)
     mean = model.base.grouping @ robot.inertias.reshape(-1)
-    covariance = (model.base.grouping * usual_errors(robot).reshape(-1) ** 2) @ model.base.grouping.T
+    covariance = (model.base.grouping * estimate_inertia_errors(robot).reshape(-1) ** 2) @ model.base.grouping.T
     np.testing.assert_allclose(np.linalg.inv(known.factor.T @ known.factor), covariance, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(np.linalg.lstsq(known.factor, known.right)[0], mean, atol=1e-9)
 
 
 def test_nothing_is_believed_of_sums_with_something_unknown_in_them():
     model = build_model(arm("ur10"), EFFECTS)
-    known = prior_of(model, replace(CHOICES, free_links=(LAST,)).trust)
-    belief = belief_of(model, replace(CHOICES, free_links=(LAST,)).trust)
+    known = build_prior(model, replace(CHOICES, free_links=(LAST,)).trust)
+    belief = build_normal_prior(model, replace(CHOICES, free_links=(LAST,)).trust)
     # Wide beliefs of the unknown instead of none: what these leave known has to be the same.
     grouping = np.where(belief.stated | model.base.written, model.base.grouping, 0.0)
     wide = (grouping * np.where(belief.stated, belief.size, 1e4) ** 2) @ grouping.T
@@ -99,12 +99,12 @@ def test_nothing_is_believed_of_sums_with_something_unknown_in_them():
 
 def test_the_two_parts_of_a_belief_are_the_whole_of_it():
     model = build_model(arm("ur10"), LINKS)
-    belief = belief_of(model, CHOICES.trust)
-    both = parted(model, belief)
+    belief = build_normal_prior(model, CHOICES.trust)
+    both = split_prior(model, belief)
     in_units = both.base.factor @ (model.base.grouping * belief.size)
     everything = np.vstack([in_units, both.rest])
     np.testing.assert_allclose(everything.T @ everything, np.eye(len(belief.size)), atol=1e-8)
-    assert isinstance(belief, Belief)
+    assert isinstance(belief, NormalPrior)
 
 
 def test_a_prior_makes_a_poor_motion_predict_a_good_one():
@@ -128,9 +128,9 @@ def test_parameters_that_rest_on_the_prior_are_named_and_not_called_well_identif
 
 def test_a_prior_is_weighed_as_rows_are():
     found = short("description")
-    known = prior_of(found.model, found.choices.trust)
+    known = build_prior(found.model, found.choices.trust)
     c = found.model.n_parameters
-    rows = np.vstack([weighted_factor(found.data.equations, found.estimate.solution.noise), known.rows])
+    rows = np.vstack([build_weighted_factor(found.data.equations, found.estimate.solution.noise), known.rows])
     expected = np.linalg.lstsq(rows[:, :c], rows[:, c])[0]
     np.testing.assert_allclose(found.values, expected, rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(solve(found.data.equations, found.estimate.solution.noise, known).values, found.values)

@@ -85,7 +85,7 @@ def test_a_parameter_that_was_absorbed_comes_back_when_its_partner_goes(plain):
     # The same function twice: the second was absorbed by the first.
     twice = EffectChoice("coulomb_asymmetric")
     both = anew(*PLAIN, twice)
-    assert {column.effect for column in both.model.absorbed} == {"coulomb_asymmetric"}
+    assert {column.effect for column in both.model.absorbed_columns} == {"coulomb_asymmetric"}
     other = remove(both, [EffectChoice("coulomb"), EffectChoice("offset")])
     alike(other, anew(*(choice for choice in PLAIN if choice.effect not in ("coulomb", "offset")), twice))
 
@@ -133,7 +133,7 @@ def test_an_addition_that_only_fits_noise_is_warned_of(plain):
 
 def test_an_addition_that_helps_unevenly_is_told_to_help_but_not_surely(grown, monkeypatch):
     monkeypatch.setattr(gain, "_t_of_gain", lambda parent, grown: 1.97)
-    warning = gain.warnings_of_addition(grown)[0]
+    warning = gain.list_addition_warnings(grown)[0]
     assert warning.startswith("Joint spring helps, but not surely")
     assert "t = 1.97" in warning
     assert "Remove" not in warning

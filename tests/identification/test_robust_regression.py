@@ -14,8 +14,8 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation.least_squares import floored
-from dynident.estimation.robust import BISQUARE, HUBER, robust_scale
+from dynident.estimation.least_squares import floor_noise
+from dynident.estimation.robust import BISQUARE, HUBER, estimate_robust_scale
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 from dynident.regressors import rows as rows_module
@@ -140,7 +140,7 @@ def test_weights_fall_with_the_residual_and_slopes_are_derivatives(u):
 def test_the_scale_is_that_of_the_noise_with_a_quarter_of_outliers():
     rng = np.random.default_rng(0)
     residuals = rng.normal(size=(20_000, 2)) * [1.0, 5.0]
-    assert robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.03)
+    assert estimate_robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.03)
     residuals[:4000] += 1000.0
-    assert robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.4)
-    assert floored(np.array([0.0, 2.0]))[0] > 0
+    assert estimate_robust_scale(residuals) == pytest.approx([1.0, 5.0], rel=0.4)
+    assert floor_noise(np.array([0.0, 2.0]))[0] > 0

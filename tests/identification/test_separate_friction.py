@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
-from dynident.recordings.constant_velocity import sole_mover
+from dynident.recordings.constant_velocity import find_sole_mover
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -229,6 +229,6 @@ def test_an_estimator_that_needs_all_equations_is_refused(monkeypatch):
 def test_a_joint_that_alone_moves_steadily_is_found_sample_by_sample():
     dq = np.array([[0.3, 0.0], [0.3, 0.1], [0.0, -0.2], [0.0, 0.0], [0.3, 0.005], [0.003, 0.0]])
     ddq = np.zeros_like(dq)
-    np.testing.assert_array_equal(sole_mover(dq, ddq), [0, -1, 1, -1, 0, -1])
+    np.testing.assert_array_equal(find_sole_mover(dq, ddq), [0, -1, 1, -1, 0, -1])
     ddq[:, 0] = 5.0
-    np.testing.assert_array_equal(sole_mover(dq, ddq), [-1, -1, 1, -1, -1, -1])
+    np.testing.assert_array_equal(find_sole_mover(dq, ddq), [-1, -1, 1, -1, -1, -1])

@@ -13,13 +13,13 @@ from oracles import arm, crooked_urdf, fourier_motion, record
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, errors
+from dynident.estimation import EstimationError, compute_errors
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.equations.unseen import unseen_parameters
+from dynident.identification.equations.unseen import find_undetermined_parameters
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.by_name import fit
-from dynident.identification.strategies.sequential import only, steps_of, wrist_joints
-from dynident.identification.strategies.steps import Findings, take_step
+from dynident.identification.strategies.by_name import solve_by_strategy
+from dynident.identification.strategies.sequential import find_wrist_joints, iterate_steps, select_joints
+from dynident.identification.strategies.steps import StepEstimates, take_step
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf
@@ -36,12 +36,14 @@ def choices(**more) -> IdentificationChoices:
 
 
 def solved(model, asked, data):
-    return fit(asked, Problem.of(model, asked, data))
+    return solve_by_strategy(asked, Problem.from_choices(model, asked, data))
 
 
 def step_of(data, joint, findings):
     asked = choices()
-    return take_step(asked.solver, Problem.of(MODEL, asked, data), only(data.equations, (joint,)), findings)
+    return take_step(
+        asked.solver, Problem.from_choices(MODEL, asked, data), select_joints(data.equations, (joint,)), findings
+    )
 
 
 @pytest.mark.parametrize("steps", STEPS)
@@ -81,8 +83,8 @@ def test_the_first_step_is_the_terminal_joints_equation_alone():
     last = data.equations.equations[5]
     k = len(last.columns)
     alone = np.zeros(MODEL.n_parameters)
-    alone[last.columns] = np.linalg.lstsq(last.joined[:, :k], last.joined[:, k])[0]
-    found = step_of(data, 5, Findings.nothing(MODEL.n_parameters)).findings
+    alone[last.columns] = np.linalg.lstsq(last.joint_factor[:, :k], last.joint_factor[:, k])[0]
+    found = step_of(data, 5, StepEstimates.empty(MODEL.n_parameters)).findings
     assert len(found.values) == k
     np.testing.assert_allclose(found.values, found.functions @ alone, rtol=1e-6, atol=1e-9)
     # What one joint's equation has said no later one changes.
@@ -157,7 +159,7 @@ def test_combinations_that_one_equation_does_not_separate_wait_for_the_next():
     # Joint 6 has torque in the first run alone, where nothing else moves.
     equations = (*both.equations.equations[:5], alone.equations.equations[5])
     data = replace(both, equations=replace(both.equations, equations=equations))
-    step = step_of(data, 5, Findings.nothing(MODEL.n_parameters))
+    step = step_of(data, 5, StepEstimates.empty(MODEL.n_parameters))
     equation = data.equations.equations[5]
     assert 0 < len(step.findings.values) < len(equation.columns)
     np.testing.assert_allclose(step.findings.values, step.findings.functions @ truth, rtol=1e-9)
@@ -173,7 +175,7 @@ def test_runs_with_a_locked_wrist_and_runs_of_the_wrist_alone_are_identified_tog
     motions = [states(UR10, 100, seed, still) for seed, still in enumerate(sets)]
     runs = [(motion, torque_of(UR10, motion, standard)) for motion in motions]
     for one in runs:
-        assert unseen_parameters(MODEL, reduced_states(MODEL, [one]).equations)
+        assert find_undetermined_parameters(MODEL, reduced_states(MODEL, [one]).equations)
     data = reduced_states(MODEL, runs)
     for strategy in ("global", "sequential"):
         found = solved(MODEL, choices(strategy=strategy), data)
@@ -193,21 +195,21 @@ def test_noisy_recordings_are_predicted_nearly_as_well_as_by_the_global_strategy
     for steps in STEPS:
         found = identify(UR10, runs[:1], runs[1:], choices(steps=steps, preprocessing=band))
         assert found.held_out.relative_total < 1.15 * whole.held_out.relative_total
-        np.testing.assert_array_equal(errors(found.data.training, found.values).squares, found.fit.squares)
+        np.testing.assert_array_equal(compute_errors(found.data.training, found.values).squares, found.fit.squares)
         np.testing.assert_allclose(found.noise, found.fit.rms, rtol=0.1)
         assert (found.effective_rows > 50).all()
         assert (found.effective_rows <= found.n_equations / UR10.n).all()
 
 
 def test_the_wrist_are_the_last_three_joints_of_every_arm():
-    assert wrist_joints(UR10) == (3, 4, 5)
-    assert wrist_joints(arm("franka_panda")) == (4, 5, 6)
-    assert wrist_joints(arm("scara")) == (2, 3)
-    assert wrist_joints(robot_from_urdf("one", crooked_urdf(1, sliding=()))) == ()
+    assert find_wrist_joints(UR10) == (3, 4, 5)
+    assert find_wrist_joints(arm("franka_panda")) == (4, 5, 6)
+    assert find_wrist_joints(arm("scara")) == (2, 3)
+    assert find_wrist_joints(robot_from_urdf("one", crooked_urdf(1, sliding=()))) == ()
     two_arms = robot_from_urdf("two", crooked_urdf(9, sliding=(), parents=(-1, 0, 1, 2, 3, 0, 5, 6, 7)))
-    assert wrist_joints(two_arms) == (3, 4, 7, 8)
-    assert list(steps_of(UR10, "wrist_then_shoulder")) == [(3, 4, 5), (0, 1, 2)]
-    assert list(steps_of(UR10, "link_by_link")) == [(5,), (4,), (3,), (2,), (1,), (0,)]
+    assert find_wrist_joints(two_arms) == (3, 4, 7, 8)
+    assert list(iterate_steps(UR10, "wrist_then_shoulder")) == [(3, 4, 5), (0, 1, 2)]
+    assert list(iterate_steps(UR10, "link_by_link")) == [(5,), (4,), (3,), (2,), (1,), (0,)]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParameters
-from dynident.effects.memory import step
+from dynident.effects.memory import step_state
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.shapes.shapes import (
@@ -15,8 +15,8 @@ from dynident.identification.shapes.shapes import (
     complete_shapes,
     find_shapes,
     lacks_shape,
-    one_joint_each,
     refine_shapes,
+    split_by_joint,
 )
 from dynident.recordings import Preprocessing
 
@@ -45,7 +45,7 @@ def with_presliding(joint: int, slip: float, amplitude: float) -> np.ndarray:
     tau = base_torque(MOTION)
     z, before, signal = 0.0, MOTION.q[0, joint], MemorySignal(STOP, joint, slip)
     for k, here in enumerate(MOTION.q[:, joint]):
-        z = step(signal, z, here - before)
+        z = step_state(signal, z, here - before)
         tau[k, joint] += amplitude * z
         before = here
     return tau
@@ -62,7 +62,7 @@ PLAIN_STRIBECK, RUN_STRIBECK = plain(STRIBECK)
 
 def arguments(identification, run):
     links = identification.estimate.standard_inertia().reshape(-1, 10)
-    return [run], BAND, ReferenceParameters.of_links(links, identification.model.robot.n)
+    return [run], BAND, ReferenceParameters.from_links(links, identification.model.robot.n)
 
 
 def test_a_stribeck_velocity_is_found_on_the_grid_and_then_between_its_points():
@@ -151,11 +151,11 @@ def test_a_line_is_refined_by_less_than_its_width():
 
 
 def test_an_open_choice_on_all_joints_becomes_one_a_joint():
-    (*split,) = one_joint_each([EffectChoice("stribeck")], ROBOT)
+    (*split,) = split_by_joint([EffectChoice("stribeck")], ROBOT)
     assert [choice.joints for choice in split] == [(name,) for name in NAMES]
     tilt = EffectChoice("base_tilt")
     given = EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))
-    assert one_joint_each([tilt, given], ROBOT) == (tilt, given)
+    assert split_by_joint([tilt, given], ROBOT) == (tilt, given)
 
 
 def test_what_lacks_a_shape_is_known():

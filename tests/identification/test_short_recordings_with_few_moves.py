@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification.mistakes import Mistake, gravity, mistakes_in
-from dynident.identification.mistakes.bands import motion_of
-from dynident.identification.mistakes.described import SecondOpinion, left_by_description
-from dynident.identification.mistakes.judge import BLOCKS, Grams, Judge
+from dynident.identification.mistakes import ColumnFault, find_recording_faults, gravity
+from dynident.identification.mistakes.bands import filter_motion
+from dynident.identification.mistakes.described import DescriptionFit, measure_left_by_description
+from dynident.identification.mistakes.judge import BLOCKS, GramMatrices, HeldOutFit
 from dynident.identification.mistakes.swaps import Motion as MotionRows
 from dynident.recordings import Recording
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -50,40 +50,42 @@ def recorded(seed: int, order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Recordin
 def test_right_columns_stay_right_where_a_fit_explains_another_order_better_by_chance(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
+    found, _ = find_recording_faults(ROBOT, recorded(seed)) or ((), 1.0)
     assert found == ()
     # The description's masses alone tell it.
-    monkeypatch.setattr(SecondOpinion, "refutes", lambda self, mistake: False)
-    found, _ = mistakes_in(ROBOT, recorded(seed)) or ((), 1.0)
+    monkeypatch.setattr(DescriptionFit, "refutes", lambda self, mistake: False)
+    found, _ = find_recording_faults(ROBOT, recorded(seed)) or ((), 1.0)
     assert found
 
 
 @pytest.mark.parametrize("seed", [3, 5, 33])
 def test_of_several_orders_that_explain_more_the_one_is_named_that_the_description_bears_out(seed: int) -> None:
-    found, _ = mistakes_in(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
-    assert [one.mistake for one in found] == [Mistake("torques swapped", (1, 2))]
+    found, _ = find_recording_faults(ROBOT, recorded(seed, (0, 2, 1, 3, 4, 5))) or ((), 1.0)
+    assert [one.mistake for one in found] == [ColumnFault("torques swapped", (1, 2))]
 
 
 def test_a_description_without_masses_refutes_nothing() -> None:
     bare = replace(ROBOT, inertias=None)
-    motion = motion_of(recorded(5))
+    motion = filter_motion(recorded(5))
     assert motion is not None
-    assert left_by_description(bare, motion) is None
-    assert not SecondOpinion(bare, motion, Judge(bare).left(motion)).refutes(Mistake("joints swapped", (4, 5)))
+    assert measure_left_by_description(bare, motion) is None
+    assert not DescriptionFit(bare, motion, HeldOutFit(bare).measure_unexplained(motion)).refutes(
+        ColumnFault("joints swapped", (4, 5))
+    )
 
 
 def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_have() -> None:
-    judge, rng = Judge(ROBOT), np.random.default_rng(4)
+    judge, rng = HeldOutFit(ROBOT), np.random.default_rng(4)
     c = judge.n_columns
     rows = rng.normal(size=(BLOCKS, 2 * c, c + 1))
     # Next to nothing but in one block: a difference of sums would be rounding.
     rows[:, :, 0] *= np.where(np.arange(BLOCKS) == 4, 1e3, 1e-9)[:, None]
     each = np.repeat(np.einsum("bmi,bmk->bik", rows, rows)[:, None] / ROBOT.n, ROBOT.n, axis=1)
     whole = np.concatenate([each, each.sum(axis=0, keepdims=True)])
-    grams = Grams(whole[..., :-1, :-1], whole[..., :-1, -1], whole[..., -1, -1])
+    grams = GramMatrices(whole[..., :-1, :-1], whole[..., :-1, -1], whole[..., -1, -1])
     others = np.delete(rows, 4, axis=0).reshape(-1, c + 1)
     told, *_ = np.linalg.lstsq(others[:, :-1], others[:, -1])
-    found = judge._fitted(grams, np.ones(ROBOT.n))[4]
+    found = judge._fit_all_but_each(grams, np.ones(ROBOT.n))[4]
     assert others[:, :-1] @ found == pytest.approx(others[:, :-1] @ told, abs=1e-4)
 
 
@@ -91,18 +93,18 @@ def test_what_one_part_of_a_recording_has_leaves_nothing_but_what_the_others_hav
 def test_gravity_is_not_said_to_be_missing_where_the_description_bears_it_out_or_motion_tells_too_little(
     taken_out: float, error: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    motion = motion_of(recorded(3))
+    motion = filter_motion(recorded(3))
     assert motion is not None
-    load = described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
+    load = compute_described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
     given = replace(motion, tau=motion.tau - taken_out * load)
-    told = gravity.Shares(gravity=0.76, motion=5.9, motion_error=error)
-    monkeypatch.setattr(gravity, "shares_of", lambda *_: told)
+    told = gravity.LoadShares(gravity=0.76, motion=5.9, motion_error=error)
+    monkeypatch.setattr(gravity, "measure_load_shares", lambda *_: told)
     monkeypatch.setattr(gravity, "left_of", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
-    assert gravity.compensated(ROBOT, given) == (told if is_refused else None)
+    assert gravity.detect_compensated_gravity(ROBOT, given) == (told if is_refused else None)
 
 
 def test_the_share_of_motion_is_told_with_its_error_which_few_moves_make_large() -> None:
-    few, many = (gravity.shares_of(ROBOT, one) for one in (motion_of(recorded(3)), fourier()))
+    few, many = (gravity.measure_load_shares(ROBOT, one) for one in (filter_motion(recorded(3)), fourier()))
     assert few is not None
     assert many is not None
     assert many.motion == pytest.approx(1.0, abs=4 * many.motion_error)
@@ -113,7 +115,7 @@ def fourier() -> MotionRows:
     """Rows of a motion that tells much, of the same length."""
     motion = fourier_motion(ROBOT, SECONDS, RATE, 3)
     torque = pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq) + 0.04 * EFFORT * np.sign(motion.dq)
-    found = motion_of(
+    found = filter_motion(
         record(ROBOT, motion, torque + 0.005 * EFFORT * np.random.default_rng(3).normal(size=torque.shape))
     )
     assert found is not None

@@ -9,7 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import PayloadEstimate
-from dynident.identification.loads.weighing import judged, payload_from_pair
+from dynident.identification.loads.weighing import compare_estimates, payload_from_pair
 from dynident.recordings import Preprocessing
 
 BAND = Preprocessing(12.0, 12.0, 5)
@@ -63,7 +63,7 @@ def test_no_payload_is_not_weighed():
     ],
 )
 def test_verdicts_follow_from_both_estimates(alike, apart, identifiable, says):
-    found = judged(PayloadEstimate(*alike, 0.0), PayloadEstimate(*apart, 0.0))
+    found = compare_estimates(PayloadEstimate(*alike, 0.0), PayloadEstimate(*apart, 0.0))
     assert found.identifiable == identifiable
     assert says in found.reason
     assert (found.mass is None) != identifiable

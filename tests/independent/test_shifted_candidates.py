@@ -15,7 +15,7 @@ from placebos.decision import Question
 from placebos.shifting import IndexArray, ShiftedCandidates, Shifts, rolled, whole_runs, wrong_shares
 
 from dynident.diagnosis import diagnose
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.identification import identify
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.regressors.observation import Observation
@@ -24,8 +24,8 @@ from dynident.robot import robot_from_library
 
 ROBOT = robot_from_library("scara")
 SIGNALS = Signals(ROBOT)
-COLUMNS = columns_of([EffectChoice(name) for name in ("coulomb", "viscous", "stribeck", "offset")], SIGNALS)
-OBSERVATION = Observation.of(ROBOT, COLUMNS, SIGNALS)
+COLUMNS = build_columns([EffectChoice(name) for name in ("coulomb", "viscous", "stribeck", "offset")], SIGNALS)
+OBSERVATION = Observation.from_columns(ROBOT, COLUMNS, SIGNALS)
 N_BASE = ROBOT.n
 OWN = frozenset(column.key for column in COLUMNS[:N_BASE])
 RNG = np.random.default_rng(3)
@@ -81,7 +81,7 @@ def test_columns_of_candidates_come_later_by_the_share_that_was_drawn() -> None:
     for shifted, run in zip(_shifted(shifts), ROWS, strict=True):
         for k in np.flatnonzero(OBSERVATION.entry_columns >= N_BASE):
             column = OBSERVATION.columns[OBSERVATION.entry_columns[k]]
-            share = shifts.share(column.effect, column.link, RECORDING.run_label(run.segment), np.empty(0))
+            share = shifts.share(column.effect, column.link, RECORDING.name_segment(run.segment), np.empty(0))
             assert 0.1 < share < 0.9
             assert np.array_equal(shifted.values[:, k], np.roll(run.values[:, k], round(share * len(run.t))))
 

@@ -11,8 +11,8 @@ from engine import FloatArray, usual_drives
 from engine.scene import Scene
 
 from dynident.robot import Robot, robot_from_library
-from dynident.simulation import Controller, Reference, Sensors, VirtualRobot, on_each_joint
-from dynident.simulation.control import feed_forward_torque, joint_gains
+from dynident.simulation import Controller, Reference, Sensors, VirtualRobot, spread_over_joints
+from dynident.simulation.control import compute_feed_forward_torque, compute_joint_gains
 from dynident.simulation.reference import ReferencePath
 
 STEP = 0.25e-3
@@ -54,9 +54,9 @@ def _followed(name: str, takes: float, dwell: float) -> _Followed:
     robot = robot_from_library(name)
     drives = usual_drives(robot)
     friction = (
-        *on_each_joint(robot, "coulomb", "Fc", drives.coulomb),
-        *on_each_joint(robot, "viscous", "Fv", drives.viscous),
-        *on_each_joint(robot, "rotor_inertia", "Ia", drives.rotor),
+        *spread_over_joints(robot, "coulomb", "Fc", drives.coulomb),
+        *spread_over_joints(robot, "viscous", "Fv", drives.viscous),
+        *spread_over_joints(robot, "rotor_inertia", "Ia", drives.rotor),
     )
     reference = _from_point_to_point(robot, 3, takes, dwell)
     virtual = VirtualRobot(robot, friction, controller=SOFT, longest_step=STEP)
@@ -64,10 +64,10 @@ def _followed(name: str, takes: float, dwell: float) -> _Followed:
 
     path = ReferencePath(reference)
     coarse = np.arange(0.0, reference.duration + 2e-3, 1e-3)
-    gains = joint_gains(SOFT, virtual.dynamics, path, coarse)
-    feed_forward = feed_forward_torque(SOFT, virtual.dynamics, path, coarse)
+    gains = compute_joint_gains(SOFT, virtual.dynamics, path, coarse)
+    feed_forward = compute_feed_forward_torque(SOFT, virtual.dynamics, path, coarse)
     t = np.arange(len(truth.q)) * STEP
-    wanted, wanted_rate, _ = path.at(t)
+    wanted, wanted_rate, _ = path.evaluate(t)
     given = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(robot.n)])
     limits = np.array([joint.limits.effort or np.inf for joint in robot.joints])
     model, data = Scene.of(robot, drives, STEP).engine()

@@ -7,7 +7,7 @@ import pytest
 from one_joint import one_joint_urdf
 
 import dynident as dy
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import Robot, robot_from_urdf
 
 
@@ -31,18 +31,18 @@ def test_a_design_within_limits_of_thousands_of_turns_stays_within_one(size: flo
 
 
 def test_limits_stated_for_one_design_count_the_same_and_a_few_turns_are_limits() -> None:
-    bounds = bounds_of(wide("pendulum", 10_000.0), {"axis": dy.Limits(position=(-5000.0, 5000.0))})
+    bounds = build_bounds(wide("pendulum", 10_000.0), {"axis": dy.Limits(position=(-5000.0, 5000.0))})
     assert (bounds.position_low[0], bounds.position_high[0]) == (-np.pi, np.pi)
-    bounds = bounds_of(wide("pendulum", 10_000.0), {"axis": dy.Limits(position=(-4.0, 4.0))})
+    bounds = build_bounds(wide("pendulum", 10_000.0), {"axis": dy.Limits(position=(-4.0, 4.0))})
     assert (bounds.position_low[0], bounds.position_high[0]) == (-4.0, 4.0)
-    bounds = bounds_of(wide("pendulum", 18.85), {})
+    bounds = build_bounds(wide("pendulum", 18.85), {})
     assert (bounds.position_low[0], bounds.position_high[0]) == (-18.85, 18.85)
     assert not any("count as none" in note for note in bounds.notes)
 
 
 def test_a_slide_of_kilometres_has_no_range() -> None:
     with pytest.raises(dy.DynidentError, match="wider than any machine; state its position limits"):
-        bounds_of(wide("rail", 10_000.0), {})
+        build_bounds(wide("rail", 10_000.0), {})
 
 
 def test_limits_of_a_description_that_no_machine_has_count_as_not_known() -> None:

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.effects import EffectChoice
-from dynident.excitation.observation.model import design_model
-from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, bounds_of
+from dynident.excitation.observation.model import build_design_model
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds
 from dynident.motion.moves.move import Move, move_within_torque, plan_move
 from dynident.motion.trajectories.motion import Rest
 from dynident.robot import Limits, robot_from_library
 
-BOUNDS = bounds_of(robot_from_library("ur10"), {})
+BOUNDS = build_bounds(robot_from_library("ur10"), {})
 
 
 def random_bounds(seed: int) -> Bounds:
@@ -62,12 +62,12 @@ def test_a_move_to_where_the_arm_is_takes_no_time():
 
 
 def test_a_move_is_slowed_down_until_the_torque_limits_hold(scara):
-    model = design_model(scara, [EffectChoice("viscous")])
+    model = build_design_model(scara, [EffectChoice("viscous")])
     start, end = np.array([-1.0, -1.0, -0.1, 0.0]), np.array([1.0, 1.0, -0.05, 1.0])
-    free = bounds_of(scara, {})
+    free = build_bounds(scara, {})
     fast = plan_move(start, end, free, 1000.0).evaluate(np.linspace(0, 0.3, 50))
     needed = np.abs(model.torque(fast.q, fast.dq, fast.ddq)).max(axis=0)
-    bounds = bounds_of(scara, {"shoulder": Limits(effort=0.1 * float(needed[0]))})
+    bounds = build_bounds(scara, {"shoulder": Limits(effort=0.1 * float(needed[0]))})
     move = move_within_torque(start, end, bounds, model, 1000.0)
     motion = move.evaluate(np.linspace(0, move.duration, 5000))
     assert (np.abs(model.torque(motion.q, motion.dq, motion.ddq)) <= bounds.torque * 1.001).all()
@@ -75,8 +75,8 @@ def test_a_move_is_slowed_down_until_the_torque_limits_hold(scara):
 
 
 def test_a_way_on_which_the_arm_cannot_be_held_is_refused_by_the_joint_that_is_too_weak(ur10):
-    model = design_model(ur10, [EffectChoice("viscous")])
-    bounds = bounds_of(ur10, {"shoulder_lift_joint": Limits(effort=30.0)})
+    model = build_design_model(ur10, [EffectChoice("viscous")])
+    bounds = build_bounds(ur10, {"shoulder_lift_joint": Limits(effort=30.0)})
     upright = np.array([0, -np.pi / 2, 0, 0, 0, 0])
     with pytest.raises(ImpossibleLimitsError, match=r"'shoulder_lift_joint'.*30"):
         move_within_torque(upright, np.zeros(6), bounds, model, 100.0)

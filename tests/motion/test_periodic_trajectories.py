@@ -9,7 +9,7 @@ from dynident.errors import DynidentError
 from dynident.motion.trajectories.b_spline import BSplineFamily
 from dynident.motion.trajectories.family import PeriodicMotion
 from dynident.motion.trajectories.fourier import FourierFamily
-from dynident.motion.trajectories.motion import Rest, in_sequence
+from dynident.motion.trajectories.motion import Rest, sample_pieces
 
 families = st.one_of(
     st.builds(FourierFamily, st.integers(2, 12), st.floats(0.5, 60.0)),
@@ -86,7 +86,7 @@ def test_motions_in_sequence_are_sampled_without_a_seam():
     family = FourierFamily(3, 1.0)
     x = np.random.default_rng(0).standard_normal((family.n_coefficients, 2))
     motion = PeriodicMotion(family, x, periods=3)
-    samples = in_sequence([Rest(motion.start, 0.5), motion, Rest(motion.start, 0.25)], 100.0)
+    samples = sample_pieces([Rest(motion.start, 0.5), motion, Rest(motion.start, 0.25)], 100.0)
     np.testing.assert_allclose(samples.t, np.arange(376) / 100)
     np.testing.assert_allclose(samples.q[50:150], samples.q[150:250], atol=1e-12)
     np.testing.assert_allclose(samples.q[:50], motion.start[None].repeat(50, 0))

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from oracles import arm
 
-from dynident.motion.surroundings.reach import NOTHING_STATED, measure_reach, reach_notes
+from dynident.motion.surroundings.reach import NOTHING_STATED, measure_reach, note_reach
 from dynident.motion.surroundings.stated import Box, Surroundings
 from dynident.robot import urdf_from_robot
 
@@ -37,10 +37,10 @@ def test_the_reach_is_what_pinocchio_finds(motion: tuple[np.ndarray, np.ndarray]
 
 def test_it_is_said_unless_something_around_the_robot_was_stated(motion: tuple[np.ndarray, np.ndarray]) -> None:
     robot, (t, q) = arm("ur10"), motion
-    (note,) = reach_notes(robot, t, q, Surroundings())
+    (note,) = note_reach(robot, t, q, Surroundings())
     assert note.startswith(NOTHING_STATED)
     assert "below the base plane" in note
     assert "a third of the speed first" in note
     box = Box(name="table", center=(1.0, 0.0, 0.0), size=(0.1, 0.1, 0.1))
     for stated in (Surroundings(floor=0.0), Surroundings(boxes=(box,))):
-        assert reach_notes(robot, t, q, stated) == ()
+        assert note_reach(robot, t, q, stated) == ()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dynident.extras import FEW_NEED, SCIENCE, install_hint
+from dynident.extras import EXTRA_OF_PACKAGE, SCIENCE_PACKAGES, format_install_hint
 from dynident.version import __version__
 from dynident_service.cli.app import app
 
@@ -102,7 +102,7 @@ OF_SERVICE = "serve --port 0\ndoctor\nbackup x\nrestore x\nexport-robot rob_x a.
 def test_without_the_service_every_other_command_works_and_its_own_say_what_to_install(tmp_path: Path) -> None:
     own = [re.split(r"[<>=\[]", one)[0] for one in EXTRAS["service"] if not one.startswith("dynident")]
     renamed = {"python-multipart": "python_multipart", "pydantic-settings": "pydantic_settings"}
-    left_out = [*(renamed.get(name, name.replace("-", "_")) for name in own), "dask", *FEW_NEED]
+    left_out = [*(renamed.get(name, name.replace("-", "_")) for name in own), "dask", *EXTRA_OF_PACKAGE]
     commands = [*OF_SCIENCE.splitlines(), *OF_SERVICE.splitlines()]
     paths = {"PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "service")])}
     program = WITHOUT_SERVICE.format(left_out=left_out, commands=commands)
@@ -125,9 +125,9 @@ def test_without_the_service_every_other_command_works_and_its_own_say_what_to_i
 def test_hints_name_the_extra_that_pyproject_puts_a_package_in() -> None:
     science = {re.split(r"[<>=\[]", text)[0] for text in EXTRAS["science"]}
     imported = {name for one in science for name in IMPORTED_AS.get(one, (one.replace("-", "_"),))}
-    assert set(SCIENCE) == imported
+    assert set(SCIENCE_PACKAGES) == imported
     few = {re.split(r"[<>=\[]", one)[0]: extra for extra in ("formats", "otel", "postgresql") for one in EXTRAS[extra]}
-    assert {FEW_IMPORTED_AS.get(name, name): extra for name, extra in few.items()} == FEW_NEED
-    assert "dynident[postgresql]" in install_hint("psycopg")
-    assert "dynident[service]" in install_hint("uvicorn")
-    assert "dynident[science]" in install_hint("numpy.linalg")
+    assert {FEW_IMPORTED_AS.get(name, name): extra for name, extra in few.items()} == EXTRA_OF_PACKAGE
+    assert "dynident[postgresql]" in format_install_hint("psycopg")
+    assert "dynident[service]" in format_install_hint("uvicorn")
+    assert "dynident[science]" in format_install_hint("numpy.linalg")

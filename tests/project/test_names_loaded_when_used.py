@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import dynident
-from dynident.lazy import homes_of
+from dynident.lazy import find_export_modules
 
 SOURCES = Path(dynident.__file__).parent
 ROOMS = sorted(
@@ -21,7 +21,7 @@ ROOMS = sorted(
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_name_of_a_room_comes_from_where_its_imports_say(room: str) -> None:
     package = import_module(f"dynident.{room}")
-    assert set(package.__all__) - {"LARGEST_ERROR"} == set(homes_of(package.__name__))
+    assert set(package.__all__) - {"LARGEST_ERROR"} == set(find_export_modules(package.__name__))
     for name in package.__all__:
         assert getattr(package, name) is not None
 

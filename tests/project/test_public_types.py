@@ -10,7 +10,7 @@ from typing import get_type_hints
 
 import pytest
 
-from dynident.asking import About, Said
+from dynident.asking import FieldDescription, FieldOptions
 from dynident.recordings.stated import Revision, RevisionFields
 from dynident.robot.document import DescriptionDocument, DriveDocument, LimitsDocument
 from dynident.robot.model import Description
@@ -36,7 +36,7 @@ def test_no_public_function_takes_or_gives_any() -> None:
     ("written", "stated"),
     [
         (RevisionFields, Revision),
-        (About, Said),
+        (FieldOptions, FieldDescription),
         (LimitsDocument, Limits),
         (DriveDocument, Drive),
         (DescriptionDocument, Description),
@@ -44,7 +44,7 @@ def test_no_public_function_takes_or_gives_any() -> None:
 )
 def test_keys_are_the_fields_of_what_they_write_out(written: type, stated: type) -> None:
     keys, fields = get_type_hints(written), get_type_hints(stated)
-    assert keys == {name: kind for name, kind in fields.items() if (stated, name) != (Said, "words")}
+    assert keys == {name: kind for name, kind in fields.items() if (stated, name) != (FieldDescription, "words")}
 
 
 def files_of(package: str) -> list[Path]:

@@ -14,8 +14,8 @@ from dynident.recordings import (
     preprocessing_from_request,
     recording_from_arrays,
 )
-from dynident.recordings.choosing import motion_band
-from dynident.recordings.spectra import spectra
+from dynident.recordings.choosing import find_motion_band
+from dynident.recordings.spectra import estimate_spectra
 
 
 def recorded(speed: float = 1.0, noise: float = 0.0, n_rows: int = 9000, rate: float = 200.0, windows=()):
@@ -62,12 +62,12 @@ def test_rows_are_decimated_to_at_least_four_times_the_cutoff():
 
 
 def test_the_noise_floor_of_the_spectrum_is_that_of_the_noise():
-    found = spectra(recorded(noise=1e-3))
+    found = estimate_spectra(recorded(noise=1e-3))
     np.testing.assert_allclose(np.sqrt(found.noise * 100.0), 1e-3, rtol=0.1)
 
 
 def test_the_power_of_the_spectrum_is_that_of_the_signal():
-    columns, found = motion(9000), spectra(recorded())
+    columns, found = motion(9000), estimate_spectra(recorded())
     step = found.frequency[1]
     np.testing.assert_allclose(found.velocity.sum(axis=0) * step, columns["dq_true"].var(axis=0), rtol=0.2)
 
@@ -157,7 +157,7 @@ def test_lines_of_any_base_frequency_are_the_motion(base: float, periods: int, n
     q = (0.3 * sizes[:, :, None] * np.sin(rates[:, None] * t + phases[:, :, None])).sum(axis=1).T
     q = q + noise * rng.normal(size=q.shape)
     run = recording_from_arrays(t, q, rng.normal(size=q.shape), joint_names=JOINTS)
-    band = motion_band([run])
+    band = find_motion_band([run])
     resolution = 2.5 / min(20.0, periods / base)
     assert 4 * base - resolution < band < 5 * base + resolution
     assert choose_preprocessing([run]).torque_cutoff >= 3.8 * band  # rounded down
@@ -171,4 +171,4 @@ def test_a_hum_far_from_the_lines_is_not_the_motion() -> None:
     run = recording_from_arrays(
         t, q + hum + 1e-5 * rng.normal(size=q.shape), rng.normal(size=q.shape), joint_names=JOINTS
     )
-    assert motion_band([run]) < 2.7
+    assert find_motion_band([run]) < 2.7

@@ -24,9 +24,9 @@ from dynident.recordings.columns import Column, Layout
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.importing import condition_arrays, scan_time
 from dynident.recordings.raw import RawRows
-from dynident.recordings.stored import stored_samples
+from dynident.recordings.stored import load_stored_samples
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
-from dynident.testing.trial import trial_arm, trial_motion
+from dynident.testing.trial import build_trial_arm, build_trial_motion
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 JOINTS = RecordedJoints([f"joint{k + 1}" for k in range(N)], [JointLimits()] * N)
@@ -176,7 +176,7 @@ def test_turns_in_a_gap_are_told_by_the_logged_velocity(tmp_path):
         write_parquet(tmp_path / "run.parquet", columns), tmp_path / "out", RecordedJoints(("a", "b", "c")),
         metadata=accept,
     )  # fmt: skip
-    stored = stored_samples(recording).columns
+    stored = load_stored_samples(recording).columns
     off = np.asarray(stored["q_b"]) - np.interp(stored["t"], t, q[:, 1])
     assert len(recording.segments) == 2
     assert np.abs(off - off[0]).max() < 1e-3
@@ -201,7 +201,7 @@ def test_steps_that_are_left_out_change_nothing(tmp_path):
     for skip in ((), ("corrupted_samples",)):
         metadata = RecordingMetadata(accept=accept, skip=skip)
         recording, checks = import_recording(path, tmp_path / "out", JOINTS, metadata=metadata)
-        stored[skip] = np.asarray(stored_samples(recording).columns["q_joint2"])[700]
+        stored[skip] = np.asarray(load_stored_samples(recording).columns["q_joint2"])[700]
         assert ("corrupted_samples" in {check.name for check in checks}) is not bool(skip)
     assert stored["corrupted_samples",] == 0.0
     assert abs(stored[()] - values[699, 1]) < 0.05
@@ -227,7 +227,7 @@ def test_cells_without_a_number_are_bridged_and_told(tmp_path, suffix, value):
     }
     assert check.rows == expected
     assert recording.n_samples == len(t)
-    assert np.abs(np.asarray(stored_samples(recording).columns["q_joint1"]) - values[:, 0]).max() < 1e-3
+    assert np.abs(np.asarray(load_stored_samples(recording).columns["q_joint1"]) - values[:, 0]).max() < 1e-3
 
 
 def test_long_stretches_without_numbers_are_left_out_and_split_the_recording(tmp_path):
@@ -325,17 +325,17 @@ def test_wrapped_files_of_a_real_arm_are_as_good_as_unwrapped_ones(tmp_path, run
     found = []
     for number, path in enumerate((folder / f"{run}.parquet", folder / "wrapped" / f"{run}.csv")):
         recording, _ = import_recording(path, tmp_path / f"{number}", joints, metadata=metadata)
-        found.append(np.column_stack([stored_samples(recording).columns[f"q_joint{k + 1}"] for k in range(7)]))
+        found.append(np.column_stack([load_stored_samples(recording).columns[f"q_joint{k + 1}"] for k in range(7)]))
     np.testing.assert_allclose(found[0], found[1], atol=1e-6)
 
 
 @pytest.fixture(scope="module")
 def trial_runs():
     """Two measured runs of the trial arm with friction and noise, as positions and torques (m, 6)."""
-    robot = trial_arm()
+    robot = build_trial_arm()
     virtual = VirtualRobot(robot, [TrueEffect("coulomb", name, (("Fc", 1.5),)) for name in robot.joint_names])
     sensors = Sensors(250.0, None, torque_noise=0.0, torque_noise_absolute=(0.05,) * robot.n)
-    runs = [virtual.measure(trial_motion(robot, k), sensors, run=f"run{k}", seed=k) for k in range(2)]
+    runs = [virtual.measure(build_trial_motion(robot, k), sensors, run=f"run{k}", seed=k) for k in range(2)]
     return robot, [(run.t, np.column_stack([np.round(run.q, 5), run.tau])) for run in runs]
 
 
@@ -373,7 +373,7 @@ def test_runs_one_behind_the_other_are_told_apart_where_the_time_begins_again(tm
     assert [segment.start_time for segment in recording.segments] == pytest.approx(starts)
     check = next(check for check in checks if check.name == "time_restarts")
     assert check.rows == {"t": (lengths[0] + 1, lengths[0] + lengths[1] + 1)}
-    assert len(recording.run_labels) == 3
+    assert len(recording.segment_names) == 3
 
 
 def test_rows_in_the_wrong_order_are_no_runs(tmp_path):

@@ -13,8 +13,8 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
 from dynident.desk.reading import read_recordings
 from dynident.identification.imports.guess import propose
-from dynident.identification.imports.inspecting import sample_of
-from dynident.identification.imports.units import factor_of
+from dynident.identification.imports.inspecting import read_sample
+from dynident.identification.imports.units import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 
@@ -39,7 +39,7 @@ def recorded(name: str, rate: float, seed: int) -> Recorded:
 
 def read_as_proposed(path: Path, robot: Robot, rate: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """t (m,), q and tau (m, n) of a file in SI, in the robot's order, as its columns and units are proposed."""
-    sample = sample_of(path, rate)
+    sample = read_sample(path, rate)
     proposal = propose(sample, robot)
     assert proposal.questions == ()
     values = dict(zip(sample.names, sample.values.T, strict=True))
@@ -47,7 +47,7 @@ def read_as_proposed(path: Path, robot: Robot, rate: float | None) -> tuple[np.n
     for kind in ("q", "tau"):
         for j, joint in enumerate(robot.joints):
             unit = proposal.units.get(f"{kind}{j + 1}", proposal.units.get(kind))
-            factor = 1.0 if unit is None else factor_of(kind, joint.kind, unit)
+            factor = 1.0 if unit is None else get_factor(kind, joint.kind, unit)
             signals.append(factor * values[proposal.columns[f"{kind}{j + 1}"]])
     t = _TIMES[proposal.units.get("t", "s")] * values[proposal.columns["t"]]
     both = np.column_stack(signals)
@@ -77,7 +77,7 @@ def test_an_import_gives_what_the_look_at_the_file_proposed(tmp_path, layout):
     case = CASES[0]
     robot, run = machine(case[0]), recorded(*case)
     path, rate = LAYOUTS[layout](tmp_path, run), case[1] if layout in WITHOUT_TIME else None
-    proposal = propose(sample_of(path, rate), robot)
+    proposal = propose(read_sample(path, rate), robot)
     files = tuple(path.parent / one for one in path.name.split("+"))
     (item,) = read_recordings(
         files,
@@ -115,7 +115,7 @@ def test_columns_of_few_joints_need_no_numbers(tmp_path, case, seed):
     path = tmp_path / "run.csv"
     header = ",".join(["time", *names])
     np.savetxt(path, np.column_stack([motion.t, factor * motion.q, tau]), "%.9g", ",", header=header, comments="")
-    proposal = propose(sample_of(path), robot)
+    proposal = propose(read_sample(path), robot)
     assert {one.field for one in proposal.questions} <= {"effort_kind", "units/q1", "units/tau", "units/tau1"}
     assert [proposal.columns[f"{kind}{j + 1}"] for kind in ("q", "tau") for j in range(n)] == names
 
@@ -128,7 +128,7 @@ def test_a_counter_of_rows_is_no_clock_where_another_column_is_one(tmp_path):
         header = ",".join([name, "stamp_ms", *(f"q{k}" for k in range(6)), *(f"tau{k}" for k in range(6))])
         values = np.column_stack([rows, 1e3 * run.t + 0.2 * run.rng.normal(size=len(rows)), run.q, run.tau])
         np.savetxt(path, values, "%.9g", ",", header=header, comments="")
-        proposal = propose(sample_of(path), machine(CASES[0][0]))
+        proposal = propose(read_sample(path), machine(CASES[0][0]))
         assert proposal.columns["t"] == "stamp_ms"
 
 
@@ -147,7 +147,7 @@ def test_a_file_that_is_known_and_not_read_says_what_to_do(tmp_path, content, wo
     path = tmp_path / "run"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=words):
-        sample_of(path)
+        read_sample(path)
 
 
 def test_a_workbook_says_how_to_save_it(tmp_path):
@@ -156,7 +156,7 @@ def test_a_workbook_says_how_to_save_it(tmp_path):
         archive.writestr("[Content_Types].xml", "<Types/>")
         archive.writestr("xl/worksheets/sheet1.xml", "<worksheet/>")
     with pytest.raises(RecordingError, match="save the sheet as CSV"):
-        sample_of(path)
+        read_sample(path)
 
 
 def test_files_of_different_lengths_and_a_file_alone_say_what_is_missing(tmp_path):
@@ -164,12 +164,12 @@ def test_files_of_different_lengths_and_a_file_alone_say_what_is_missing(tmp_pat
     LAYOUTS["clock_in_a_file"](tmp_path, run)
     np.savetxt(tmp_path / "short.csv", run.tau[:-5])
     with pytest.raises(RecordingError, match=r"short.csv ends after \d+ rows, and .* goes on"):
-        sample_of(tmp_path / "t.csv+q.csv+short.csv")
-    alone = propose(sample_of(tmp_path / "q.csv"), machine("ur10"))
+        read_sample(tmp_path / "t.csv+q.csv+short.csv")
+    alone = propose(read_sample(tmp_path / "q.csv"), machine("ur10"))
     assert "rate" in alone.questions[0].detail
     assert "q.csv+dq.csv+tau.csv" in alone.questions[0].detail
     LAYOUTS["file_a_signal"](tmp_path, run)
-    alone = propose(sample_of(tmp_path / "arm_position.csv"), machine("ur10"))
+    alone = propose(read_sample(tmp_path / "arm_position.csv"), machine("ur10"))
     assert [one.field for one in alone.questions] == ["columns/tau"]
     assert "q.csv+dq.csv+tau.csv" in alone.questions[0].detail
 
@@ -181,7 +181,7 @@ def test_a_signal_that_stops_is_not_read_across_the_gap(tmp_path):
     is_silent = [4.0 < float(row.split(",")[0]) - 1.7e9 < 6.0 and row.split(",")[1] == "" for row in rows]
     quiet = [row for row, silent in zip(rows, is_silent, strict=True) if not silent]
     path.write_text("\n".join([first, *quiet]))
-    sample = sample_of(path)
+    sample = read_sample(path)
     t = sample.values[:, 0] - 1.7e9
     torque = sample.values[:, [k for k, name in enumerate(sample.names) if name.endswith("torque")]]
     inside = (t > 4.1) & (t < 5.9)

@@ -24,7 +24,7 @@ def test_a_file_of_many_columns_is_read_in_blocks_of_few_rows(tmp_path):
     values = np.arange(5000 * 3000, dtype=np.float32).reshape(5000, 3000)
     np.save(path, values)
     blocks = list(open_source(path, None).blocks())
-    assert max(map(len, blocks)) == file_limits.rows_of_block(3000) < 2000
+    assert max(map(len, blocks)) == file_limits.choose_block_rows(3000) < 2000
     assert np.array_equal(np.concatenate(blocks), values)
 
 

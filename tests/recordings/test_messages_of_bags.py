@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynident.recordings.formats import messages
-from dynident.recordings.formats.messages import Samples, samples_of
+from dynident.recordings.formats.messages import TopicSamples, read_topic_samples
 
 pytest.importorskip("rosbags")
 
@@ -86,8 +86,8 @@ def as_ros1(path: Path) -> Path:
 
 def whole(path: Path, name: str) -> dict[str, dict[str, np.ndarray]]:
     """Of every topic the time and the columns of all samples."""
-    found: dict[str, list[Samples]] = {}
-    for samples in samples_of(path, name):
+    found: dict[str, list[TopicSamples]] = {}
+    for samples in read_topic_samples(path, name):
         found.setdefault(samples.topic, []).append(samples)
     result = {}
     for topic, parts in found.items():
@@ -108,8 +108,10 @@ def whole(path: Path, name: str) -> dict[str, dict[str, np.ndarray]]:
 def test_messages_that_are_read_many_at_once_say_what_each_says_by_itself(tmp_path, monkeypatch, name, write):
     path = write(tmp_path / "run")
     unpacked = []
-    by_package = messages._Unpacker._message
-    monkeypatch.setattr(messages._Unpacker, "_message", lambda self, one: unpacked.append(one) or by_package(self, one))
+    by_package = messages._MessageUnpacker._unpack_message
+    monkeypatch.setattr(
+        messages._MessageUnpacker, "_unpack_message", lambda self, one: unpacked.append(one) or by_package(self, one)
+    )
     many = whole(path, name)
     few = len(unpacked)
     unpacked.clear()

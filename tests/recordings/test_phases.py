@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.recordings.phases import STANDS, Phase, phases_of, width_of
+from dynident.recordings.phases import STANDS, Phase, compute_smear_width, find_phases
 
 QUANTUM = 2 * np.pi / 2**18
 
@@ -38,16 +38,16 @@ def swinging(rate: float, seconds: float = 10.0, dwell: float = 0.0) -> np.ndarr
 def test_a_joint_that_turns_round_in_one_sweep_is_said_to_turn_and_one_that_rests_to_stand(rate):
     free, resting = recorded(swinging(rate), rate), recorded(swinging(rate, dwell=0.3), rate)
     inside = slice(1, -1)  # at either end of a recording nobody knows what came before
-    assert not phases_of(free).halts[0][0].sticks[inside].any()
-    assert len(phases_of(free).halts[0][0].starts) >= 9
-    assert phases_of(resting).halts[0][0].sticks.all()
+    assert not find_phases(free).halts[0][0].sticks[inside].any()
+    assert len(find_phases(free).halts[0][0].starts) >= 9
+    assert find_phases(resting).halts[0][0].sticks.all()
 
 
 @pytest.mark.parametrize("rate", [125.0, 500.0])
 def test_rows_stand_as_long_as_the_joint_does_and_a_filter_width_to_either_side(rate):
     made = recorded(swinging(rate, dwell=0.3), rate)
     t = np.arange(0.6, 1.8, 1e-3)
-    phase = phases_of(made).at(0, t, 0.1)[:, 0]
+    phase = find_phases(made).phases_at(0, t, 0.1)[:, 0]
     standing = t[phase == Phase.STANDING]
     # It comes to rest at 1 s and leaves at 1.3 s; near either it is slow already.
     assert standing[0] == pytest.approx(0.9, abs=0.04)
@@ -58,7 +58,7 @@ def test_rows_stand_as_long_as_the_joint_does_and_a_filter_width_to_either_side(
 def test_a_joint_that_never_moves_stands_throughout_whatever_its_noise():
     rng = np.random.default_rng(0)
     q = np.hstack([swinging(200.0), 0.3 * STANDS * rng.uniform(-1, 1, (2000, 1))])
-    phase = phases_of(recorded(q, 200.0)).at(0, np.arange(0, 10, 0.1), 0.05)
+    phase = find_phases(recorded(q, 200.0)).phases_at(0, np.arange(0, 10, 0.1), 0.05)
     assert (phase[:, 1] == Phase.STANDING).all()
     assert (phase[:, 0] == Phase.MOVING).mean() > 0.5
 
@@ -66,7 +66,7 @@ def test_a_joint_that_never_moves_stands_throughout_whatever_its_noise():
 def test_a_slow_test_of_friction_moves_although_it_is_slower_than_other_joints_creep():
     t = np.arange(0, 20, 0.005)
     q = (0.008 * t)[:, None]
-    phase = phases_of(recorded(q, 200.0)).at(0, np.arange(1, 19, 0.1), 0.05)
+    phase = find_phases(recorded(q, 200.0)).phases_at(0, np.arange(1, 19, 0.1), 0.05)
     assert (phase == Phase.MOVING).all()
 
 
@@ -75,7 +75,7 @@ def test_a_stop_on_the_way_is_no_turn():
     t = np.arange(0, 4, 0.002)
     speed = np.where((t > 1.8) & (t < 2.2), 0.0, 0.4)
     q = np.cumsum(speed * 0.002)[:, None]
-    halts = phases_of(recorded(q, 500.0)).halts[0][0]
+    halts = find_phases(recorded(q, 500.0)).halts[0][0]
     assert len(halts.starts) == 1
     assert halts.sticks.all()
 
@@ -90,13 +90,13 @@ def test_a_stop_on_the_way_is_no_turn():
 def test_free_turns_are_never_taken_for_sticking(frequency, amplitude, rate, counts):
     t = np.arange(0, 12, 1 / rate)
     q = amplitude * np.sin(2 * np.pi * frequency * t)[:, None]
-    halts = phases_of(recorded(q, rate, 2 * np.pi / counts)).halts[0][0]
+    halts = find_phases(recorded(q, rate, 2 * np.pi / counts)).halts[0][0]
     assert halts.sticks[1:-1].mean() <= 0.1
 
 
 def test_the_width_of_a_halt_is_that_of_the_lower_filter():
-    assert width_of(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
-    assert width_of(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
+    assert compute_smear_width(Preprocessing(10.0, 5.0), 1000.0) == pytest.approx(0.2005)
+    assert compute_smear_width(Preprocessing(None, None), 100.0) == pytest.approx(0.015)
 
 
 def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():
@@ -113,6 +113,6 @@ def test_what_hardly_creeps_in_one_run_stands_there_and_is_no_slow_joint():
     )
     assert len(made.segments) == 2
     inside = np.arange(0.5, 7.5, 0.01)
-    moving, creeping = (phases_of(made).at(k, made.segments[k].start_time + inside, 0.0)[:, 0] for k in (0, 1))
+    moving, creeping = (find_phases(made).phases_at(k, made.segments[k].start_time + inside, 0.0)[:, 0] for k in (0, 1))
     assert (moving == Phase.STANDING).mean() < 0.1
     assert (creeping == Phase.STANDING).all()

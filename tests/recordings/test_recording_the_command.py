@@ -16,7 +16,7 @@ from dynident.recordings import (
     open_recording,
     recording_from_arrays,
 )
-from dynident.recordings.commanded import commanded
+from dynident.recordings.commanded import replace_by_command
 
 RAW = Preprocessing(None, None)
 
@@ -42,7 +42,7 @@ def test_a_command_is_read_stored_and_given_in_place_of_the_measured_positions(t
     recording = imported(write(tmp_path / "run.csv", with_command()))
     for found in (recording, open_recording(recording.path)):
         assert found.has_command
-        off = positions(commanded(found)) - positions(found)
+        off = positions(replace_by_command(found)) - positions(found)
         np.testing.assert_allclose(off, np.broadcast_to(0.01 * np.arange(1, len(JOINTS) + 1), off.shape), atol=1e-9)
 
 
@@ -50,7 +50,7 @@ def test_a_recording_without_a_command_says_so(tmp_path):
     recording = imported(write_parquet(tmp_path / "run.parquet", motion(1000)))
     assert not recording.has_command
     with pytest.raises(ValueError, match="no commanded positions"):
-        commanded(recording)
+        replace_by_command(recording)
 
 
 def test_a_command_has_the_units_that_are_said_and_columns_are_mapped(tmp_path):
@@ -58,7 +58,7 @@ def test_a_command_has_the_units_that_are_said_and_columns_are_mapped(tmp_path):
     columns["target"] = np.degrees(columns.pop("q_command1"))
     mapped = {"columns": {"q_command1": "target"}, "units": {"q_command1": "deg"}}
     recording = imported(write_parquet(tmp_path / "run.parquet", columns), **mapped)
-    off = positions(commanded(recording)) - positions(recording)
+    off = positions(replace_by_command(recording)) - positions(recording)
     np.testing.assert_allclose(off[:, 0], 0.01, atol=1e-9)
 
 
@@ -69,7 +69,7 @@ def test_a_command_stands_beside_temperatures_and_in_arrays():
     recording = recording_from_arrays(
         t, q, q, joint_names=JOINTS, further=FurtherColumns(temperature=heat, command=q + 0.5)
     )
-    np.testing.assert_allclose(positions(commanded(recording)), positions(recording) + 0.5, atol=1e-9)
+    np.testing.assert_allclose(positions(replace_by_command(recording)), positions(recording) + 0.5, atol=1e-9)
     block = next(filtered_blocks(recording, RAW))
     np.testing.assert_allclose(block.temperature, 30.0)
 

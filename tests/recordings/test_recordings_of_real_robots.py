@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dynident.identification.mistakes.checks import checks_against
+from dynident.identification.mistakes.checks import build_dynamics_checks
 from dynident.recordings import (
     RecordedJoints,
     RecordingError,
@@ -44,7 +44,7 @@ def imported(path: Path, destination: Path, **metadata):
     gains = GAINS if len(names) == len(GAINS) else (None,) * len(names)
     # Without its robot an elastic arm looks like one whose torque has the opposite sign; nobody imports it so.
     described = DATA / path.parent.name / "robot.urdf"
-    against = checks_against(robot_of(described)) if path.parent.name in WITH_ROBOT else None
+    against = build_dynamics_checks(robot_of(described)) if path.parent.name in WITH_ROBOT else None
     joints = RecordedJoints(robot_of(described).joint_names if against else names, gains=gains)
     metadata = RecordingMetadata(path.stem, **metadata)
     return import_recording(path, destination, joints, metadata=metadata, against=against)

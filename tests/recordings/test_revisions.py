@@ -51,7 +51,7 @@ def test_what_a_check_proposes_makes_the_recording_the_right_one(tmp_path: Path)
     wrong = written(tmp_path / "wrong.csv", order=(1, 0, 2, 3, 4, 5))
     cure = cure_of(wrong, RecordingMetadata())
     assert cure == Revision(permutation={"tau": (2, 1, 3, 4, 5, 6)})
-    mended, checks = brought_in(wrong, cure.of(RecordingMetadata()))
+    mended, checks = brought_in(wrong, cure.apply_to(RecordingMetadata()))
     assert np.array_equal(torque(mended), torque(right))
     assert all(check.apply is None for check in checks if check.name.endswith(("order", "sign")))
 
@@ -61,7 +61,7 @@ def test_a_cure_goes_on_from_what_was_said_before(tmp_path: Path) -> None:
     wrong = written(tmp_path / "wrong.csv", order=(1, 2, 0, 3, 4, 5), signs=(1, -1, 1, 1, 1, 1))
     said = RecordingMetadata(permutation={"tau": (3, 2, 1, 4, 5, 6)}, signs={"tau3": -1})
     cure = cure_of(wrong, said)
-    mended, _ = brought_in(wrong, cure.of(said))
+    mended, _ = brought_in(wrong, cure.apply_to(said))
     assert np.array_equal(torque(mended), torque(right))
 
 
@@ -119,8 +119,8 @@ def test_an_order_or_sign_that_cannot_be_is_named(tmp_path: Path, said: Recordin
 
 def test_a_revision_changes_what_it_names_and_keeps_the_rest() -> None:
     said = RecordingMetadata(name="run", units={"q": "deg"}, signs={"tau1": -1}, windows=((0.0, 5.0),))
-    after = Revision(units={"t": "ms"}, signs={"tau1": 1, "tau2": -1}).of(said)
+    after = Revision(units={"t": "ms"}, signs={"tau1": 1, "tau2": -1}).apply_to(said)
     assert after.units == {"q": "deg", "t": "ms"}
     assert after.signs == {"tau1": 1, "tau2": -1}
     assert after.windows == ((0.0, 5.0),)
-    assert Revision(windows=()).of(said).windows == ()
+    assert Revision(windows=()).apply_to(said).windows == ()

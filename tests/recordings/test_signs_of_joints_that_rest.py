@@ -15,9 +15,11 @@ ROBOT = arm("scara")
 def directions(seed: int, signs: np.ndarray) -> list[evidence.Direction]:
     motion = resting_motion(ROBOT, 10.0, 250.0, seed)
     tau = resting_torque(ROBOT, motion, seed) * signs
-    found = evidence.gather(recording_from_arrays(motion.t, motion.q, tau, joint_names=ROBOT.joint_names, name="run"))
+    found = evidence.gather_evidence(
+        recording_from_arrays(motion.t, motion.q, tau, joint_names=ROBOT.joint_names, name="run")
+    )
     assert found is not None
-    return [evidence.direction(found, joint) for joint in range(ROBOT.n)]
+    return [evidence.measure_direction(found, joint) for joint in range(ROBOT.n)]
 
 
 @pytest.mark.parametrize("seed", [18, 32, 5, 6])

@@ -7,10 +7,10 @@ import pytest
 from oracles import arm, fourier_motion
 
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
-from dynident.estimation import errors
+from dynident.estimation import compute_errors
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
-from dynident.regressors.forms import filtered_form, power_form
+from dynident.regressors.equations import filter_with_pole, integrate_over_intervals, reduce_form, stream_equations
+from dynident.regressors.forms import build_filtered_form, build_power_form
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import SampleFunction
 
@@ -37,7 +37,9 @@ def with_torque_of(model: Model, values: np.ndarray) -> Recording:
     """The motion with the torque that the dynamic model gives at its samples."""
     silent = recorded(np.zeros_like(MOTION.q))
     entries = SampleFunction(model.observation, REFERENCE, silent)
-    torques = [model.observation.torque(entries(block), values) for block in filtered_blocks(silent, PREPROCESSING)]
+    torques = [
+        model.observation.compute_torque(entries(block), values) for block in filtered_blocks(silent, PREPROCESSING)
+    ]
     return recorded(np.concatenate(torques))
 
 
@@ -48,13 +50,13 @@ def test_the_torque_of_an_effect_satisfies_the_equations_of_every_model(name):
     assert model.n_parameters
     values = np.random.default_rng(0).uniform(0.5, 2.0, model.n_parameters)
     rest = ([with_torque_of(model, values)], PREPROCESSING, REFERENCE)
-    power = power_form(ROBOT, model.kept, model.signals)
+    power = build_power_form(ROBOT, model.kept, model.signals)
     reductions = {
-        "filtered": reduce_form(filtered_form(ROBOT, model.kept, model.signals), filtered(30.0), *rest),
-        "energy": reduce_form(power, over_intervals(0.5), *rest),
-        "power": reduce_form(power, plain, *rest),
+        "filtered": reduce_form(build_filtered_form(ROBOT, model.kept, model.signals), filter_with_pole(30.0), *rest),
+        "energy": reduce_form(power, integrate_over_intervals(0.5), *rest),
+        "power": reduce_form(power, stream_equations, *rest),
     }
     for which, reduction in reductions.items():
         assert reduction.n_rows > 100
-        assert errors(reduction, values).measured.sum() > 0
-        assert errors(reduction, values).relative_total < 1e-3, which
+        assert compute_errors(reduction, values).measured.sum() > 0
+        assert compute_errors(reduction, values).relative_total < 1e-3, which

@@ -15,14 +15,14 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident import side_by_side as threads
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
-from dynident.elsewhere import Busy, NotElsewhere, shared_with
+from dynident.elsewhere import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
 from dynident.errors import Cancelled
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors import rows
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_keep
-from dynident.side_by_side import side_by_side
+from dynident.regressors.rows import reduce_and_cache
+from dynident.side_by_side import map_in_threads
 
 ROBOT = arm("scara")
 ITEMS = list(range(6))
@@ -64,13 +64,13 @@ def there(_: Place) -> Place:
 
 def test_others_take_parts_and_the_answers_keep_their_order() -> None:
     others, told = Others([there, there]), []
-    with shared_with(others):
-        found = side_by_side(here, ITEMS, SIZES, lambda fraction, _: told.append(fraction))
+    with share_work_with(others):
+        found = map_in_threads(here, ITEMS, SIZES, lambda fraction, _: told.append(fraction))
     assert [item for item, _ in found] == ITEMS
     assert {where for _, where in found} == {"here", "there"}
     assert others.asked == [6.0]
     assert told == sorted(told)
-    side_by_side(here, ITEMS, SIZES)
+    map_in_threads(here, ITEMS, SIZES)
     assert others.asked == [6.0]  # nobody is asked behind it
 
 
@@ -80,12 +80,12 @@ def test_what_goes_wrong_elsewhere_is_done_here() -> None:
     def fails(_: Place) -> Place:
         def place(item: int, told: Progress) -> Any:
             tries.append(item)
-            raise NotElsewhere
+            raise RemoteWorkFailed
 
         return place
 
-    with shared_with(Others([fails])):
-        assert side_by_side(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
+    with share_work_with(Others([fails])):
+        assert map_in_threads(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
     assert len(tries) == 1
 
 
@@ -96,13 +96,13 @@ def test_whoever_is_busy_is_asked_again() -> None:
         def place(item: int, told: Progress) -> Any:
             tries.append(item)
             if len(tries) < 3:
-                raise Busy
+                raise RemoteWorkersBusy
             return item, "there"
 
         return place
 
-    with shared_with(Others([busy_at_first])):
-        found = side_by_side(here, ITEMS, SIZES)
+    with share_work_with(Others([busy_at_first])):
+        found = map_in_threads(here, ITEMS, SIZES)
     assert [item for item, _ in found] == ITEMS
     assert "there" in {where for _, where in found}
 
@@ -126,8 +126,8 @@ def never(stopped: threading.Event) -> Callable[[Place], Place]:
 
 def test_what_never_comes_back_is_done_here_and_no_longer_waited_for() -> None:
     stopped = threading.Event()
-    with shared_with(Others([never(stopped)])):
-        assert side_by_side(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
+    with share_work_with(Others([never(stopped)])):
+        assert map_in_threads(here, ITEMS, SIZES) == [(item, "here") for item in ITEMS]
     assert stopped.is_set()
 
 
@@ -142,8 +142,8 @@ def test_who_stops_the_whole_stops_those_elsewhere() -> None:
     def cancel(fraction: float, message: str) -> None:
         raise Cancelled
 
-    with shared_with(Others([never(stopped)])), pytest.raises(Cancelled):
-        side_by_side(endless, ITEMS, SIZES, cancel)
+    with share_work_with(Others([never(stopped)])), pytest.raises(Cancelled):
+        map_in_threads(endless, ITEMS, SIZES, cancel)
     assert stopped.is_set()
 
 
@@ -157,7 +157,7 @@ def sent(work: Place) -> Place:
     packed = pickle.dumps(work)
 
     def place(item: Recording, told: Progress) -> Any:
-        return pickle.loads(pickle.dumps(pickle.loads(packed)(pickle.loads(pickle.dumps(item)), silent)))
+        return pickle.loads(pickle.dumps(pickle.loads(packed)(pickle.loads(pickle.dumps(item)), ignore_progress)))
 
     return place
 
@@ -168,11 +168,11 @@ def test_recordings_reduced_elsewhere_give_the_same_factors(
 ) -> None:
     monkeypatch.setattr(rows, "MOST_VALUES", 0)
     model = build_model(ROBOT, effects)
-    reference = model.reference(np.full(model.n_parameters, 0.3))
+    reference = model.build_reference(np.full(model.n_parameters, 0.3))
     runs = [run(seed, 4.0 + seed) for seed in range(4)]
-    alone, _ = reduce_and_keep(model, runs, Preprocessing(10.0, 10.0, 4), reference)
-    with shared_with(Others([sent, sent])):
-        shared, _ = reduce_and_keep(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+    alone, _ = reduce_and_cache(model, runs, Preprocessing(10.0, 10.0, 4), reference)
+    with share_work_with(Others([sent, sent])):
+        shared, _ = reduce_and_cache(model, runs, Preprocessing(10.0, 10.0, 4), reference)
     np.testing.assert_array_equal(alone.spans, shared.spans)
     for one, other in zip(alone.equations, shared.equations, strict=True):
         np.testing.assert_array_equal(one.factors, other.factors)

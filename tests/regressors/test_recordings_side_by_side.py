@@ -16,13 +16,13 @@ from dynident.arrays import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
-from dynident.regressors.folding import EquationRows, folded
+from dynident.regressors.folding import EquationRows, accumulate_equations
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_keep
+from dynident.regressors.rows import reduce_and_cache
 from dynident.regressors.stream import SampleFunction, reduce_recordings
-from dynident.side_by_side import ahead, side_by_side
+from dynident.side_by_side import map_in_threads, prefetch
 
 ROBOT = arm("scara")
 
@@ -42,10 +42,10 @@ def run(seed: int, seconds: float) -> Recording:
 def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     model = build_model(ROBOT, DEFAULT_EFFECTS)
     runs = [run(seed, 4.0 + seed) for seed in range(4)]
-    reference = model.reference(np.zeros(model.n_parameters))
+    reference = model.build_reference(np.zeros(model.n_parameters))
     told: list[float] = []
 
-    def reduced(progress: Progress = silent) -> Reduction:
+    def reduced(progress: Progress = ignore_progress) -> Reduction:
         return reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 4), reference, progress)
 
     at_once = reduced(lambda fraction, _: told.append(fraction))
@@ -60,10 +60,10 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
 def test_rows_that_are_kept_are_those_of_their_recordings() -> None:
     model, runs = build_model(ROBOT, DEFAULT_EFFECTS), [run(1, 40.0), run(2, 3.0), run(3, 3.0)]
     preprocessing = Preprocessing(10.0, 10.0, 4)
-    _, rows = reduce_and_keep(model, runs, preprocessing, model.reference(np.zeros(model.n_parameters)))
+    _, rows = reduce_and_cache(model, runs, preprocessing, model.build_reference(np.zeros(model.n_parameters)))
     assert rows is not None
     for recording in runs:
-        kept = rows.of(recording, preprocessing)
+        kept = rows.find_samples(recording, preprocessing)
         assert kept is not None
         assert kept[-1].t[-1] == pytest.approx(recording.segments[-1].length * recording.period, abs=0.5)
 
@@ -72,7 +72,7 @@ def test_a_single_large_recording_is_evaluated_while_the_rows_before_are_folded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     model, alone = build_model(ROBOT, DEFAULT_EFFECTS), run(1, 60.0)
-    reference = model.reference(np.zeros(model.n_parameters))
+    reference = model.build_reference(np.zeros(model.n_parameters))
     makers: set[int] = set()
     evaluate = SampleFunction.fill
 
@@ -102,7 +102,7 @@ def test_items_made_ahead_come_in_their_order_and_few_of_them_wait() -> None:
             made.append(number)
             yield number
 
-    for number in ahead(items(), 1.0):
+    for number in prefetch(items(), 1.0):
         time.sleep(0.005)
         # Two wait, one more is made, and this one.
         assert number < len(made) <= number + 4
@@ -114,7 +114,7 @@ def test_what_goes_wrong_while_an_item_is_made_is_raised_when_it_is_its_turn() -
         yield 1
         raise ValueError("a gap in the second")
 
-    taken = ahead(items(), 1.0)
+    taken = prefetch(items(), 1.0)
     assert next(taken) == 1
     with pytest.raises(ValueError, match="a gap in the second"):
         next(taken)
@@ -131,7 +131,7 @@ def test_who_stops_taking_items_leaves_no_thread_behind() -> None:
             ended.set()
 
     before = threading.active_count()
-    taken = ahead(items(), 1.0)
+    taken = prefetch(items(), 1.0)
     next(taken)
     taken.close()
     assert threading.active_count() == before
@@ -148,7 +148,7 @@ def test_as_many_work_at_a_time_as_there_are_processors_and_answers_keep_their_o
         told(1.0, str(item))
         return 10 * item
 
-    assert side_by_side(work, [0, 1, 2], [1.0, 1.0, 1.0]) == [0, 10, 20]
+    assert map_in_threads(work, [0, 1, 2], [1.0, 1.0, 1.0]) == [0, 10, 20]
 
 
 def test_what_goes_wrong_in_one_ends_the_others() -> None:
@@ -165,7 +165,7 @@ def test_what_goes_wrong_in_one_ends_the_others() -> None:
             ended.set()
 
     with pytest.raises(ValueError, match="a gap in the second"):
-        side_by_side(work, [0, 1], [1.0, 1.0])
+        map_in_threads(work, [0, 1], [1.0, 1.0])
     assert ended.is_set()
 
 
@@ -182,7 +182,7 @@ def test_who_asks_is_told_in_his_own_thread_and_may_end_it() -> None:
             time.sleep(0.001)
 
     with pytest.raises(Cancelled):
-        side_by_side(work, [0, 1], [1.0, 1.0], progress)
+        map_in_threads(work, [0, 1], [1.0, 1.0], progress)
 
 
 def test_rows_that_depend_on_the_recordings_before_are_made_in_turn() -> None:
@@ -193,5 +193,5 @@ def test_rows_that_depend_on_the_recordings_before_are_made_in_turn() -> None:
         t = np.arange(20) / 10.0
         yield EquationRows(t, [np.random.default_rng(1).normal(size=(20, 3))], 0)
 
-    folded(rows_of, [np.arange(2)], 2, runs, in_turn=True)
+    accumulate_equations(rows_of, [np.arange(2)], 2, runs, in_turn=True)
     assert asked == [(one.name, threading.get_ident()) for one in runs]

@@ -15,20 +15,20 @@ from scipy import signal
 import dynident.regressors.stream as stream
 from dynident import side_by_side
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
-from dynident.effects.memory import step
+from dynident.effects.memory import step_state
 from dynident.effects.signals import MemorySignal
-from dynident.estimation import errors, ordinary, weighted
+from dynident.estimation import compute_errors, ordinary, weighted
 from dynident.recordings import (
     Preprocessing,
     Recording,
     Segment,
-    edge_margin,
+    compute_edge_margin,
     filtered_blocks,
     low_pass,
     recording_from_arrays,
 )
 from dynident.recordings.types import StoredRows
-from dynident.regressors.folding import stretch_length, used_duration
+from dynident.regressors.folding import choose_block_length, compute_used_duration
 from dynident.regressors.model import build_model
 from dynident.regressors.row_phases import RowPhases
 from dynident.regressors.stream import reduce_recordings
@@ -44,7 +44,7 @@ EFFECTS = (
     EffectChoice("presliding", (ROBOT.joint_names[0],), (("d0", SLIP),)),
 )
 MODEL = build_model(ROBOT, EFFECTS)
-REFERENCE = ReferenceParameters.of_links(ROBOT.inertias, ROBOT.n)
+REFERENCE = ReferenceParameters.from_links(ROBOT.inertias, ROBOT.n)
 
 
 def recording(seconds: float, seed: int, parts: int = 1, windows=(), gap: float = 3.0) -> Recording:
@@ -94,13 +94,13 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
     ddq[2:-2] = (16 * (q[3:-1] + q[1:-3]) - 30 * q[2:-2] - (q[4:] + q[:-4])) * rate**2 / 12
     columns = all_columns(q, dq, ddq)[:, :, list(MODEL.base.kept)]
     t = segment.start_time + np.arange(len(q)) / rate
-    margin = edge_margin(preprocessing, rate)
+    margin = compute_edge_margin(preprocessing, rate)
     used = recording.inside_windows(t)
     used[:margin] = used[len(used) - margin :] = False
     taps = low_pass(rate, preprocessing.torque_cutoff)
-    phases = RowPhases.of(MODEL.observation, recording, preprocessing)
+    phases = RowPhases.from_recording(MODEL.observation, recording, preprocessing)
     both = np.concatenate([columns, tau[:, :, None]], axis=2)
-    both[~phases.certain(number, t)] = 0.0
+    both[~phases.find_certain_samples(number, t)] = 0.0
     wide = both.reshape(len(q), -1)
     valid = np.array([np.convolve(column, taps, mode="valid") for column in wide.T]).T
     complete = np.convolve(used.astype(float), np.ones(len(taps)), mode="valid") > len(taps) - 0.5
@@ -111,7 +111,7 @@ def dense_segment(recording: Recording, number: int, preprocessing: Preprocessin
     # As the stream counts time: where a filter is as wide as so many samples, rounding decides about a border's row.
     times = segment.start_time + np.arange(len(taps) // 2, len(q) - len(taps) // 2) * recording.period
     times = times[kept][complete[kept]]
-    equations = phases.used(number, times)
+    equations = phases.find_used_rows(number, times)
     rows[~equations] = 0.0
     return rows[:, :, :-1], rows[:, :, -1], equations
 
@@ -125,7 +125,7 @@ def all_columns(q, dq, ddq) -> np.ndarray:
     friction[:, 1, 0] = np.abs(load[:, 1]) * np.sign(dq[:, 1])
     z, state, before = np.empty(len(q)), 0.0, q[0, 0]
     for k, here in enumerate(q[:, 0]):
-        state = step(MemorySignal(STOP, 0, SLIP), state, here - before)
+        state = step_state(MemorySignal(STOP, 0, SLIP), state, here - before)
         z[k], before = state, here
     presliding = np.zeros((len(q), N, 2))
     presliding[:, 0, 0], presliding[:, 0, 1] = z, np.abs(load[:, 0]) * z
@@ -150,8 +150,8 @@ def assert_same_solution(recordings, preprocessing=PREPROCESSING) -> None:
     np.testing.assert_allclose(predicted, wanted, atol=1e-8 * np.abs(wanted).max())
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8 * np.abs(expected).max())
     residual = ((y - wanted) ** 2).sum(axis=0)
-    np.testing.assert_allclose(errors(reduction, found).squares, residual, rtol=1e-9)
-    np.testing.assert_allclose(errors(reduction, found).measured, (y**2).sum(axis=0), rtol=1e-11)
+    np.testing.assert_allclose(compute_errors(reduction, found).squares, residual, rtol=1e-9)
+    np.testing.assert_allclose(compute_errors(reduction, found).measured, (y**2).sum(axis=0), rtol=1e-11)
 
 
 def test_streaming_gives_the_solution_of_the_whole_matrix():
@@ -223,7 +223,7 @@ def test_two_runs_in_one_file_are_the_same_as_two_files():
 def test_stretches_cover_the_windows_end_to_end_and_none_spans_two_runs():
     run = recording(12, 8, parts=2, gap=0.01)
     reduction = reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
-    length = stretch_length([run])
+    length = choose_block_length([run])
     assert (np.diff(reduction.spans, axis=1) <= length + 1e-9).all()
     assert (np.diff(reduction.spans.ravel()) >= 0).all()
     border = run.segments[1].start_time
@@ -231,10 +231,10 @@ def test_stretches_cover_the_windows_end_to_end_and_none_spans_two_runs():
 
 
 def test_stretches_are_a_twentieth_of_the_data_within_a_quarter_and_two_seconds():
-    assert stretch_length([recording(12, 1)]) == pytest.approx(12 / 20, rel=0.01)
-    assert stretch_length([recording(4, 1)]) == pytest.approx(0.25)
-    assert stretch_length([recording(60, 1)]) == pytest.approx(2.0)
-    assert used_duration(recording(20, 1, windows=((-5.0, 2.0), (3.0, 4.0)))) == pytest.approx(3.0)
+    assert choose_block_length([recording(12, 1)]) == pytest.approx(12 / 20, rel=0.01)
+    assert choose_block_length([recording(4, 1)]) == pytest.approx(0.25)
+    assert choose_block_length([recording(60, 1)]) == pytest.approx(2.0)
+    assert compute_used_duration(recording(20, 1, windows=((-5.0, 2.0), (3.0, 4.0)))) == pytest.approx(3.0)
 
 
 def test_progress_runs_from_low_to_one_and_may_cancel():
@@ -258,7 +258,7 @@ def test_a_window_shorter_than_the_filter_leaves_no_rows():
     run = recording(10, 1, windows=((5.0, 5.1),))
     reduction = reduce_recordings(MODEL.observation, [run], PREPROCESSING, REFERENCE)
     assert reduction.n_rows == 0
-    assert reduction.n_stretches == 0
+    assert reduction.n_blocks == 0
 
 
 class Endless:

@@ -7,13 +7,13 @@ import pytest
 from oracles import arm, pinocchio_torque
 
 from dynident.effects import EffectChoice, ReferenceParameters
-from dynident.estimation import Errors, errors, moving_errors, weighted
+from dynident.estimation import Errors, compute_errors, compute_moving_errors, weighted
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.recordings.phases import phases_of
+from dynident.recordings.phases import find_phases
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_keep
+from dynident.regressors.rows import reduce_and_cache
 
 ROBOT = arm("scara")
 NAMES = ROBOT.joint_names
@@ -44,8 +44,8 @@ def resting(seconds: float, seed: int) -> Recording:
     q, dq, ddq = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "dq", "ddq"))
     friction = COULOMB * np.sign(dq) + VISCOUS * dq
     friction[:, 0] += EXCESS * np.exp(-((dq[:, 0] / VS) ** 2)) * np.sign(dq[:, 0])
-    halts = phases_of(recorded).halts[0]
-    still = np.column_stack([one.near(t, 1e-6, 1e-6, one.sticks) for one in halts])
+    halts = find_phases(recorded).halts[0]
+    still = np.column_stack([one.is_near(t, 1e-6, 1e-6, one.sticks) for one in halts])
     held = random.uniform(-5.0, 5.0, (number[-1] + 1, ROBOT.n))
     tau = pinocchio_torque(ROBOT, q, dq, ddq) + np.where(still, held[number], friction)
     return recording_from_arrays(t, q, tau, joint_names=NAMES, name="run")
@@ -58,8 +58,8 @@ def told(rows: Errors) -> float:
 def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     run = resting(40.0, 1)
     model = build_model(ROBOT, (*PLAIN, PEAK))
-    reduction, _ = reduce_and_keep(model, [run], EXACT, ReferenceParameters.nothing(ROBOT))
-    (beside,) = (e.beside for e in reduction.equations[:1])
+    reduction, _ = reduce_and_cache(model, [run], EXACT, ReferenceParameters.massless(ROBOT))
+    (beside,) = (e.rest_rows for e in reduction.equations[:1])
     assert beside is not None
     assert beside.partial.count > 100
     values = weighted(reduction).values
@@ -67,25 +67,27 @@ def test_rows_beside_halts_are_exact_whatever_the_joint_is_held_by_at_rest():
     assert values[places["stribeck", NAMES[0]]] == pytest.approx(EXCESS, rel=1e-6)
     assert values[places["coulomb", NAMES[0]]] == pytest.approx(COULOMB, rel=1e-6)
     own = values[reduction.equations[0].columns]
-    assert np.sqrt(beside.partial.squares(own) / beside.partial.count) < 1e-8
+    assert np.sqrt(beside.partial.sum_squares(own) / beside.partial.count) < 1e-8
 
 
 def test_only_joints_whose_friction_shows_there_use_them_and_every_row_is_counted_once():
     run = resting(20.0, 2)
     with_peak, without = (
-        reduce_and_keep(build_model(ROBOT, effects), [run], EXACT, ReferenceParameters.nothing(ROBOT))[0]
+        reduce_and_cache(build_model(ROBOT, effects), [run], EXACT, ReferenceParameters.massless(ROBOT))[0]
         for effects in ((*PLAIN, PEAK), PLAIN)
     )
-    counts = [[e.beside.partial.count for e in one.equations if e.beside is not None] for one in (with_peak, without)]
+    counts = [
+        [e.rest_rows.partial.count for e in one.equations if e.rest_rows is not None] for one in (with_peak, without)
+    ]
     assert counts[0][0] > 0
     assert not any(counts[0][1:])
     assert not any(counts[1])
-    for told_of in (errors, moving_errors):
+    for told_of in (compute_errors, compute_moving_errors):
         np.testing.assert_allclose(
             *(told_of(one, np.zeros(one.n_columns)).counts for one in (with_peak, without)), err_msg=told_of.__name__
         )
     np.testing.assert_allclose(
-        *(errors(one, np.zeros(one.n_columns)).measured for one in (with_peak, without)), rtol=1e-3
+        *(compute_errors(one, np.zeros(one.n_columns)).measured for one in (with_peak, without)), rtol=1e-3
     )
 
 
@@ -117,4 +119,6 @@ def test_a_model_that_is_extended_is_the_one_that_is_made_at_once_and_is_read_ba
         np.testing.assert_allclose(one.rms, other.rms, rtol=1e-6, atol=1e-9)
     again = from_bytes(to_bytes(more))
     assert again.fit_moving.rms.tolist() == more.fit_moving.rms.tolist()
-    assert told(errors(again.data.training, again.values)) == told(errors(more.data.training, more.values))
+    assert told(compute_errors(again.data.training, again.values)) == told(
+        compute_errors(more.data.training, more.values)
+    )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from machines import MACHINES, accelerations_of_pinocchio, machine, states, torque_of_mujoco
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.recordings import Preprocessing, recording_from_arrays
 from dynident.recordings.phases import Phase
-from dynident.regressors.base_parameters import base_parameters
-from dynident.regressors.forms import filtered_form, power_form
+from dynident.regressors.base_parameters import find_base_parameters
+from dynident.regressors.forms import build_filtered_form, build_power_form
 from dynident.regressors.model import build_model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases
@@ -22,18 +22,18 @@ LINKS = [EffectChoice("rigid_body")]
 
 def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     signals = Signals(robot)
-    observation = Observation.of(robot, columns_of(LINKS, signals), signals)
+    observation = Observation.from_columns(robot, build_columns(LINKS, signals), signals)
     entries = observation.evaluate(
-        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+        q, dq, ddq, reference=ReferenceParameters.massless(robot), memory=np.zeros((len(q), 0))
     )
-    return observation.torque(entries, robot.inertias.reshape(-1))
+    return observation.compute_torque(entries, robot.inertias.reshape(-1))
 
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_torque_is_that_of_mujoco_with_its_constraints(name: str) -> None:
     robot = machine(name)
     q, dq, ddq = states(robot, 40)
-    expected = torque_of_mujoco(robot, *robot.linkage.motion(q, dq, ddq))
+    expected = torque_of_mujoco(robot, *robot.linkage.compute_motion(q, dq, ddq))
     found = torque(robot, q, dq, ddq)
     assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max()
 
@@ -42,7 +42,7 @@ def test_the_torque_is_that_of_mujoco_with_its_constraints(name: str) -> None:
 def test_pinocchios_constrained_dynamics_gives_the_accelerations_back(name: str) -> None:
     robot = machine(name)
     q, dq, ddq = states(robot, 20)
-    whole = robot.linkage.motion(q, dq, ddq)
+    whole = robot.linkage.compute_motion(q, dq, ddq)
     tau = np.zeros_like(whole[0])
     tau[:, list(robot.linkage.driven)] = torque(robot, q, dq, ddq)
     found = accelerations_of_pinocchio(robot, whole[0], whole[1], tau)
@@ -53,9 +53,9 @@ def test_pinocchios_constrained_dynamics_gives_the_accelerations_back(name: str)
 def test_velocities_and_accelerations_of_passive_joints_are_the_derivatives_of_their_positions(name: str) -> None:
     linkage = machine(name).linkage
     q, dq, ddq = states(machine(name), 20)
-    _, speed, acceleration = linkage.motion(q, dq, ddq)
+    _, speed, acceleration = linkage.compute_motion(q, dq, ddq)
     h = 1e-4
-    before, at, after = (linkage.positions(q + s * dq + 0.5 * s**2 * ddq) for s in (-h, 0.0, h))
+    before, at, after = (linkage.compute_positions(q + s * dq + 0.5 * s**2 * ddq) for s in (-h, 0.0, h))
     assert np.abs((after - before) / (2 * h) - speed).max() < 1e-5 * np.abs(speed).max()
     assert np.abs((after - 2 * at + before) / h**2 - acceleration).max() < 1e-4 * np.abs(acceleration).max()
 
@@ -64,21 +64,21 @@ def test_velocities_and_accelerations_of_passive_joints_are_the_derivatives_of_t
 def test_energy_and_power_models_are_those_of_the_torque(name: str) -> None:
     robot = machine(name)
     signals = Signals(robot)
-    columns = columns_of(LINKS, signals)
+    columns = build_columns(LINKS, signals)
     q0, v, a = states(robot, 1, seed=4)
     h, k = 1e-4, robot.inertias.reshape(-1)
     s = h * np.arange(-2, 3)[:, None]
     q, dq = q0 + s * v + 0.5 * s**2 * a, v + s * a
     expected = torque(robot, q0, v, a)[0]
     for form, wanted in (
-        (filtered_form(robot, columns, signals), expected),
-        (power_form(robot, columns, signals), np.array([expected @ v[0]])),
+        (build_filtered_form(robot, columns, signals), expected),
+        (build_power_form(robot, columns, signals), np.array([expected @ v[0]])),
     ):
         one, n = form.observation, form.n_equations
         entries = one.evaluate(
-            q, dq, np.zeros_like(q), reference=ReferenceParameters.nothing(robot), memory=np.zeros((5, 0))
+            q, dq, np.zeros_like(q), reference=ReferenceParameters.massless(robot), memory=np.zeros((5, 0))
         )
-        both = one.torque(entries, k)
+        both = one.compute_torque(entries, k)
         stored, direct = both[:, :n], both[2, n:]
         rate = (8 * (stored[3] - stored[1]) - stored[4] + stored[0]) / (12 * h)
         assert np.abs(rate + direct - wanted).max() < 1e-6 * np.abs(wanted).max()
@@ -105,7 +105,7 @@ def test_a_parallelogram_groups_as_the_same_machine_with_tied_joints() -> None:
     bases = []
     for robot in (tied, closed):
         signals = Signals(robot)
-        bases.append(base_parameters(robot, columns_of(LINKS, signals), signals))
+        bases.append(find_base_parameters(robot, build_columns(LINKS, signals), signals))
     assert bases[0].kept_names == bases[1].kept_names
     np.testing.assert_allclose(bases[0].grouping, bases[1].grouping, atol=1e-6)
 
@@ -135,7 +135,7 @@ def test_a_parallelogram_has_the_base_parameters_of_its_crank_with_the_follower_
     }
     robot = robot_from_modified_dh("parallelogram", table)
     signals = Signals(robot)
-    base = base_parameters(robot, columns_of(LINKS, signals), signals)
+    base = find_base_parameters(robot, build_columns(LINKS, signals), signals)
     # The coupler goes round without turning: by hand, its mass sits at the end of the crank, and nothing else of it is
     # felt; the follower turns as the crank does.
     assert base.groupings == ("ZZ1 + 0.09 M2 + ZZ3", "MX1 + 0.3 M2 + MX3", "MY1 + MY3")
@@ -196,14 +196,14 @@ def test_nothing_is_felt_of_what_happens_where_the_sign_of_a_passive_joints_fric
     t, filters = np.arange(0.0, 20.0, 0.004), Preprocessing(8.0, 8.0, 8)
     q = np.array([2.15, 0.95]) + 0.35 * np.sin(2 * np.pi * np.array([0.23, 0.31]) * t[:, None])
     still = recording_from_arrays(t, q, np.zeros_like(q), joint_names=robot.joint_names, name="still")
-    phases = RowPhases.of(model.observation, still, filters)
-    uncertain = ~phases.certain(0, t)
+    phases = RowPhases.from_recording(model.observation, still, filters)
+    uncertain = ~phases.find_certain_samples(0, t)
     assert uncertain[:, 0].any()
     shaken = recording_from_arrays(t, q, 100.0 * uncertain, joint_names=robot.joint_names, name="shaken")
-    reference = ReferenceParameters.nothing(robot)
+    reference = ReferenceParameters.massless(robot)
     of_still, of_shaken = (reduce_recordings(model.observation, [r], filters, reference) for r in (still, shaken))
     for one, other in zip(of_still.equations, of_shaken.equations, strict=True):
-        np.testing.assert_array_equal(one.joined, other.joined)
+        np.testing.assert_array_equal(one.joint_factor, other.joint_factor)
     # And rows beside these instants are equations.
-    moving = (phases.at(0, t[:: filters.decimation]) == Phase.MOVING).sum(axis=0)
+    moving = (phases.phases_at(0, t[:: filters.decimation]) == Phase.MOVING).sum(axis=0)
     assert (np.array([one.counts.sum() for one in of_still.equations]) > 1.1 * moving).all()

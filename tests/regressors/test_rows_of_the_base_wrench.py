@@ -13,13 +13,13 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.estimation import EquationFactors, Reduction, errors, ordinary, solve, statistics, weighted
-from dynident.estimation.nuisance import without_nuisance
+from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
+from dynident.estimation.nuisance import marginalise_parameters
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.study.removing import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.regressors.base_wrench import wrench_model
-from dynident.regressors.forms import wrench_form
+from dynident.regressors.base_wrench import build_wrench_model
+from dynident.regressors.forms import build_wrench_form
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf, to_pinocchio
 
@@ -65,10 +65,10 @@ def by_wrench(robot, runs, **more):
 def test_rows_of_the_wrench_are_pinocchios(name):
     robot = arm(name)
     model = build_model(robot, LINKS)
-    form = wrench_form(robot, model.columns, model.signals)
+    form = build_wrench_form(robot, model.columns, model.signals)
     q, dq, ddq = random_states(robot, 20, 1)
     entries = form.observation.evaluate(
-        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((20, 0))
+        q, dq, ddq, reference=ReferenceParameters.massless(robot), memory=np.zeros((20, 0))
     )
     dense = np.zeros((20, 12, len(model.columns)))
     dense[:, form.observation.entry_rows, form.observation.entry_columns] = entries
@@ -78,10 +78,10 @@ def test_rows_of_the_wrench_are_pinocchios(name):
 def test_an_arm_at_rest_is_held_up_by_its_weight():
     robot = arm("ur10")
     model = build_model(robot, LINKS)
-    form = wrench_form(robot, model.columns, model.signals)
+    form = build_wrench_form(robot, model.columns, model.signals)
     zero = np.zeros((1, robot.n))
     entries = form.observation.evaluate(
-        zero, zero, zero, reference=ReferenceParameters.nothing(form.observation.robot), memory=np.zeros((1, 0))
+        zero, zero, zero, reference=ReferenceParameters.massless(form.observation.robot), memory=np.zeros((1, 0))
     )
     dense = np.zeros((12, len(model.columns)))
     dense[form.observation.entry_rows, form.observation.entry_columns] = entries[0]
@@ -131,7 +131,7 @@ def test_standard_deviations_of_a_noisy_wrench_cover_the_truth():
 def test_parameters_that_only_load_the_base_are_no_part_of_the_result():
     robot = arm("ur10")
     model = build_model(robot, LINKS)
-    extra = wrench_model(model).n_extra
+    extra = build_wrench_model(model).n_extra
     assert extra > 0
     found = by_wrench(robot, [recorded(robot, 30.0, 200.0)])
     assert [p.name for p in found.parameters] == list(model.base.kept_names)
@@ -148,16 +148,18 @@ def test_taking_nuisance_out_leaves_estimates_residuals_and_deviations_as_they_w
         factors = np.linalg.qr(rows, mode="r")
         equations.append(EquationFactors(np.arange(6), factors, np.full(8, 50)))
     whole = Reduction(6, tuple(equations), np.arange(16.0).reshape(8, 2))
-    smaller = without_nuisance(whole, 2)
+    smaller = marginalise_parameters(whole, 2)
     one, other = weighted(whole), weighted(smaller)
     np.testing.assert_allclose(other.values, one.values[2:], rtol=1e-4)
     np.testing.assert_allclose(
         statistics(smaller, other).standard_deviations, statistics(whole, one).standard_deviations[2:], rtol=0.1
     )
     alike = solve(whole, np.ones(2))
-    plain = without_nuisance(whole, 2, weighted=False)
+    plain = marginalise_parameters(whole, 2, weighted=False)
     np.testing.assert_allclose(ordinary(plain).values, alike.values[2:], rtol=1e-9)
-    np.testing.assert_allclose(errors(plain, alike.values[2:]).squares, errors(whole, alike.values).squares, rtol=1e-9)
+    np.testing.assert_allclose(
+        compute_errors(plain, alike.values[2:]).squares, compute_errors(whole, alike.values).squares, rtol=1e-9
+    )
 
 
 @pytest.mark.slow
@@ -193,7 +195,7 @@ def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch
     cut = by_wrench(arm("scara"), [run]).data.equations
     assert cut.n_rows == whole.n_rows
     for one, other in zip(cut.equations, whole.equations, strict=True):
-        grams = [equation.joined.T @ equation.joined for equation in (one, other)]
+        grams = [equation.joint_factor.T @ equation.joint_factor for equation in (one, other)]
         np.testing.assert_allclose(grams[0], grams[1], atol=1e-7 * np.abs(grams[1]).max())
 
 

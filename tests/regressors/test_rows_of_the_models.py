@@ -13,14 +13,21 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_
 from scipy import integrate, signal
 
 from dynident import side_by_side
-from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, columns_of, reference_size
+from dynident.effects import (
+    CATALOGUE,
+    EffectChoice,
+    ReferenceParameters,
+    Signals,
+    build_columns,
+    count_reference_parameters,
+)
 from dynident.estimation import Reduction, ordinary
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
 from dynident.recordings.types import StoredRows
-from dynident.regressors.equations import filtered, over_intervals, plain, reduce_form
-from dynident.regressors.forms import filtered_form, power_form
+from dynident.regressors.equations import filter_with_pole, integrate_over_intervals, reduce_form, stream_equations
+from dynident.regressors.forms import build_filtered_form, build_power_form
 from dynident.regressors.model import Model, build_model
-from dynident.regressors.stages import differences, smoothed
+from dynident.regressors.stages import smooth_samples, take_differences
 from dynident.regressors.stream import Samples, reduce_recordings
 from dynident.robot import robot_from_urdf
 
@@ -46,14 +53,14 @@ def noise_free(robot, seconds=60.0, rate=1000.0, seed=3, frequency=0.05, offset=
 
 def reductions(model: Model, *runs: Recording, preprocessing=SLOW) -> dict[str, Reduction]:
     """The equations of every model on recordings."""
-    known, reference = (model.robot, model.kept, model.signals), ReferenceParameters.nothing(model.robot)
-    power = power_form(*known)
+    known, reference = (model.robot, model.kept, model.signals), ReferenceParameters.massless(model.robot)
+    power = build_power_form(*known)
     rest = (runs, preprocessing, reference)
     return {
         "dynamic": reduce_recordings(model.observation, *rest),
-        "filtered": reduce_form(filtered_form(*known), filtered(20.0), *rest),
-        "energy": reduce_form(power, over_intervals(0.5), *rest),
-        "power": reduce_form(power, plain, *rest),
+        "filtered": reduce_form(build_filtered_form(*known), filter_with_pole(20.0), *rest),
+        "energy": reduce_form(power, integrate_over_intervals(0.5), *rest),
+        "power": reduce_form(power, stream_equations, *rest),
     }
 
 
@@ -91,17 +98,17 @@ def test_every_model_finds_the_true_base_parameters_of_arms_of_any_shape(seed, s
 def test_the_parts_of_the_filtered_model_add_up_to_the_dynamic_model(name):
     robot = arm(name)
     signals = Signals(robot)
-    columns = columns_of([EffectChoice(one) for one in CATALOGUE if CATALOGUE[one].applicable(robot)], signals)
+    columns = build_columns([EffectChoice(one) for one in CATALOGUE if CATALOGUE[one].applicable(robot)], signals)
     columns = [column for column in columns if column.energy is not None]
     s = signals
-    reference = np.random.default_rng(1).normal(size=reference_size(robot))
+    reference = np.random.default_rng(1).normal(size=count_reference_parameters(robot))
     for column in columns[::7]:
         # d/dt ∂e/∂q̇ + ∂u/∂q - ∂e/∂q by differentiation of the form's own rows.
         h = column.energy()
         momentum = ca.gradient(h, s.dq)
         u = ca.substitute(h, s.dq, ca.SX.zeros(robot.n))
         whole = ca.jtimes(momentum, s.q, s.dq) + ca.jtimes(momentum, s.dq, s.ddq) + ca.gradient(2 * u - h, s.q)
-        present = ca.vertcat(*(s.in_runs(run) for run in s.runs_in(ca.vertcat(h, ca.densify(column.torque)))))
+        present = ca.vertcat(*(s.in_runs(run) for run in s.find_run_signals(ca.vertcat(h, ca.densify(column.torque)))))
         gap = ca.Function("gap", [s.q, s.dq, s.ddq, s.reference, present], [whole - column.torque, whole])
         for state in zip(*random_states(robot, 3, 4), strict=True):
             off, size = (np.abs(np.array(value)).max() for value in gap(*state, reference, np.ones(present.shape)))
@@ -113,8 +120,8 @@ def test_filtered_rows_are_those_of_a_dense_computation():
     model = build_model(robot, EFFECTS)
     run = noise_free(robot, seconds=12.0, rate=200.0, frequency=0.3)
     preprocessing = Preprocessing(10.0, 8.0, 4)
-    form = filtered_form(robot, model.kept, model.signals)
-    found = reduce_form(form, filtered(30.0), [run], preprocessing, ReferenceParameters.nothing(robot))
+    form = build_filtered_form(robot, model.kept, model.signals)
+    found = reduce_form(form, filter_with_pole(30.0), [run], preprocessing, ReferenceParameters.massless(robot))
 
     blocks = list(filtered_blocks(run, preprocessing))
     q, dq, tau, used = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("q", "dq", "tau", "used"))
@@ -122,7 +129,7 @@ def test_filtered_rows_are_those_of_a_dense_computation():
         q,
         dq,
         np.zeros_like(q),
-        reference=ReferenceParameters.nothing(robot),
+        reference=ReferenceParameters.massless(robot),
         memory=np.zeros((len(q), 0)),
     )
     dense = np.zeros((len(q), 2 * robot.n, model.n_parameters))
@@ -148,7 +155,7 @@ def test_filtered_rows_are_those_of_a_dense_computation():
         mine = np.zeros_like(gram)
         for equation in found.equations:
             index = np.append(equation.columns, model.n_parameters)
-            mine[np.ix_(index, index)] += equation.joined.T @ equation.joined
+            mine[np.ix_(index, index)] += equation.joint_factor.T @ equation.joint_factor
         fits.append(np.abs(mine - gram).max() / np.abs(gram).max())
     assert min(fits) < 1e-9
 
@@ -158,17 +165,17 @@ def test_the_energy_of_an_interval_is_the_work_done_in_it():
     model = build_model(robot, EFFECTS)
     run = noise_free(robot, seconds=10.0, rate=500.0, frequency=0.2)
     preprocessing = Preprocessing(None, None, 10)
-    form = power_form(robot, model.kept, model.signals)
-    found = reduce_form(form, over_intervals(1.0), [run], preprocessing, ReferenceParameters.nothing(robot))
+    form = build_power_form(robot, model.kept, model.signals)
+    found = reduce_form(form, integrate_over_intervals(1.0), [run], preprocessing, ReferenceParameters.massless(robot))
     blocks = list(filtered_blocks(run, preprocessing))
     dq, tau = (np.concatenate([getattr(b, what) for b in blocks]) for what in ("dq", "tau"))
     work = integrate.cumulative_simpson((tau * dq).sum(axis=1), dx=1 / 500.0, initial=0.0)
     # Simpson's rule over 1 s at every phase; the reduction takes intervals every 1/8 s.
     wanted = np.mean((work[500:] - work[:-500]) ** 2)
     equation = found.equations[0]
-    assert np.sum(equation.joined[:, -1] ** 2) / equation.counts.sum() == pytest.approx(wanted, rel=0.05)
-    rest = equation.joined[:, -1] - equation.joined[:, :-1] @ truth_of(model)[equation.columns]
-    assert np.linalg.norm(rest) < 1e-4 * np.linalg.norm(equation.joined[:, -1])
+    assert np.sum(equation.joint_factor[:, -1] ** 2) / equation.counts.sum() == pytest.approx(wanted, rel=0.05)
+    rest = equation.joint_factor[:, -1] - equation.joint_factor[:, :-1] @ truth_of(model)[equation.columns]
+    assert np.linalg.norm(rest) < 1e-4 * np.linalg.norm(equation.joint_factor[:, -1])
 
 
 @pytest.mark.parametrize("which", ["filtered", "energy", "power"])
@@ -186,8 +193,8 @@ def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
     assert cut.n_rows == whole.n_rows
     np.testing.assert_array_equal(cut.spans, whole.spans)
     for one, other in zip(cut.equations, whole.equations, strict=True):
-        size = np.abs(other.joined).max()
-        np.testing.assert_allclose(np.abs(one.joined), np.abs(other.joined), atol=1e-9 * size)
+        size = np.abs(other.joint_factor).max()
+        np.testing.assert_allclose(np.abs(one.joint_factor), np.abs(other.joint_factor), atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("which", ["filtered", "energy", "power"])
@@ -209,8 +216,8 @@ def test_nothing_is_filtered_or_integrated_from_one_run_into_the_next(which):
     apart = [reductions(model, run, preprocessing=often)[which] for run in (one, two)]
     assert together.n_rows == sum(part.n_rows for part in apart)
     for k, equation in enumerate(together.equations):
-        whole = equation.joined
-        grams = [part.equations[k].joined.T @ part.equations[k].joined for part in apart]
+        whole = equation.joint_factor
+        grams = [part.equations[k].joint_factor.T @ part.equations[k].joint_factor for part in apart]
         np.testing.assert_allclose(whole.T @ whole, sum(grams), atol=1e-8 * np.abs(sum(grams)).max())
     assert error(together, truth_of(model)) < LIMITS[which]
 
@@ -236,18 +243,18 @@ def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytes
     source = Endless()
     robot = source.robot
     model = build_model(robot, EFFECTS)
-    power = power_form(robot, model.kept, model.signals)
+    power = build_power_form(robot, model.kept, model.signals)
     forms = [
-        (filtered_form(robot, model.kept, model.signals), filtered(20.0)),
-        (power, plain),
-        (power, over_intervals(1)),
+        (build_filtered_form(robot, model.kept, model.signals), filter_with_pole(20.0)),
+        (power, stream_equations),
+        (power, integrate_over_intervals(1)),
     ]
     for form, treatment in forms:
         peaks = []
         for length in (40_000, 400_000):
             run = Recording("long", robot.joint_names, 100.0, (Segment(0, length, 0.0),), source)
             tracemalloc.start()
-            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), ReferenceParameters.nothing(robot))
+            reduce_form(form, treatment, [run], Preprocessing(8.0, 6.0, 4), ReferenceParameters.massless(robot))
             peaks.append(tracemalloc.get_traced_memory()[1])
             tracemalloc.stop()
         assert peaks[1] < 1.15 * peaks[0]
@@ -256,12 +263,12 @@ def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytes
 def test_an_interval_never_spans_rows_that_are_missing():
     t = np.concatenate([np.arange(0, 5.0, 0.1), np.arange(8.0, 12.0, 0.1)])
     pieces = [(0, t[:30], t[:30, None]), (0, t[30:70], t[30:70, None]), (0, t[70:], t[70:, None])]
-    found = list(differences(pieces, length=10, step=2, spacing=0.1))
+    found = list(take_differences(pieces, length=10, step=2, spacing=0.1))
     lengths = np.concatenate([values[:, 0] for _, _, values in found])
     middles = np.concatenate([times for _, times, _ in found])
     np.testing.assert_allclose(lengths, 1.0)
     assert not ((middles > 4.5) & (middles < 8.4)).any()
-    whole = np.concatenate([v for _, _, v in differences([(0, t, t[:, None])], length=10, step=2, spacing=0.1)])
+    whole = np.concatenate([v for _, _, v in take_differences([(0, t, t[:, None])], length=10, step=2, spacing=0.1)])
     np.testing.assert_array_equal(whole[:, 0], lengths)
 
 
@@ -270,7 +277,7 @@ def test_rows_in_which_the_filter_still_settles_are_not_used():
     used = np.ones(400, dtype=bool)
     used[150:160] = False
     values = np.ones((400, 1))
-    (out,) = smoothed([Samples(0, True, np.arange(400) / rate, used, values)], pole, rate)
+    (out,) = smooth_samples([Samples(0, True, np.arange(400) / rate, used, values)], pole, rate)
     settling = int(np.ceil(9.2 / pole * rate))
     np.testing.assert_array_equal(np.flatnonzero(out.used), [*range(settling, 150), *range(160 + settling, 400)])
     np.testing.assert_allclose(out.values[out.used], 1.0, atol=2e-3)
@@ -283,10 +290,10 @@ def test_offsets_that_no_parameter_stands_for_spoil_energy_more_than_power(seed)
     values = truth_of(build_model(robot, EFFECTS))[: model.n_parameters]
     run = noise_free(robot, seconds=120.0, rate=250.0, seed=seed, frequency=0.1)
     form, rest = (
-        power_form(robot, model.kept, model.signals),
-        ([run], Preprocessing(None, 5.0, 10), ReferenceParameters.nothing(robot)),
+        build_power_form(robot, model.kept, model.signals),
+        ([run], Preprocessing(None, 5.0, 10), ReferenceParameters.massless(robot)),
     )
-    power = error(reduce_form(form, plain, *rest), values)
-    short, long = (error(reduce_form(form, over_intervals(length), *rest), values) for length in (0.3, 4.0))
+    power = error(reduce_form(form, stream_equations, *rest), values)
+    short, long = (error(reduce_form(form, integrate_over_intervals(length), *rest), values) for length in (0.3, 4.0))
     assert short > 1.1 * power
     assert long > 2.0 * power

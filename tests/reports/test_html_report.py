@@ -15,14 +15,14 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from resting import resting_motion, resting_torque
 
 from dynident.diagnosis import Change, ChangedValue, FrictionDifference, compare, diagnose
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.identification import IdentificationChoices, LadderStep, extend, identify, remove
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports import ReportedRun, html_report
-from dynident.reports.numbers import estimate, number, percent
+from dynident.reports import ReportedRecording, html_report
+from dynident.reports.numbers import format_estimate, format_number, format_percent
 from dynident.robot import Joint, Robot
 
 PLAIN = arm("scara")
@@ -67,8 +67,8 @@ FIRST = identify(ROBOT, [FIRST_RUN], [SECOND_RUN], CHOICES)
 DIAGNOSIS = diagnose(FIRST, [FIRST_RUN])
 MODEL = extend(FIRST, [EffectChoice("stribeck", (ROBOT.joint_names[0],))], [FIRST_RUN], [SECOND_RUN])
 RUNS = [
-    ReportedRun(FIRST_RUN, compare(MODEL, FIRST_RUN), False, (WARNING, Check("gaps", "ok", "None."))),
-    ReportedRun(SECOND_RUN, compare(MODEL, SECOND_RUN), True),
+    ReportedRecording(FIRST_RUN, compare(MODEL, FIRST_RUN), False, (WARNING, Check("gaps", "ok", "None."))),
+    ReportedRecording(SECOND_RUN, compare(MODEL, SECOND_RUN), True),
 ]
 HTML = html_report(MODEL, RUNS, diagnosis=DIAGNOSIS, created=MADE)
 
@@ -113,9 +113,9 @@ PAGE = Page(HTML)
 
 
 def test_it_has_every_section_with_a_heading_and_an_entry_in_the_contents() -> None:
-    assert [section["id"] for section in PAGE.all_of("section")] == list(SECTIONS)
-    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.all_of("a")}
-    assert PAGE.all_of("html") == [{"lang": "en"}]
+    assert [section["id"] for section in PAGE.select_all("section")] == list(SECTIONS)
+    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.select_all("a")}
+    assert PAGE.select_all("html") == [{"lang": "en"}]
 
 
 def test_values_deviations_and_relative_deviations_are_those_of_the_identification() -> None:
@@ -127,7 +127,7 @@ def test_values_deviations_and_relative_deviations_are_those_of_the_identificati
         assert deviation == parameter.standard_deviation
         assert relative == parameter.relative_standard_deviation
     for parameter in MODEL.parameters:
-        text, spread = estimate(parameter.value, parameter.standard_deviation)
+        text, spread = format_estimate(parameter.value, parameter.standard_deviation)
         assert text in PAGE.text["parameters"]
         assert spread in PAGE.text["parameters"]
         assert parameter.grouping in PAGE.text["parameters"]
@@ -138,7 +138,7 @@ def test_shape_constants_have_their_intervals_or_words() -> None:
     velocity, kind = by_name["vs"], by_name["delta"]
     assert velocity.interval is not None
     text = PAGE.text["parameters"]
-    assert " to ".join(estimate(end, velocity.standard_deviation)[0] for end in velocity.interval) in text
+    assert " to ".join(format_estimate(end, velocity.standard_deviation)[0] for end in velocity.interval) in text
     assert velocity.description in text
     assert kind.note in text
 
@@ -149,13 +149,13 @@ def test_errors_per_joint_are_those_of_fit_and_held_out_data_where_it_moves_and_
         np.testing.assert_array_equal(shown[:, k, 0], errors.relative)
         np.testing.assert_array_equal(shown[:, k, 1], errors.rms)
     for run in RUNS:
-        assert percent(run.comparison.moving_errors.relative_total) in PAGE.text["torque"]
+        assert format_percent(run.comparison.moving_errors.relative_total) in PAGE.text["torque"]
 
 
 def test_errors_of_each_recording_are_told_where_they_are_others_than_those_of_fit_and_held_out_data() -> None:
     told = "Relative error per recording"
     assert told not in HTML
-    third = ReportedRun(THIRD_RUN, compare(MODEL, THIRD_RUN), True)
+    third = ReportedRecording(THIRD_RUN, compare(MODEL, THIRD_RUN), True)
     assert told in html_report(MODEL, [*RUNS, third])
     assert told in html_report(MODEL, [RUNS[0], third])
 
@@ -174,7 +174,7 @@ def test_the_ladder_says_which_model_predicts_best_and_from_where_on_the_error_r
     assert "↑ rises" not in PAGE.text["ladder"]
     squares = replace(MODEL.held_out, squares=4 * MODEL.held_out.squares)
     worse = replace(MODEL, step=LadderStep(MODEL, (EffectChoice("offset"),)), held_out=squares)
-    page = Page(html_report(worse, [ReportedRun(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
+    page = Page(html_report(worse, [ReportedRecording(SECOND_RUN, compare(worse, SECOND_RUN), True)]))
     assert "Model 2 predicts held-out data best; from model 3 on" in page.text["ladder"]
     assert page.text["ladder"].count("✓ best") == page.text["ladder"].count("↑ rises") == 1
 
@@ -221,18 +221,18 @@ def test_the_robot_the_filters_and_where_it_comes_from_are_told() -> None:
 
 def test_the_effective_number_of_samples_is_shown_for_every_joint() -> None:
     for effective in MODEL.effective_rows:
-        assert number(float(effective)) in PAGE.text["parameters"]
+        assert format_number(float(effective)) in PAGE.text["parameters"]
 
 
 def test_what_users_call_things_never_becomes_markup() -> None:
-    assert not PAGE.all_of("script")
-    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.all_of(tag)]
+    assert not PAGE.select_all("script")
+    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.select_all(tag)]
     assert NASTY in PAGE.text["robot"]
 
 
 def test_nothing_is_loaded_from_anywhere() -> None:
     for tag in ("script", "link", "iframe", "img", "object", "embed"):
-        assert not PAGE.all_of(tag)
+        assert not PAGE.select_all(tag)
     for tag, attributes in PAGE.tags:
         for name, value in attributes.items():
             if name in ("href", "src", "xlink:href", "srcset", "data", "action"):
@@ -244,17 +244,17 @@ def test_nothing_is_loaded_from_anywhere() -> None:
 
 
 def test_every_figure_says_what_it_shows_and_every_table_has_headers() -> None:
-    drawn = PAGE.all_of("svg")
+    drawn = PAGE.select_all("svg")
     assert len(drawn) >= 5
     assert all(figure["role"] == "img" and figure["aria-label"] for figure in drawn)
-    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.all_of("th"))
+    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.select_all("th"))
     labels = " ".join(figure["aria-label"] or "" for figure in drawn)
-    assert percent(float(RUNS[1].comparison.errors.relative[0])) in labels
+    assert format_percent(float(RUNS[1].comparison.errors.relative[0])) in labels
 
 
 def test_references_inside_the_figures_resolve() -> None:
     known = {attributes["id"] for _, attributes in PAGE.tags if "id" in attributes}
-    used = {a["xlink:href"][1:] for a in PAGE.all_of("use") if (a.get("xlink:href") or "").startswith("#")}
+    used = {a["xlink:href"][1:] for a in PAGE.select_all("use") if (a.get("xlink:href") or "").startswith("#")}
     used |= set(re.findall(r"url\(#([^)]+)\)", HTML))
     assert used <= known
 
@@ -272,7 +272,7 @@ def test_a_long_recording_stays_a_small_file() -> None:
     )  # fmt: skip
     spike = len(t) // 2
     long.measured[spike, 0] += 1234.5
-    content = html_report(MODEL, [ReportedRun(SECOND_RUN, long, True)])
+    content = html_report(MODEL, [ReportedRecording(SECOND_RUN, long, True)])
     assert len(content.encode()) < 2_000_000
 
 
@@ -281,20 +281,20 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
             for k in (1, 2)]  # fmt: skip
     found = identify(PLAIN, runs[:1], runs[1:])
     comparison = compare(found, runs[1])
-    page = Page(html_report(found, [ReportedRun(runs[1], comparison, True)]))
+    page = Page(html_report(found, [ReportedRecording(runs[1], comparison, True)]))
     described = next(
-        svg["aria-label"] or "" for svg in page.all_of("svg") if "residual with its band" in svg["aria-label"]
+        svg["aria-label"] or "" for svg in page.select_all("svg") if "residual with its band" in svg["aria-label"]
     )
     for j in range(PLAIN.n):
         share = float((comparison.phase[:, j] == Phase.STANDING).mean())
-        assert f"standing in {percent(share, 2)} of the rows" in described
+        assert f"standing in {format_percent(share, 2)} of the rows" in described
     assert "what friction may hold at rest" in page.text["torque"]
     assert "On the grey ground the joint stands" in page.text["torque"]
     stands = ", ".join(f"{100 * share:.0f}" for share in phase_shares(runs[1]).standing)
     assert f"{stands} %" in page.text["data"]
     # Where no joint stands nothing is said of it.
     moves = replace(comparison, phase=np.zeros_like(comparison.phase))
-    without = Page(html_report(found, [ReportedRun(runs[1], moves, True)])).text["torque"]
+    without = Page(html_report(found, [ReportedRecording(runs[1], moves, True)])).text["torque"]
     assert "what friction may hold at rest" not in without
     assert "grey ground" not in without
 
@@ -312,10 +312,10 @@ def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
 def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None:
     design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5))
     page = Page(html_report(MODEL, RUNS, design=design))
-    assert [section["id"] for section in page.all_of("section")].count("design") == 1
-    assert number(design.criterion_values.condition_number) in page.text["design"]
+    assert [section["id"] for section in page.select_all("section")].count("design") == 1
+    assert format_number(design.criterion_values.condition_number) in page.text["design"]
     tightest = max(design.margins, key=lambda margin: margin.share)
-    assert percent(tightest.share) in page.text["design"]
+    assert format_percent(tightest.share) in page.text["design"]
     assert "rad/s" in page.text["design"]
     for note in design.notes:
         assert note in page.text["design"]
@@ -332,17 +332,17 @@ def test_what_the_experiment_promised_stands_beside_what_was_achieved() -> None:
         if deviation is None or not np.isfinite(deviation):
             continue
         shown += 1
-        assert number(deviation) in page.text["promises"]
-        assert number(parameter.standard_deviation / deviation, 2) in page.text["promises"]
+        assert format_number(deviation) in page.text["promises"]
+        assert format_number(parameter.standard_deviation / deviation, 2) in page.text["promises"]
     assert shown > 10
     without = Page(html_report(MODEL, RUNS, design=design_experiment(ROBOT, replace(design.request, noise={}))))
-    assert "promises" not in [section["id"] for section in without.all_of("section")]
+    assert "promises" not in [section["id"] for section in without.select_all("section")]
 
 
 def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None:
     alone = identify(ROBOT, [FIRST_RUN], [], CHOICES)
-    page = Page(html_report(alone, [ReportedRun(FIRST_RUN, compare(alone, FIRST_RUN), False)]))
-    assert "diagnosis" not in [section["id"] for section in page.all_of("section")]
+    page = Page(html_report(alone, [ReportedRecording(FIRST_RUN, compare(alone, FIRST_RUN), False)]))
+    assert "diagnosis" not in [section["id"] for section in page.select_all("section")]
     assert "No held-out data was given" in page.text["torque"]
     assert "Record another motion, and hold it out." in page.text["summary"]
     assert "were not handed to this report" in page.text["data"]
@@ -352,7 +352,9 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
 def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() -> None:
     recommended = replace(DIAGNOSIS, recommended=MODEL.choices.effects[-1:])
     unseen = replace(MODEL, held_out=None, data=replace(MODEL.data, held_out=None))
-    page = Page(html_report(unseen, [ReportedRun(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended))
+    page = Page(
+        html_report(unseen, [ReportedRecording(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended)
+    )
     assert "What it recommends is in this model." in page.text["summary"]
     assert "Record another motion, and hold it out." in page.text["summary"]
 
@@ -379,7 +381,7 @@ def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> Non
     )
     found = replace(DIAGNOSIS, changes=(change,), friction=friction)
     page = Page(html_report(MODEL, RUNS, diagnosis=found))
-    described = [svg["aria-label"] or "" for svg in page.all_of("svg")]
+    described = [svg["aria-label"] or "" for svg in page.select_all("svg")]
     assert any(one.startswith("Differences since the baseline") and "Fc1 0.8" in one for one in described)
     (drawn,) = (one for one in described if one.startswith("Friction since the baseline"))
     # What it was is no more than nothing: there is no share of it to draw.
@@ -389,10 +391,10 @@ def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> Non
 
 
 def test_every_finding_stands_beside_the_residual_that_it_explains() -> None:
-    described = [svg["aria-label"] or "" for svg in PAGE.all_of("svg")]
+    described = [svg["aria-label"] or "" for svg in PAGE.select_all("svg")]
     drawn = next(text for text in described if text.startswith("Mean residual"))
     for item in DIAGNOSIS.candidates:
-        assert (f"{effect_by_id(item.effect).title} on {ROBOT.joint_names[0]}" in drawn) == item.significant
+        assert (f"{get_effect(item.effect).title} on {ROBOT.joint_names[0]}" in drawn) == item.significant
     # Nothing to draw it from: the report goes without.
     held_out = [one for one in RUNS if one.held_out]
     assert "Mean residual" not in html_report(MODEL, held_out, diagnosis=DIAGNOSIS)
@@ -413,6 +415,6 @@ def test_a_sliding_joint_has_its_own_units() -> None:
 
 def test_what_was_removed_is_on_the_ladder():
     back = remove(MODEL, [EffectChoice("stribeck")])
-    page = html_report(back, [ReportedRun(SECOND_RUN, compare(back, SECOND_RUN), True)])
+    page = html_report(back, [ReportedRecording(SECOND_RUN, compare(back, SECOND_RUN), True)])
     assert "without Stribeck" in page
     assert page.count("the first model") == 1

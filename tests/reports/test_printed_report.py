@@ -15,7 +15,7 @@ from pypdf import PdfReader
 from dynident.desk.reading import read_recordings
 from dynident.diagnosis import compare, diagnose
 from dynident.identification import extend, identify
-from dynident.reports import ReportedRun, html_report, pdf_of
+from dynident.reports import ReportedRecording, html_report, render_pdf
 from dynident.robot import robot_from_urdf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ur10e"
@@ -41,7 +41,7 @@ def test_the_report_of_six_joints_is_one_small_file_and_ten_numbered_pages_at_mo
     found = diagnose(plain, [training.recording])
     grown = extend(plain, found.recommended, [training.recording], [validation.recording])
     runs = [
-        ReportedRun(one.recording, compare(grown, one.recording), held_out, one.checks)
+        ReportedRecording(one.recording, compare(grown, one.recording), held_out, one.checks)
         for one, held_out in ((training, False), (validation, True))
     ]
     page, paper = tmp_path / "report.html", tmp_path / "report.pdf"
@@ -51,7 +51,7 @@ def test_the_report_of_six_joints_is_one_small_file_and_ten_numbered_pages_at_mo
     subprocess.run([CHROMIUM, *flags, f"--print-to-pdf={paper}", page.as_uri()], check=True, timeout=120)
     pages = re.findall(rb"/Type\s*/Page\b", paper.read_bytes())
     assert 5 <= len(pages) <= 10
-    without_browser = PdfReader(io.BytesIO(pdf_of(page.read_text(encoding="utf-8")))).pages
+    without_browser = PdfReader(io.BytesIO(render_pdf(page.read_text(encoding="utf-8")))).pages
     assert 5 <= len(without_browser) <= 10
     first = without_browser[0].extract_text()
     assert "Fit for" in first

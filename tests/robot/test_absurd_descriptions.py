@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 import pytest
 from one_joint import one_joint_urdf
 
-from dynident.effects import EffectChoice, Signals, columns_of
+from dynident.effects import EffectChoice, Signals, build_columns
 from dynident.errors import DynidentError
-from dynident.regressors.base_parameters import base_parameters
+from dynident.regressors.base_parameters import find_base_parameters
 from dynident.robot import Description, Robot, robot_from_description
 from dynident.robot.collision import collision_geometry
 
@@ -59,7 +59,7 @@ def test_every_number_of_a_description_may_be_absurd(format: str, text: str, wri
             robot = robot_from_description("robot", Description(format, written(mutant)))
             assert isinstance(robot, Robot)
             signals = Signals(robot)
-            base_parameters(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
+            find_base_parameters(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
             collision_geometry(robot)
             read += 1
         except DynidentError as error:

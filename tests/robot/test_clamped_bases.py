@@ -12,8 +12,8 @@ import dynident as dy
 from dynident.errors import DynidentError
 from dynident.export import export_model
 from dynident.robot import Description, Robot, robot_from_description
-from dynident.robot.document import robot_document, robot_from_document
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.document import robot_from_document, robot_to_document
+from dynident.robot.pinocchio_model import compute_described_torque
 
 INERTIAL = """<inertial><origin xyz="0 0.01 -0.1"/><mass value="2"/>
 <inertia ixx=".02" iyy=".03" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -61,8 +61,10 @@ def test_the_message_names_the_lock_with_which_it_is_read_as_if_it_were_fixed(
     assert robot.joint_names == ("hip",)
     rng = np.random.default_rng(7)
     motion = [rng.normal(size=(20, 1)) for _ in range(3)]
-    np.testing.assert_allclose(described_torque(robot, *motion), described_torque(fixed, *motion), atol=1e-9)
-    assert robot_from_document(json.loads(json.dumps(robot_document(robot)))).joint_names == robot.joint_names
+    np.testing.assert_allclose(
+        compute_described_torque(robot, *motion), compute_described_torque(fixed, *motion), atol=1e-9
+    )
+    assert robot_from_document(json.loads(json.dumps(robot_to_document(robot)))).joint_names == robot.joint_names
 
 
 def test_such_a_robot_goes_through_identification_and_into_a_urdf_of_a_fixed_base(tmp_path: Path) -> None:
@@ -71,7 +73,11 @@ def test_such_a_robot_goes_through_identification_and_into_a_urdf_of_a_fixed_bas
     robot = dy.load_robot(file, locked_joints={"base": 0.0})
     t = np.arange(0.0, 20.0, 0.01)
     q, dq, ddq = (0.8 * values[:, None] for values in (np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)))
-    torque = described_torque(robot, q, dq, ddq) + 0.3 * np.sign(dq) + np.random.default_rng(1).normal(0, 0.01, q.shape)
+    torque = (
+        compute_described_torque(robot, q, dq, ddq)
+        + 0.3 * np.sign(dq)
+        + np.random.default_rng(1).normal(0, 0.01, q.shape)
+    )
     np.savetxt(log, np.column_stack([t, q, torque]), delimiter=",", header="t,q1,tau1", comments="")
     model = dy.identify(robot, dy.read_recordings(log, robot=robot))
     (tmp_path / "exported.urdf").write_bytes(export_model(model.identification, "urdf", nearest=True).content)

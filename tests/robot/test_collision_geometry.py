@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from dynident.errors import DynidentError
 from dynident.robot import collision_geometry, robot_from_library, robot_from_modified_dh, robot_from_urdf
 from dynident.robot.kinematics import joint_frames
-from dynident.robot.meshes import sliced
-from dynident.robot.shapes import Block, Capsule, Cylinder, capsule_around, distance_to_segment, enclosing_capsule
+from dynident.robot.meshes import slice_mesh
+from dynident.robot.shapes import Block, Capsule, Cylinder, compute_segment_distance, enclose_points, enclose_shape
 
 ARM = """
 <robot name="arm">
@@ -33,7 +33,7 @@ endsolid t
 
 
 def contains(capsule: Capsule, points: np.ndarray) -> bool:
-    return all(distance_to_segment(p, capsule.start, capsule.end) <= capsule.radius + 1e-9 for p in points)
+    return all(compute_segment_distance(p, capsule.start, capsule.end) <= capsule.radius + 1e-9 for p in points)
 
 
 @given(seed=st.integers(0, 10_000), stretch=st.floats(0.05, 5.0))
@@ -41,13 +41,13 @@ def contains(capsule: Capsule, points: np.ndarray) -> bool:
 def test_a_capsule_contains_what_it_is_put_around(seed, stretch):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(30, 3)) * [1.0, 1.0, stretch] @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    assert contains(capsule_around(points), points)
+    assert contains(enclose_points(points), points)
     placement = np.eye(4)
     placement[:3, 3] = rng.normal(size=3)
     block = Block(placement, rng.uniform(0.1, 2.0, 3))
-    assert contains(enclosing_capsule(block), block.corners)
+    assert contains(enclose_shape(block), block.corners)
     cylinder = Cylinder(placement, 0.2, stretch)
-    assert contains(enclosing_capsule(cylinder), cylinder.corners)
+    assert contains(enclose_shape(cylinder), cylinder.corners)
 
 
 def test_slices_of_an_elbow_fit_closer_than_one_capsule_and_contain_its_surface():
@@ -56,9 +56,9 @@ def test_slices_of_an_elbow_fit_closer_than_one_capsule_and_contain_its_surface(
     across[:, 2] *= 20
     points = np.concatenate([arm, across + np.array([1.0, 0, 1.0])])
     triangles = np.array([(k, k + 1, k + 2) for k in [*range(198), *range(200, 398)]])
-    pieces = sliced(points, triangles)
-    capsules = [capsule_around(piece) for piece in pieces]
-    assert sum(capsule.volume for capsule in capsules) < 0.6 * capsule_around(points).volume
+    pieces = slice_mesh(points, triangles)
+    capsules = [enclose_points(piece) for piece in pieces]
+    assert sum(capsule.volume for capsule in capsules) < 0.6 * enclose_points(points).volume
     for face in triangles[::20]:
         for share in np.random.default_rng(1).dirichlet([1, 1, 1], 5):
             assert any(contains(capsule, [share @ points[face]]) for capsule in capsules)
@@ -89,7 +89,7 @@ def test_the_shapes_of_a_locked_joint_go_with_the_link_before():
     for robot, q in ((free, [[0.4, 0.7]]), (locked, [[0.4]])):
         frames = joint_frames(robot, np.array(q))[0]
         bodies = collision_geometry(robot).bodies
-        places.append([shape.moved(frames[body.joint]).start for body in bodies for shape in body.shapes])
+        places.append([shape.transform(frames[body.joint]).start for body in bodies for shape in body.shapes])
     np.testing.assert_allclose(places[0], places[1], atol=1e-9)
 
 

@@ -15,8 +15,8 @@ from oracles import arm, fourier_motion
 from dynident.errors import DynidentError
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Drive, coupling_matrix, library_table, robot_from_modified_dh
-from dynident.robot.document import robot_document, robot_from_document
-from dynident.robot.drive_chain import currents_of
+from dynident.robot.document import robot_from_document, robot_to_document
+from dynident.robot.drive_chain import compute_currents
 
 NAMES = arm("ur10").joint_names
 GAINS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
@@ -49,7 +49,7 @@ def test_motors_and_joints_give_the_same_power(seed):
     )
     tau, dq = rng.normal(size=(2, 7, 6))
     motor_speeds = dq @ coupling_matrix(robot).T
-    by_motors = np.sum(currents_of(robot, tau) * np.array(GAINS) * motor_speeds, axis=1)
+    by_motors = np.sum(compute_currents(robot, tau) * np.array(GAINS) * motor_speeds, axis=1)
     np.testing.assert_allclose(by_motors, np.sum(tau * dq, axis=1), rtol=1e-9, atol=1e-12)
 
 
@@ -57,7 +57,7 @@ def test_currents_of_a_coupled_wrist_are_read_as_joint_torques(tmp_path):
     motion = fourier_motion(WRIST, 5.0, 200.0, 1)
     rng = np.random.default_rng(2)
     tau = motion.dq * rng.uniform(1, 5, 6) + motion.ddq + rng.normal(size=6)
-    u = currents_of(WRIST, tau)
+    u = compute_currents(WRIST, tau)
     table = {"t": motion.t}
     table |= {f"q{j + 1}": motion.q[:, j] for j in range(6)}
     table |= {f"current{j + 1}": u[:, j] for j in range(6)}
@@ -91,7 +91,7 @@ def test_torque_columns_are_joint_torques_already(tmp_path):
 
 
 def test_a_stored_robot_keeps_its_coupling():
-    again = robot_from_document(robot_document(WRIST))
+    again = robot_from_document(robot_to_document(WRIST))
     np.testing.assert_array_equal(coupling_matrix(again), coupling_matrix(WRIST))
 
 

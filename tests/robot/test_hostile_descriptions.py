@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.robot import robot_from_modified_dh, robot_from_urdf
 from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.json_fields import expect_number, parse_json
-from dynident.robot.xml_text import root_element
+from dynident.robot.xml_text import read_root
 
 SECONDS, MEMORY = 5.0, 100 * 2**20
 """Of processor time under `tracemalloc`, which is four to five times slower; without it within a second."""
@@ -61,10 +61,10 @@ def test_hostile_xml_is_refused_at_once(tmp_path, text, reason):
 
 
 def test_the_root_of_a_text_is_told_without_reading_the_rest():
-    root = root_element(f'<?xml version="1.0"?>\n{COMMENTS}\n<robot name="arm"><link')
+    root = read_root(f'<?xml version="1.0"?>\n{COMMENTS}\n<robot name="arm"><link')
     assert root is not None
     assert (root.tag, root.attributes) == ("robot", {"name": "arm"})
-    assert root_element("a table") is None
+    assert read_root("a table") is None
 
 
 def test_a_line_of_spaces_in_a_table_takes_no_time():

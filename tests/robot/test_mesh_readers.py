@@ -7,7 +7,7 @@ import pytest
 from mutations import CORNERS, dae_file, obj_file, ply_file, stl_file, stl_text
 
 from dynident.robot.mesh_readers import read_triangles
-from dynident.robot.meshes import surface_of_mesh
+from dynident.robot.meshes import read_surface
 
 
 def volume(points: np.ndarray, triangles: np.ndarray) -> float:
@@ -118,4 +118,4 @@ def test_what_a_mesh_names_is_not_opened(tmp_path, monkeypatch):
 def test_corners_farther_away_than_any_machine_is_large_are_refused(tmp_path):
     (tmp_path / "part.stl").write_bytes(stl_file())
     with pytest.raises(ValueError, match="more than 1e\\+06 m away"):
-        surface_of_mesh(tmp_path / "part.stl", np.full(3, 1e300), np.eye(4))
+        read_surface(tmp_path / "part.stl", np.full(3, 1e300), np.eye(4))

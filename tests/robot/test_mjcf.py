@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from machines import MACHINES, machine, mjcf, states, torque_of_mujoco
 
-from dynident.effects import EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_mjcf
-from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.document import robot_from_document, robot_to_document
 
 ARM = """<?xml version="1.0"?>
 <!-- an arm -->
@@ -54,11 +54,11 @@ ARM = """<?xml version="1.0"?>
 
 def torque(robot: Robot, q, dq, ddq) -> np.ndarray:
     signals = Signals(robot)
-    observation = Observation.of(robot, columns_of([EffectChoice("rigid_body")], signals), signals)
+    observation = Observation.from_columns(robot, build_columns([EffectChoice("rigid_body")], signals), signals)
     entries = observation.evaluate(
-        q, dq, ddq, reference=ReferenceParameters.nothing(robot), memory=np.zeros((len(q), 0))
+        q, dq, ddq, reference=ReferenceParameters.massless(robot), memory=np.zeros((len(q), 0))
     )
-    return observation.torque(entries, robot.inertias.reshape(-1))
+    return observation.compute_torque(entries, robot.inertias.reshape(-1))
 
 
 def test_the_torque_of_an_arm_is_mujocos_whatever_the_file_leaves_to_defaults() -> None:
@@ -92,7 +92,7 @@ def test_equalities_of_mujoco_are_read_as_loops_and_ties_that_move_as_mujocos_do
     assert set(robot.joint_names) == set(machine(name).joint_names)
     q, dq, ddq = states(robot, 20)
     # The same text, written again from what was read.
-    expected = torque_of_mujoco(robot, *robot.linkage.motion(q, dq, ddq))
+    expected = torque_of_mujoco(robot, *robot.linkage.compute_motion(q, dq, ddq))
     order = [robot.joint_names.index(joint) for joint in machine(name).joint_names]
     as_described = torque(machine(name), q[:, order], dq[:, order], ddq[:, order])
     found = torque(robot, q, dq, ddq)
@@ -124,7 +124,7 @@ def test_a_parallelogram_in_a_plane_is_one_however_mujoco_holds_it(how: str) -> 
     assert robot.joint_names == ("crank",)
     assert sum(loop.count for loop in robot.linkage.closure.loops) == 2
     q = np.linspace(-0.5, 0.5, 7)[:, None]
-    np.testing.assert_allclose(robot.linkage.positions(q), np.hstack([q, -q, q]), atol=1e-12)
+    np.testing.assert_allclose(robot.linkage.compute_positions(q), np.hstack([q, -q, q]), atol=1e-12)
 
 
 def test_a_weld_holds_frames_wholly_and_its_repetitions_in_a_plane_are_left_out() -> None:
@@ -135,7 +135,7 @@ def test_a_weld_holds_frames_wholly_and_its_repetitions_in_a_plane_are_left_out(
     )
     robot = robot_from_mjcf("bars", text.replace('<joint name="rocker"/>', ""))
     q = np.linspace(-0.5, 0.5, 7)[:, None]
-    np.testing.assert_allclose(robot.linkage.positions(q), np.hstack([q, -q, q, -q]), atol=1e-12)
+    np.testing.assert_allclose(robot.linkage.compute_positions(q), np.hstack([q, -q, q, -q]), atol=1e-12)
 
 
 def test_a_fixed_tendon_ties_as_many_joints_as_it_has() -> None:
@@ -148,7 +148,7 @@ def test_a_fixed_tendon_ties_as_many_joints_as_it_has() -> None:
     )
     robot = robot_from_mjcf("tied", text)
     assert robot.joint_names == ("crank", "rocker")
-    np.testing.assert_allclose(robot.linkage.positions(np.array([[0.2, 0.3]])), [[0.2, 0.55, 0.3]])
+    np.testing.assert_allclose(robot.linkage.compute_positions(np.array([[0.2, 0.3]])), [[0.2, 0.55, 0.3]])
 
 
 def test_a_joint_tied_to_none_stands_still() -> None:
@@ -160,7 +160,7 @@ def test_a_joint_tied_to_none_stands_still() -> None:
 
 def test_a_machine_from_mjcf_comes_back_from_its_document() -> None:
     robot = robot_from_mjcf("bars", four_bar(HELD["bodies"]))
-    again = robot_from_document(robot_document(robot))
+    again = robot_from_document(robot_to_document(robot))
     assert again.joint_names == robot.joint_names
     np.testing.assert_allclose(again.inertias, robot.inertias)
 

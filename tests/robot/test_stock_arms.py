@@ -10,8 +10,8 @@ import pytest
 
 from dynident.errors import DynidentError
 from dynident.motion import Surroundings
-from dynident.motion.surroundings.contacts import solid_of
-from dynident.motion.surroundings.free_space import free_space_of
+from dynident.motion.surroundings.contacts import build_solid
+from dynident.motion.surroundings.free_space import build_free_space
 from dynident.robot import collision_geometry, robot_from_urdf
 from dynident.robot.collision import UNCHECKED
 from dynident.robot.shapes import Hull
@@ -60,7 +60,7 @@ def stl_of_prism(corners: int) -> str:
 def test_a_hull_with_many_corners_in_one_plane_has_the_distances_of_the_part(corners: int) -> None:
     angle = np.arange(corners) * 2 * np.pi / corners
     rim = np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), np.zeros(corners)])
-    made = solid_of("prism", -1, [Hull(np.concatenate([rim, rim + UP]))])
+    made = build_solid("prism", -1, [Hull(np.concatenate([rim, rim + UP]))])
     assert made.shapes[0].num_points == 2 * corners
     assert made.reach == pytest.approx(np.hypot(0.1, 0.3))
 
@@ -73,7 +73,7 @@ def test_a_stock_arm_is_checked_for_collision_with_all_its_meshes(name: str) -> 
     robot = robot_from_urdf(name, (STOCK / ARMS[name]).read_text(encoding="utf-8"))
     low, high = (np.array([(joint.limits.position or (-3, 3))[end] for joint in robot.joints]) for end in (0, 1))
     surroundings = Surroundings(mesh_folders=(str(STOCK.parent),))
-    space = free_space_of(robot, surroundings, low, high)
+    space = build_free_space(robot, surroundings, low, high)
     assert space is not None
     assert not [note for note in space.notes if note.startswith(UNCHECKED)]
 

@@ -14,7 +14,7 @@ from texts import machine as urdf
 
 from dynident.errors import DynidentError
 from dynident.robot import robot_from_urdf, urdf_from_robot
-from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.document import robot_from_document, robot_to_document
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh
 
@@ -36,14 +36,14 @@ def test_data_and_limits_are_of_the_driven_joints_and_the_links_are_all_there() 
     assert robot.tree.n == 3
     assert robot.inertias.shape == (3, 10)
     q = np.array([[0.3, 0.3]])
-    at = dict(zip(robot.tree.joint_names, robot.linkage.positions(q)[0], strict=True))
+    at = dict(zip(robot.tree.joint_names, robot.linkage.compute_positions(q)[0], strict=True))
     assert at["right"] == pytest.approx(-0.5 * at["left"] + 0.1, abs=1e-15)
 
 
 def test_a_robot_with_ties_comes_back_from_its_document_and_from_its_urdf() -> None:
     robot = robot_from_urdf("gripper", gripper())
     for again in (
-        robot_from_document(json.loads(json.dumps(robot_document(robot)))),
+        robot_from_document(json.loads(json.dumps(robot_to_document(robot)))),
         robot_from_urdf("gripper", urdf_from_robot(robot)),
     ):
         assert again.joint_names == robot.joint_names
@@ -64,8 +64,8 @@ def test_a_joint_whose_leader_is_locked_stands_where_that_puts_it() -> None:
 def test_the_cut_frames_of_a_loop_coincide_at_all_driven_positions(name: str) -> None:
     robot = machine(name)
     closure = robot.linkage.closure
-    q = closure.postures(np.random.default_rng(1), 100)
-    gaps, conditions = closure.conditions(q)
+    q = closure.draw_postures(np.random.default_rng(1), 100)
+    gaps, conditions = closure.compute_gaps_and_conditions(q)
     assert gaps.max() < 1e-10
     assert conditions.max() < 1e3
     frames = joint_frames(robot, q)
@@ -160,27 +160,27 @@ IN_CLOSED_FORM = {
 @pytest.mark.parametrize("name", [*IN_CLOSED_FORM, "delta"])
 def test_passive_positions_are_those_that_newtons_method_follows_and_their_sines_are_theirs(name: str) -> None:
     closure = robot_from_modified_dh(name, IN_CLOSED_FORM.get(name) or delta()).linkage.closure
-    q = closure.postures(np.random.default_rng(1), 200)
-    followed, fine = closure.follow(q)
+    q = closure.draw_postures(np.random.default_rng(1), 200)
+    followed, fine = closure.follow_branch(q)
     found = closure.solution.map(len(q)).call([q.T])
     x, cosines, sines = (one.full().T for one in found)
     assert np.abs(x - followed)[fine].max() < 1e-12
-    angles = np.array(closure.turning)
+    angles = np.array(closure.are_angles)
     assert np.abs(cosines - np.cos(x))[:, angles].max() < 1e-14
     assert np.abs(sines - np.sin(x))[:, angles].max() < 1e-14
-    assert closure.conditions(q)[0].max() < 1e-14
+    assert closure.compute_gaps_and_conditions(q)[0].max() < 1e-14
     operations = {closure.solution.instruction_id(k) for k in range(closure.solution.n_instructions())}
     assert (ca.OP_ATAN2 in operations) == (name in IN_CLOSED_FORM)
 
 
 def test_beyond_the_reach_of_a_loop_positions_are_numbers_and_the_loop_is_open() -> None:
     closure = machine("five_bar").linkage.closure
-    apart, fine = np.array([[3.1, 0.0]]), closure.postures(np.random.default_rng(1), 5)
-    gaps, _ = closure.conditions(np.vstack([apart, fine]))
+    apart, fine = np.array([[3.1, 0.0]]), closure.draw_postures(np.random.default_rng(1), 5)
+    gaps, _ = closure.compute_gaps_and_conditions(np.vstack([apart, fine]))
     assert gaps[0] > 0.01
     assert gaps[1:].max() < 1e-14
-    assert np.isfinite(closure.passive(apart)).all()
-    assert np.isfinite(closure.rates_at(apart, closure.passive(apart))).all()
+    assert np.isfinite(closure.solve_passive(apart)).all()
+    assert np.isfinite(closure.compute_rates(apart, closure.solve_passive(apart))).all()
 
 
 def table(change: str) -> dict[str, Any]:

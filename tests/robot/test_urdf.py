@@ -20,7 +20,7 @@ from dynident.robot import (
     to_pinocchio,
     urdf_from_robot,
 )
-from dynident.robot.pinocchio_model import described_torque, inertial_parameters
+from dynident.robot.pinocchio_model import compute_described_torque, from_dynamic_parameters
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MODEL = pin.buildModelFromXML(EVERY_KIND)
@@ -159,7 +159,7 @@ def test_a_robot_written_as_urdf_reads_back_the_same(name):
     q = np.linspace(-1.0, 1.0, robot.n)
     np.testing.assert_allclose(joint_frames(robot, q[None])[0], pinocchio_frames(theirs, q), atol=1e-12)
     dynamic = np.array([body.toDynamicParameters() for body in list(theirs.inertias)[1:]])
-    np.testing.assert_allclose(inertial_parameters(dynamic), robot.inertias, atol=1e-12)
+    np.testing.assert_allclose(from_dynamic_parameters(dynamic), robot.inertias, atol=1e-12)
 
 
 def test_turned_axes_and_locked_joints_survive_writing_as_urdf():
@@ -200,6 +200,6 @@ def test_links_without_a_mass_need_no_torque_of_their_own() -> None:
     inertias[-1] = 0.0
     bare, rng = replace(robot, inertias=inertias), np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1, 1, (3, 5, robot.n))
-    torque = described_torque(bare, q, dq, ddq)
+    torque = compute_described_torque(bare, q, dq, ddq)
     assert np.isfinite(torque).all()
     np.testing.assert_allclose(torque[:, -1], 0.0, atol=1e-12)

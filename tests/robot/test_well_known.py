@@ -6,7 +6,7 @@ import pytest
 
 from dynident.errors import DynidentError
 from dynident.robot import joint_frames, library_names, library_source, robot_from_library, to_pinocchio
-from dynident.robot.pinocchio_model import dynamic_parameters
+from dynident.robot.pinocchio_model import to_dynamic_parameters
 
 
 def test_the_library_holds_arms_a_prismatic_joint_and_a_tree():
@@ -25,7 +25,7 @@ def test_every_arm_has_all_limits_that_a_design_needs_and_names_its_source(name)
 @pytest.mark.parametrize("name", library_names())
 def test_every_link_is_one_that_could_be_built(name):
     for inertial in robot_from_library(name).inertias:
-        body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+        body = pin.Inertia.FromDynamicParameters(to_dynamic_parameters(inertial))
         smallest, middle, largest = np.linalg.eigvalsh(body.inertia)
         assert body.mass > 0
         assert smallest > 0

@@ -20,7 +20,7 @@ from dynident_client import Client
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
@@ -54,11 +54,11 @@ def services(client: TestClient) -> Services:
 
 
 @pytest.fixture
-def ledger(tmp_path: Path) -> Iterator[Ledger]:
+def ledger(tmp_path: Path) -> Iterator[JobQueue]:
     """A ledger that no engine works on."""
     database = Database(f"sqlite:///{tmp_path / 'ledger.sqlite3'}")
     migrate(database)
-    yield Ledger(database, max_attempts=2)
+    yield JobQueue(database, max_attempts=2)
     database.close()
 
 
@@ -83,8 +83,8 @@ def start(services: Services) -> Callable[..., str]:
     """Starts a small job; gives its id."""
 
     def begin(function: str, **arguments: Any) -> str:
-        job_id = services.ledger.enqueue(NewJob("report", f"small_jobs:{function}", arguments))
-        services.engine.nudge()
+        job_id = services.job_queue.enqueue(NewJob("report", f"small_jobs:{function}", arguments))
+        services.engine.wake()
         return job_id
 
     return begin
@@ -109,7 +109,7 @@ def robot(client: TestClient) -> dict[str, Any]:
 
 
 def _ended(services: Services, job_id: str) -> Any:
-    job = services.ledger.get(job_id)
+    job = services.job_queue.get(job_id)
     return job if job.state in ("succeeded", "failed", "cancelled") else None
 
 

@@ -10,31 +10,31 @@ import sys
 from pathlib import Path
 
 from dynident_service.jobs import child, engine, nursery
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.nursery import ForkServer
 
 HEARTBEAT = 0.4
 """Seconds from one to the next, so that one who has none is found out soon."""
 
 
-class OfTests(Nursery):
+class OfTests(ForkServer):
     """One with the science."""
 
     PROGRAM = (str(Path(__file__)), "with_science")
 
 
-class WithoutScience(Nursery):
+class WithoutScience(ForkServer):
     """One for small jobs."""
 
     PROGRAM = (str(Path(__file__)), "without_science")
 
 
-class Sharing(Nursery):
+class Sharing(ForkServer):
     """One with the science whose children share what is small, too, with other workers, and note who reduces what."""
 
     PROGRAM = (str(Path(__file__)), "sharing")
 
 
-class StandingBack(Nursery):
+class StandingBack(ForkServer):
     """One for small jobs whose children stand back as those of the service do."""
 
     PROGRAM = (str(Path(__file__)), "standing_back")
@@ -42,7 +42,7 @@ class StandingBack(Nursery):
 
 def bring_up_without_science() -> None:
     """Let a service, or a worker of a cluster, in this process have its children from there, and load none itself."""
-    Nursery.PROGRAM = WithoutScience.PROGRAM
+    ForkServer.PROGRAM = WithoutScience.PROGRAM
     engine.load_science = lambda: None
 
 

@@ -15,7 +15,7 @@ from nurseries import OfTests
 from sqlalchemy import update
 
 from dynident_service.app import create_app
-from dynident_service.serve import configuration
+from dynident_service.serve import build_server_config
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.tables import JOBS
@@ -65,7 +65,7 @@ def serving(settings: Settings, *, with_science_of_its_own: bool = False) -> Ite
     """
     science = OfTests() if with_science_of_its_own else SCIENCE
     app = create_app(settings, science)
-    server = uvicorn.Server(configuration(app, settings))
+    server = uvicorn.Server(build_server_config(app, settings))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

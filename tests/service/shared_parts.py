@@ -9,10 +9,10 @@ from pathlib import Path
 
 from dynident import side_by_side
 from dynident.estimation import Reduction
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 from dynident.regressors import rows
-from dynident.regressors.folding import Folding
+from dynident.regressors.folding import EquationAccumulator
 from dynident_service.jobs import sharing
 
 WORKER, NOTES = "NAME_OF_THE_WORKER", "NOTES_OF_THE_WORKERS"
@@ -34,13 +34,13 @@ class Note:
 
 def share_what_is_small() -> None:
     """Let this process and its children share whatever the size."""
-    side_by_side.WORTH, sharing.WORTH, rows.MOST_VALUES = 1_000, 1_000, 0
-    side_by_side.processors = lambda: 1
-    fold, worker, folder = Folding.__call__, os.environ[WORKER], Path(os.environ[NOTES])
+    side_by_side.MIN_PARALLEL_SIZE, sharing.WORTH, rows.MOST_VALUES = 1_000, 1_000, 0
+    side_by_side.count_processors = lambda: 1
+    fold, worker, folder = EquationAccumulator.__call__, os.environ[WORKER], Path(os.environ[NOTES])
 
-    def noted(self: Folding, recording: Recording, told: Progress) -> Reduction:
+    def noted(self: EquationAccumulator, recording: Recording, told: Progress) -> Reduction:
         # What does a part for another worker tells nobody how far it is.
-        kind = "part" if told is silent else "own"
+        kind = "part" if told is ignore_progress else "own"
         name = f"{time.time_ns()} {worker} {kind} {recording.name} {os.getpid()}"
         (folder / name).touch()
         until = time.monotonic() + TAKES
@@ -49,7 +49,7 @@ def share_what_is_small() -> None:
             time.sleep(LOOK)
         return fold(self, recording, told)
 
-    Folding.__call__ = noted  # type: ignore[method-assign]
+    EquationAccumulator.__call__ = noted  # type: ignore[method-assign]
 
 
 def notes_in(folder: Path) -> list[Note]:

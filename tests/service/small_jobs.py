@@ -17,7 +17,7 @@ from sqlalchemy.exc import OperationalError
 
 from dynident.errors import DynidentError
 from dynident_service.jobs.work import Outcome, Task
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 
 
 def answer(task: Task) -> Outcome:
@@ -81,7 +81,7 @@ def waits(task: Task) -> Outcome:
 def keeps(task: Task) -> Outcome:
     """The same, then keep so many bytes."""
     waits(task)
-    return Outcome(objects=(task.keep("log", os.urandom(int(task.arguments["size"]))),))
+    return Outcome(objects=(task.store_file("log", os.urandom(int(task.arguments["size"]))),))
 
 
 def stands_still(task: Task) -> Outcome:
@@ -99,7 +99,7 @@ def holds_the_interpreter(task: Task) -> Outcome:
 def meets_a_hiccup(task: Task) -> Outcome:
     """Find the database away for a moment when progress is reported and when the result is stored."""
     for name in ("progress", "succeed"):
-        setattr(Ledger, name, _failing_at_first(name, getattr(Ledger, name), int(task.arguments["times"])))
+        setattr(JobQueue, name, _failing_at_first(name, getattr(JobQueue, name), int(task.arguments["times"])))
     time.sleep(0.15)
     task.progress(0.5, "half of it")
     return Outcome({"answer": 42})
@@ -154,7 +154,7 @@ def _failing_at_first(name: str, method: Any, times: int) -> Any:
 
     def failing(*arguments: Any) -> Any:
         if left[0] == 0:
-            setattr(Ledger, name, method)
+            setattr(JobQueue, name, method)
             return method(*arguments)
         left[0] -= 1
         raise OperationalError("UPDATE", {}, Exception("database is locked"))
@@ -164,11 +164,11 @@ def _failing_at_first(name: str, method: Any, times: int) -> Any:
 
 def goes_on(task: Task) -> Outcome:
     """Keep what was reached, die once in the middle, and tell where the last attempt began."""
-    began = int(task.checkpoints.last() or b"0")
+    began = int(task.checkpoints.load_last() or b"0")
     Path(task.arguments["note"]).write_text(str(began))
     for step in range(began, 10):
         vars(task.checkpoints)["_next"] = 0.0  # at once, not after some seconds
-        task.checkpoints.keep(lambda step=step: b"%d" % step)
+        task.checkpoints.save(lambda step=step: b"%d" % step)
         if step == 6 and began == 0:
             os.kill(os.getpid(), signal.SIGKILL)
     return Outcome()

@@ -11,9 +11,9 @@ from fastapi.testclient import TestClient
 from one_joint import one_joint_urdf
 
 from dynident_client import Client
-from dynident_service.openapi import contract
+from dynident_service.openapi import render_contract
 
-CONTRACT = json.loads(contract())
+CONTRACT = json.loads(render_contract())
 ABSURD = ("1e300", "1e-300", "Infinity", "-Infinity", "NaN", "-1", "0", str(2**70), "1e999", "9" * 5000)
 NONE = "xxx_01m8dfgap685y6e1s7z5jh44kp"
 

@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of
 
-from dynident_service.keys import create_key, hash_of
+from dynident_service.keys import create_key, hash_key
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
@@ -45,7 +45,7 @@ def test_a_made_key_opens_and_only_its_hash_is_kept(guarded: TestClient) -> None
     assert guarded.get("/v1/robots", headers={"x-api-key": key}).status_code == 200
     with database.read() as session:
         (row,) = session.query(KeyRow).filter_by(name="cell 3")
-    assert row.sha256 == hash_of(key)
+    assert row.sha256 == hash_key(key)
     assert key not in row.sha256
 
 
@@ -87,7 +87,7 @@ def test_the_command_to_make_a_key_prints_one_that_works(
     key = capsys.readouterr().out.strip()
     database = Database(Settings().database)
     migrate(database)
-    assert KeyRing(Settings(), database).holder_of(key) is not None
+    assert KeyRing(Settings(), database).find_holder(key) is not None
     database.close()
 
 
@@ -130,7 +130,7 @@ def test_who_changed_what_is_written_down_and_no_key_ever_is(
     assert lines[1] == "'nobody known': DELETE '/v1/robots/rob_nothing': 401"
     assert not any("\n" in line for line in lines)
     ours = [record.getMessage() for record in caplog.records if record.name.startswith(("dynident", "uvicorn"))]
-    assert not any(key in line or hash_of(key) in line for line in ours)
+    assert not any(key in line or hash_key(key) in line for line in ours)
 
 
 def test_keys_are_listed_with_their_last_use_and_revoked(
@@ -145,13 +145,13 @@ def test_keys_are_listed_with_their_last_use_and_revoked(
     database = Database(Settings().database)
     assert new_key.main(["--list"]) == 0
     assert capsys.readouterr().out.startswith("cell 7: read, owner Ada, used never, ends 2")
-    assert KeyRing(Settings(), database).holder_of(key) is not None
+    assert KeyRing(Settings(), database).find_holder(key) is not None
     assert new_key.main(["--list"]) == 0
     told = capsys.readouterr().out
     assert "used 2" in told
     assert key not in told
     assert new_key.main(["cell 7", "--revoke"]) == 0
-    assert KeyRing(Settings(), database).holder_of(key) is None
+    assert KeyRing(Settings(), database).find_holder(key) is None
     assert new_key.main(["cell 7", "--revoke"]) == 1
     database.close()
 

@@ -13,9 +13,9 @@ from dynident.diagnosis.result import Adequacy, Change, ChangedValue, RankedEffe
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
 from dynident.validation.on_recordings import TorqueValidation
-from dynident.validation.verdict import Judged
-from dynident_service.adapters.answers import known, shown
-from dynident_service.hints import hint_of
+from dynident.validation.verdict import ValidationOutcome
+from dynident_service.adapters.answers import from_view, to_view
+from dynident_service.hints import resolve_hint
 from dynident_service.models import diagnoses, validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))
@@ -23,10 +23,10 @@ CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))
 
 def test_what_is_no_number_is_null_and_comes_back() -> None:
     found = RankedEffect(1, CHOICE, math.nan, 0.1, 0.2, 3.0, 0.01, True, "plain", ("dahl",), 0.5)
-    told = shown(diagnoses.Candidate, found)
+    told = to_view(diagnoses.Candidate, found)
     assert (told.effect, told.joints, told.shape_parameters, told.runs) == ("stribeck", ["a"], {"vs": 0.1}, ["run 1"])
     assert told.error_before is None
-    again = known(RankedEffect, told)
+    again = from_view(RankedEffect, told)
     assert again.choice == CHOICE
     assert math.isnan(again.error_before)
     assert again.equivalent == ("dahl",)
@@ -34,14 +34,14 @@ def test_what_is_no_number_is_null_and_comes_back() -> None:
 
 def test_what_nothing_determines_comes_back_as_infinite() -> None:
     found = Separation("Fs", "N m", 0.5, math.inf, None)
-    assert shown(diagnoses.Separation, found).standard_deviation is None
-    assert known(Separation, shown(diagnoses.Separation, found)) == found
+    assert to_view(diagnoses.Separation, found).standard_deviation is None
+    assert from_view(Separation, to_view(diagnoses.Separation, found)) == found
     value = ChangedValue("m", 1.0, "kg", (-math.inf, 2.0))
-    assert known(ChangedValue, shown(diagnoses.ChangedValue, value)) == value
+    assert from_view(ChangedValue, to_view(diagnoses.ChangedValue, value)) == value
 
 
 def test_a_field_that_is_inherited_has_the_type_of_where_it_is_stated() -> None:
-    hints = {one.name: hint_of(AdvisedDiagnosis, one) for one in fields(AdvisedDiagnosis)}
+    hints = {one.name: resolve_hint(AdvisedDiagnosis, one) for one in fields(AdvisedDiagnosis)}
     assert hints["verdict"] == Adequacy
     assert hints["next_experiment"] == NextExperiment | None
 
@@ -49,14 +49,14 @@ def test_a_field_that_is_inherited_has_the_type_of_where_it_is_stated() -> None:
 def test_a_change_is_told_with_the_number_that_says_how_large_it_is() -> None:
     value = ChangedValue("m", 1.0, "kg", (0.0, 2.0))
     change = Change(CHOICE, value, (), 0.2, "plain")
-    told = shown(diagnoses.Change, change, **dict(shown(diagnoses.ChangedValue, value)))
-    assert known(Change, told, main=known(ChangedValue, told)) == change
+    told = to_view(diagnoses.Change, change, **dict(to_view(diagnoses.ChangedValue, value)))
+    assert from_view(Change, told, main=from_view(ChangedValue, told)) == change
 
 
 def test_errors_have_those_of_moving_rows_beside_them_and_none_where_a_joint_has_no_row() -> None:
     errors = Errors(np.array([1.0, 0.0]), np.array([4.0, 0.0]), np.array([4.0, 0.0]))
-    found = TorqueValidation((), errors, errors, 0.1, Judged("pass", "It is small."))
-    told = shown(validations.ValidationResult, found, kind="cross")
+    found = TorqueValidation((), errors, errors, 0.1, ValidationOutcome("pass", "It is small."))
+    told = to_view(validations.ValidationResult, found, kind="cross")
     assert told.verdict == "pass"
     assert told.total is not None
     assert told.total.moving is not None

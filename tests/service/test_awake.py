@@ -22,13 +22,13 @@ from test_jobs import is_running
 
 from dynident_service import awaited as awaited_module
 from dynident_service import following as following_module
-from dynident_service.awaited import Awaited
-from dynident_service.following import LATEST, Following
+from dynident_service.awaited import InteractiveCompute
+from dynident_service.following import LATEST, JobEventNotifier
 from dynident_service.jobs.child import STANDS_BACK
-from dynident_service.jobs.confinement import Limits
+from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.records import NewJob
 
 
@@ -44,27 +44,29 @@ class Client:
 
 
 @pytest.fixture(scope="module")
-def awaited() -> Iterator[Awaited]:
-    made = Awaited(1, SCIENCE)
+def awaited() -> Iterator[InteractiveCompute]:
+    made = InteractiveCompute(1, SCIENCE)
     yield made
     made.close()
 
 
-def ask(awaited: Awaited, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any) -> Any:
+def ask(
+    awaited: InteractiveCompute, name: str, client: Client | None = None, longest: float = 60.0, **arguments: Any
+) -> Any:
     async def call() -> Any:
         request = cast(Request, client or Client())
-        return await awaited.call(request, f"small_jobs:{name}", object, arguments, Limits(longest))
+        return await awaited.call(request, f"small_jobs:{name}", object, arguments, ComputationLimits(longest))
 
     return anyio.run(call)
 
 
-def test_a_request_gets_what_a_child_computed(awaited: Awaited) -> None:
+def test_a_request_gets_what_a_child_computed(awaited: InteractiveCompute) -> None:
     assert [ask(awaited, "twice", number=n) for n in range(3)] == [0, 2, 4]
 
 
 def test_what_a_request_waits_for_stands_back_behind_who_answers_and_before_jobs() -> None:
     nursery = StandingBack()
-    awaited = Awaited(1, nursery)
+    awaited = InteractiveCompute(1, nursery)
     own = os.getpriority(os.PRIO_PROCESS, 0)
     if own > 19 - 2 * STANDS_BACK:
         pytest.skip("these tests stand back themselves, so far that nothing can stand behind them")
@@ -73,7 +75,7 @@ def test_what_a_request_waits_for_stands_back_behind_who_answers_and_before_jobs
     nursery.close()
 
 
-def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:
+def test_what_goes_wrong_in_the_child_is_the_answer(awaited: InteractiveCompute) -> None:
     with pytest.raises(ProblemError, match="q3 has a gap") as caught:
         ask(awaited, "refuses")
     assert caught.value.problem.status == 422
@@ -87,7 +89,7 @@ def test_what_goes_wrong_in_the_child_is_the_answer(awaited: Awaited) -> None:
     assert ask(awaited, "twice", number=4) == 8
 
 
-def test_a_computation_ends_when_its_client_leaves(awaited: Awaited, tmp_path: Path) -> None:
+def test_a_computation_ends_when_its_client_leaves(awaited: InteractiveCompute, tmp_path: Path) -> None:
     client, note = Client(), tmp_path / "pid"
 
     def leave() -> None:
@@ -103,7 +105,9 @@ def test_a_computation_ends_when_its_client_leaves(awaited: Awaited, tmp_path: P
     assert ask(awaited, "twice", number=4) == 8
 
 
-def test_a_computation_that_takes_too_long_for_a_request_is_stopped(awaited: Awaited, tmp_path: Path) -> None:
+def test_a_computation_that_takes_too_long_for_a_request_is_stopped(
+    awaited: InteractiveCompute, tmp_path: Path
+) -> None:
     with pytest.raises(ProblemError, match="longer than 1 s") as caught:
         ask(awaited, "never_answers", longest=1.0, note=str(tmp_path / "pid"))
     assert caught.value.problem.status == 503
@@ -111,7 +115,7 @@ def test_a_computation_that_takes_too_long_for_a_request_is_stopped(awaited: Awa
 
 def test_too_many_that_wait_are_told_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(awaited_module, "MOST_WAITING", 0)
-    awaited = Awaited(1, SCIENCE)
+    awaited = InteractiveCompute(1, SCIENCE)
     with pytest.raises(ProblemError) as caught:
         ask(awaited, "twice", number=1)
     assert caught.value.problem.status == 429
@@ -119,7 +123,7 @@ def test_too_many_that_wait_are_told_to_come_back(monkeypatch: pytest.MonkeyPatc
 
 
 def test_files_that_are_read_for_long_keep_no_short_computation_waiting(tmp_path: Path) -> None:
-    awaited = Awaited(2, SCIENCE)
+    awaited = InteractiveCompute(2, SCIENCE)
     clients = [Client(), Client()]
     notes = [tmp_path / "first", tmp_path / "second"]
 
@@ -145,25 +149,25 @@ def test_files_that_are_read_for_long_keep_no_short_computation_waiting(tmp_path
     awaited.close()
 
 
-def test_the_database_is_looked_at_once_for_all_who_follow(ledger: Ledger, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_database_is_looked_at_once_for_all_who_follow(ledger: JobQueue, monkeypatch: pytest.MonkeyPatch) -> None:
     job_id, other = (ledger.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(2))
-    last = ledger.history(job_id)[0][-1].id
+    last = ledger.read_events(job_id)[0][-1].id
     looks = 0
-    news = Ledger.news
+    news = JobQueue.find_newest_events
 
-    def counted(self: Ledger, after: int, job_ids: Any) -> tuple[dict[str, int], int]:
+    def counted(self: JobQueue, after: int, job_ids: Any) -> tuple[dict[str, int], int]:
         nonlocal looks
         looks += 1
         return news(self, after, job_ids)
 
-    monkeypatch.setattr(Ledger, "news", counted)
+    monkeypatch.setattr(JobQueue, "find_newest_events", counted)
     told: list[str] = []
 
     async def follow() -> None:
-        following = Following(ledger)
+        following = JobEventNotifier(ledger)
 
         async def wait(job: str, after: int) -> None:
-            await following.until_news(job, after)
+            await following.wait_for_news(job, after)
             told.append(job)
 
         async with anyio.create_task_group() as group:
@@ -220,23 +224,23 @@ def test_health_answers_while_many_heavy_requests_are_made_and_left(tmp_path: Pa
 
 
 def test_what_the_engine_tells_is_told_at_once_and_what_others_write_soon(
-    ledger: Ledger, monkeypatch: pytest.MonkeyPatch
+    ledger: JobQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(following_module, "LATEST", 3.0)
     first, second = (ledger.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(2))
-    last = {job: ledger.history(job)[0][-1].id for job in (first, second)}
+    last = {job: ledger.read_events(job)[0][-1].id for job in (first, second)}
 
     async def follow() -> None:
-        following = Following(ledger)
-        following.nudge()  # nobody follows yet
+        following = JobEventNotifier(ledger)
+        following.wake()  # nobody follows yet
 
         async def waited_for(job: str, *, told: bool) -> float:
             async with anyio.create_task_group() as group:
-                group.start_soon(following.until_news, job, last[job])
+                group.start_soon(following.wait_for_news, job, last[job])
                 await anyio.sleep(0.5)  # it has been looked, and there was nothing
                 await to_thread.run_sync(ledger.cancel, job)
                 if told:
-                    await to_thread.run_sync(following.nudge)
+                    await to_thread.run_sync(following.wake)
                 began = time.monotonic()
             return time.monotonic() - began
 

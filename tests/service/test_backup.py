@@ -22,9 +22,9 @@ from dynident.robot import library_table
 from dynident_service.cli.app import app
 from dynident_service.routes import identifications, measurements
 from dynident_service.services import Services
-from dynident_service.storage.backup import back_up, restore, tables
-from dynident_service.storage.doctor import examine
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.backup import back_up, list_tables, restore
+from dynident_service.storage.doctor import check_storage
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
@@ -54,10 +54,10 @@ def hashes(store: Store, *but: str) -> dict[str, str]:
     """The hash of each table and of each object."""
     found = {}
     with store.database.engine.connect() as connection:
-        for table in tables():
+        for table in list_tables():
             rows = connection.execute(select(table).order_by(*table.primary_key)).all()
             found[table.name] = hashlib.sha256(repr(rows).encode()).hexdigest()
-    for key, _ in store.objects.listed():
+    for key, _ in store.objects.list_objects():
         found[key] = hashlib.sha256(store.objects.get(key)).hexdigest()
     return {name: value for name, value in found.items() if name not in but}
 
@@ -65,12 +65,12 @@ def hashes(store: Store, *but: str) -> dict[str, str]:
 def filled(store: Store) -> None:
     for n in range(3):
         store.make(b"a recording, %d" % n)
-    ledger = Ledger(store.database)
+    ledger = JobQueue(store.database)
     for _ in range(2):
         ledger.enqueue(JOB)
     (claim,) = ledger.claim(1)
-    ledger.progress(claim, 0.5, "half")
-    ledger.succeed(claim, lambda session: None)
+    ledger.record_progress(claim, 0.5, "half")
+    ledger.record_success(claim, lambda session: None)
 
 
 @pytest.mark.parametrize("target", ["backup", "backup.zip"])
@@ -87,7 +87,7 @@ def test_after_the_loss_of_everything_all_hashes_are_as_before(at: Open, tmp_pat
     assert run.exit_code == 0, run.output
     again = open_store(store.database.url, tmp_path / "data")
     assert hashes(again) == before
-    assert list(examine(again.database, again.objects)) == []
+    assert list(check_storage(again.database, again.objects)) == []
     second = CliRunner().invoke(app, ["restore", str(tmp_path / target), *options])
     assert (second.exit_code, "empty" in second.output) == (2, True), second.output
     again.database.close()
@@ -95,13 +95,13 @@ def test_after_the_loss_of_everything_all_hashes_are_as_before(at: Open, tmp_pat
 
 def test_what_was_being_computed_waits_again_after_a_restore(at: Open, tmp_path: Path) -> None:
     store = at("data")
-    ledger = Ledger(store.database)
+    ledger = JobQueue(store.database)
     job_id = ledger.enqueue(JOB)
     ledger.claim(1)
     back_up(store.database, store.objects, tmp_path / "backup")
     other = at("other")
     restore(other.database, other.objects, tmp_path / "backup", tmp_path)
-    (claim,) = Ledger(other.database).claim(1)
+    (claim,) = JobQueue(other.database).claim(1)
     assert (claim.job_id, claim.attempt) == (job_id, 2)
 
 
@@ -132,13 +132,13 @@ def test_a_damaged_or_cut_backup_is_refused_and_nothing_is_restored(at: Open, tm
             (backup / "manifest.json").unlink()
         run = CliRunner().invoke(app, options)
         assert run.exit_code == 2, run.output
-        assert empty.resources.page("robot", 5).items == ()
+        assert empty.resources.list_page("robot", 5).items == ()
         shutil.rmtree(backup)
 
 
 def emptied(store: Store) -> None:
     with store.database.engine.begin() as connection:
-        for table in reversed(tables()):
+        for table in reversed(list_tables()):
             connection.execute(table.delete())
 
 
@@ -152,7 +152,7 @@ def test_a_backup_of_sqlite_is_restored_into_postgresql(at: Open, tmp_path: Path
     emptied(other)
     restore(other.database, other.objects, tmp_path / "backup", tmp_path)
     assert hashes(other) == hashes(store)
-    Ledger(other.database).enqueue(JOB)  # its event has a number of its own
+    JobQueue(other.database).enqueue(JOB)  # its event has a number of its own
     emptied(other)  # others use it, too
     other.database.close()
 
@@ -198,13 +198,13 @@ def test_a_robot_goes_to_another_service_with_all_that_belongs_to_it(
         run = CliRunner().invoke(app, ["import-robot", str(bundle), "--data-dir", str(tmp_path / "other")])
         assert (run.exit_code, run.output.splitlines()[0]) == (0, model["robot_id"]), run.output
     there = other.resources.get("identification", model["id"])
-    assert identifications.show(there).model_dump(mode="json") == model
+    assert identifications.show_identification(there).model_dump(mode="json") == model
     recording = other.resources.get("measurement", model["request"]["measurement_ids"][0])
     here = services.resources.get("measurement", recording.id)
-    assert measurements.show(recording) == measurements.show(here)
-    assert list(examine(other.database, other.objects)) == []
+    assert measurements.show_measurement(recording) == measurements.show_measurement(here)
+    assert list(check_storage(other.database, other.objects)) == []
     assert other.resources.find(stranger_id) is None
-    assert Ledger(other.database).history(model["job_id"])[0][-1].data == {"state": "succeeded"}
+    assert JobQueue(other.database).read_events(model["job_id"])[0][-1].data == {"state": "succeeded"}
     assert client.get("/v1/robots/rob_nothing/bundle").status_code == 404
 
 
@@ -230,7 +230,7 @@ def test_a_bundle_that_was_tampered_with_is_refused(
                 file.writestr(other_name, put if other_name == name else kept)
         run = CliRunner().invoke(app, ["import-robot", str(changed), "--data-dir", str(tmp_path / "other")])
         assert (run.exit_code, "cannot be used" in run.output) == (2, True), run.output
-    assert other.resources.page("robot", 5).items == ()
+    assert other.resources.list_page("robot", 5).items == ()
 
 
 def test_a_backup_of_an_older_version_is_read_and_one_of_a_newer_is_not(at: Open, tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from test_backup import Open, at, hashes
 from test_nothing_is_lost import Store, open_store
 
 from dynident.errors import DynidentError
-from dynident_service.storage.backup import back_up, files_to_write, restore
-from dynident_service.storage.doctor import examine
+from dynident_service.storage.backup import back_up, open_archive_for_writing, restore
+from dynident_service.storage.doctor import check_storage
 from dynident_service.storage.migrate import migrate
 
 __all__ = ["at"]
@@ -58,7 +58,9 @@ def test_a_backup_killed_at_random_instants_leaves_one_whole(at: Open, tmp_path:
     assert list(tmp_path.glob("*.part")) == []
     if target.is_dir():
         assert len(list(target.glob("tables*"))) == 1
-        assert {path.name for path in (target / "objects").iterdir()} == {key for key, _ in store.objects.listed()}
+        assert {path.name for path in (target / "objects").iterdir()} == {
+            key for key, _ in store.objects.list_objects()
+        }
 
 
 def make_some(store: Store, name: str, number: int) -> None:
@@ -72,7 +74,7 @@ def restored_from(target: Path, folder: Path) -> dict[str, str]:
     store = open_store(f"sqlite:///{folder / 'dynident.sqlite3'}", folder)
     migrate(store.database)
     restore(store.database, store.objects, target, folder / "scratch")
-    assert list(examine(store.database, store.objects)) == []
+    assert list(check_storage(store.database, store.objects)) == []
     found = hashes(store)
     store.database.close()
     shutil.rmtree(folder)
@@ -94,7 +96,7 @@ def cut(at: Open, tmp_path: Path) -> Iterator[tuple[Store, Path]]:
 
 def test_what_a_killed_backup_left_is_removed_and_nothing_else(cut: tuple[Store, Path]) -> None:
     store, target = cut
-    gone = store.resources.page("robot", 1).items[0]
+    gone = store.resources.list_page("robot", 1).items[0]
     store.resources.delete("robot", gone.id)
     back_up(store.database, store.objects, target)
     assert len(list(target.glob("tables*"))) == 1
@@ -105,7 +107,7 @@ def test_what_a_killed_backup_left_is_removed_and_nothing_else(cut: tuple[Store,
 def test_two_processes_do_not_write_one_backup_at_a_time(cut: tuple[Store, Path], tmp_path: Path) -> None:
     store, target = cut
     for archive in (target, tmp_path / "backup.zip"):
-        with files_to_write(archive), pytest.raises(DynidentError, match="another process writes"):
+        with open_archive_for_writing(archive), pytest.raises(DynidentError, match="another process writes"):
             back_up(store.database, store.objects, archive)
     assert restored_from(target, tmp_path / "restored") == hashes(store)
 

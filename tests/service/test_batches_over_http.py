@@ -16,10 +16,10 @@ from test_uploads import as_csv, sound, upload
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.storage.records import Dependency, NewJob, NewResource
 from dynident_service.storage.resources import Resources
 
 PATH = "/v1/identifications/batch"
@@ -133,16 +133,16 @@ def test_what_says_that_they_were_asked_for_together_can_go_before_or_after_them
 
 def test_a_batch_is_cancelled_whole_and_what_has_ended_stays(idle: TestClient, body_of_idle: dict[str, Any]) -> None:
     batch, other = (idle.post(PATH, json={"items": [body_of_idle] * 3}).json() for _ in range(2))
-    ledger: Ledger = idle.app.state.services.ledger  # type: ignore[attr-defined]
+    ledger: JobQueue = idle.app.state.services.ledger  # type: ignore[attr-defined]
     ended, running = ledger.claim(2)
-    ledger.succeed(ended, lambda session: None)
+    ledger.record_success(ended, lambda session: None)
     for _ in range(2):
         cancelled = idle.post(f"{PATH}/{batch['id']}/cancel")
         assert cancelled.status_code == 200, cancelled.text
         assert cancelled.json()["states"] == {"succeeded": 1, "running": 1, "cancelled": 1}
-    assert ledger.standing(running) == "cancel"
+    assert ledger.get_standing(running) == "cancel"
     last = cancelled.json()["items"][2]["job_id"]
-    events = [event.data for event in ledger.history(last)[0]]
+    events = [event.data for event in ledger.read_events(last)[0]]
     assert events == [{"state": "queued"}, {"state": "cancelled"}]
     assert idle.get(f"/v1/jobs/{last}").json()["finished_at"] is not None
     assert idle.get(f"{PATH}/{other['id']}").json()["states"] == {"queued": 3}
@@ -195,22 +195,24 @@ def test_all_or_none_are_stored_on_either_database(request: pytest.FixtureReques
         robot = stored.create(NewResource("robot", {}, name="arm")).id
 
         def of(*robots: str) -> list[NewResource]:
-            needs = [RestsOn(one, "robot", "robot", f"/items/{number}/robot_id") for number, one in enumerate(robots)]
+            needs = [
+                Dependency(one, "robot", "robot", f"/items/{number}/robot_id") for number, one in enumerate(robots)
+            ]
             job = NewJob("identification", "small_jobs:answer")
             return [NewResource("identification", {}, rests_on=(need,), job=job) for need in needs]
 
         made = stored.create_together(of(robot, robot), lambda ids: NewResource("batch", {}, result={"ids": ids}))
         assert made.result is not None
         found = stored.find_all(made.result["ids"])
-        assert [found[one].one("robot") for one in made.result["ids"]] == [robot, robot]
+        assert [found[one].get_dependency("robot") for one in made.result["ids"]] == [robot, robot]
         with pytest.raises(ProblemError) as refused:
             stored.create_together(of(robot, "rob_nothing"), lambda ids: NewResource("batch", {}))
         assert refused.value.problem.errors is not None
         assert refused.value.problem.errors[0].pointer == "/items/1/robot_id"
-        assert len(stored.page("identification", 500, on_id=robot).items) == 2
+        assert len(stored.list_page("identification", 500, on_id=robot).items) == 2
         for one in found:  # other tests on this database claim whatever is queued
             assert found[one].job is not None
-            Ledger(database).cancel(found[one].job.id)
+            JobQueue(database).cancel(found[one].job.id)
     finally:
         database.close()
 

@@ -11,10 +11,10 @@ from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
 from dynident_service.jobs import checkpoints
-from dynident_service.jobs.checkpoints import KeptCheckpoints
-from dynident_service.storage.checkpoints import MOST, Checkpointing
+from dynident_service.jobs.checkpoints import JobCheckpoints
+from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import CheckpointRow
 
@@ -22,7 +22,7 @@ JOB = NewJob("report", "small_jobs:answer")
 
 
 @pytest.fixture
-def database(ledger: Ledger) -> Database:
+def database(ledger: JobQueue) -> Database:
     return ledger._database
 
 
@@ -31,25 +31,25 @@ def kept(database: Database) -> list[bytes]:
         return list(session.scalars(select(CheckpointRow.content)))
 
 
-def test_the_next_attempt_begins_where_the_last_one_was(ledger: Ledger, database: Database) -> None:
+def test_the_next_attempt_begins_where_the_last_one_was(ledger: JobQueue, database: Database) -> None:
     ledger.enqueue(JOB)
-    storage = Checkpointing(database)
+    storage = CheckpointStore(database)
     (first,) = ledger.claim(1)
-    storage.keep(first, b"half")
-    storage.keep(first, b"more than half")
-    ledger.died(first, "killed")
+    storage.save(first, b"half")
+    storage.save(first, b"more than half")
+    ledger.record_death(first, "killed")
     (second,) = ledger.claim(1)
-    assert KeptCheckpoints(storage, first).last() is None
-    assert KeptCheckpoints(storage, second).last() == b"more than half"
-    storage.keep(first, b"of one that was given up for dead")
-    storage.keep(second, b"." * (MOST + 1))
+    assert JobCheckpoints(storage, first).load_last() is None
+    assert JobCheckpoints(storage, second).load_last() == b"more than half"
+    storage.save(first, b"of one that was given up for dead")
+    storage.save(second, b"." * (MAX_CHECKPOINT_BYTES + 1))
     assert kept(database) == [b"more than half"]
-    ledger.succeed(second, lambda session: None)
+    ledger.record_success(second, lambda session: None)
     assert kept(database) == []
 
 
 def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
-    ledger: Ledger, database: Database, monkeypatch: pytest.MonkeyPatch
+    ledger: JobQueue, database: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ledger.enqueue(JOB)
     (claim,) = ledger.claim(1)
@@ -59,14 +59,14 @@ def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
         made.append(b"x")
         return b"x"
 
-    seldom = KeptCheckpoints(Checkpointing(database), claim)
+    seldom = JobCheckpoints(CheckpointStore(database), claim)
     for _ in range(100):
-        seldom.keep(make)
+        seldom.save(make)
     assert made == []
     monkeypatch.setattr(checkpoints, "EVERY", 0.0)
-    broken = Checkpointing(database)
-    monkeypatch.setattr(broken, "keep", _away)
-    KeptCheckpoints(broken, claim).keep(make)
+    broken = CheckpointStore(database)
+    monkeypatch.setattr(broken, "save", _away)
+    JobCheckpoints(broken, claim).save(make)
     assert made == [b"x"]
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from dynident_service.jobs.calls import Call
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.nursery import Exit
-from dynident_service.jobs.pool import Child
+from dynident_service.jobs.nursery import ProcessExit
+from dynident_service.jobs.pool import ChildProcess
 
 
 class Orphanage:
@@ -25,14 +25,14 @@ class Orphanage:
         if self._leaves_unread:
             self.end = socket.socket(fileno=os.dup(jobs))
 
-    def exit_of(self, pid: int, *, reap: bool) -> Exit | None:
+    def exit_of(self, pid: int, *, reap: bool) -> ProcessExit | None:
         return None
 
 
 @pytest.mark.parametrize("leaves_unread", [False, True])
 def test_what_is_sent_to_a_process_that_is_gone_is_told_as_its_death(leaves_unread: bool) -> None:
     orphanage = Orphanage(leaves_unread)
-    child = Child(cast(Any, orphanage), Confinement())
+    child = ChildProcess(cast(Any, orphanage), Confinement())
     call = Call("module:name", {})
     if orphanage.end is not None:
         child.send(call)

@@ -15,7 +15,7 @@ from dynident.diagnosis import Comparison
 from dynident.diagnosis.comparing.stored import write_comparison
 from dynident.recordings.phases import Phase
 from dynident_service.services import Services
-from dynident_service.storage.records import NewResource, Owned
+from dynident_service.storage.records import NewResource, OwnedObject
 
 M = 3000
 REST = slice(1000, 2000)
@@ -68,7 +68,7 @@ def stored(
     path = write_comparison(comparison(temperature=temperature), folder / "signals.parquet")
     change(path)
     kept = services.objects.put_bytes(path.read_bytes())
-    signals = Owned("signals", kept.key, kept.size, "application/vnd.apache.parquet")
+    signals = OwnedObject("signals", kept.key, kept.size, "application/vnd.apache.parquet")
     made = services.resources.create(NewResource("comparison", {}, objects=(signals,)))
     yield f"/v1/comparisons/{made.id}"
     services.resources.delete("comparison", made.id)

@@ -18,12 +18,12 @@ from test_awake import Client
 from test_jobs import is_running
 
 from dynident_service import awaited as awaited_module
-from dynident_service.awaited import Awaited
-from dynident_service.jobs.confinement import Limits
+from dynident_service.awaited import InteractiveCompute
+from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.services import confine_readers
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import FINAL, NewJob
 
@@ -36,9 +36,9 @@ class Installation:
 
     data: Path
     settings: Settings
-    readers: Awaited
+    readers: InteractiveCompute
 
-    def ask(self, name: str, limits: Limits | None = None, **arguments: Any) -> Any:
+    def ask(self, name: str, limits: ComputationLimits | None = None, **arguments: Any) -> Any:
         """Have a reader call a function."""
 
         async def call() -> Any:
@@ -56,7 +56,7 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
     (data / "dynident.sqlite3").write_text("the keys of everybody")
     objects = ObjectStore(settings.objects, settings.cache_dir)
     confinement = replace(confine_readers(settings, objects), memory=MEMORY)
-    readers = Awaited(1, SCIENCE, confinement)
+    readers = InteractiveCompute(1, SCIENCE, confinement)
     yield Installation(data, settings, readers)
     readers.close()
 
@@ -98,7 +98,7 @@ def test_its_temporary_files_are_in_a_folder_of_its_own_that_goes_with_it(instal
     assert folder.parent == installation.settings.processes_dir
     assert folder.is_dir()
     with pytest.raises(ProblemError):
-        installation.ask("compute", Limits(0.5), seconds=30)  # killed
+        installation.ask("compute", ComputationLimits(0.5), seconds=30)  # killed
     assert not folder.exists()
 
 
@@ -112,7 +112,7 @@ def test_too_much_memory_is_a_problem_of_the_request_alone(installation: Install
 def test_too_large_a_file_is_refused_while_it_is_written(installation: Installation) -> None:
     target = installation.settings.uploads_dir / "large"
     with pytest.raises(ProblemError, match="larger than a request may write") as caught:
-        installation.ask("write_file", Limits(file_bytes=1000), path=str(target), size=5000)
+        installation.ask("write_file", ComputationLimits(file_bytes=1000), path=str(target), size=5000)
     assert caught.value.problem.status == 413
     assert target.stat().st_size <= 1000
     # The next computation has limits of its own.
@@ -121,10 +121,10 @@ def test_too_large_a_file_is_refused_while_it_is_written(installation: Installat
 
 def test_too_much_processor_time_is_told_as_what_it_is(installation: Installation) -> None:
     with pytest.raises(ProblemError, match="more than 1 s, far more than a file of its size takes") as caught:
-        installation.ask("compute", Limits(60, processor_seconds=1), seconds=20)
+        installation.ask("compute", ComputationLimits(60, processor_seconds=1), seconds=20)
     assert caught.value.problem.status == 422
     # What one computation used is not counted to the next.
-    limits = Limits(60, processor_seconds=2)
+    limits = ComputationLimits(60, processor_seconds=2)
     assert [installation.ask("compute", limits, seconds=1.2) for _ in range(3)] == ["done"] * 3
 
 
@@ -134,22 +134,22 @@ def test_a_reader_that_goes_round_in_circles_is_killed_within_seconds(
     monkeypatch.setattr(awaited_module, "STUCK_SECONDS", 1.0)
     before = [child.pid for child in installation.readers._pool._idle]
     with pytest.raises(ProblemError, match="busy without any progress") as caught:
-        installation.ask("go_round_in_circles", Limits(60))
+        installation.ask("go_round_in_circles", ComputationLimits(60))
     assert caught.value.problem.status == 422
     wait_for(lambda: not any(is_running(pid) for pid in before if pid), timeout=5)
     # One that computes and lives is left alone.
-    assert installation.ask("compute", Limits(60), seconds=2.5) == "done"
+    assert installation.ask("compute", ComputationLimits(60), seconds=2.5) == "done"
 
 
 @pytest.fixture(scope="module")
-def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ledger]:
+def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobQueue]:
     settings = Settings(data_dir=tmp_path_factory.mktemp("jobs"), workers=1, job_memory=ByteSize(MEMORY))
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         yield client.app.state.services.ledger  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("size", "is_killed"), [(2 * MEMORY, False), (int(0.8 * MEMORY), True)])
-def test_a_job_that_takes_too_much_memory_is_tried_once(ledger: Ledger, size: int, is_killed: bool) -> None:
+def test_a_job_that_takes_too_much_memory_is_tried_once(ledger: JobQueue, size: int, is_killed: bool) -> None:
     arguments = {"size": size, "is_killed": is_killed}
     job_id = ledger.enqueue(NewJob("report", "confined_calls:take_memory", arguments))
     job = wait_for(lambda: job if (job := ledger.get(job_id)).state in FINAL else None)
@@ -158,14 +158,14 @@ def test_a_job_that_takes_too_much_memory_is_tried_once(ledger: Ledger, size: in
     assert "more than the 600 MB that a job may take (DYNIDENT_JOB_MEMORY)" in job.error["detail"]
 
 
-def test_a_job_within_its_memory_is_done(ledger: Ledger) -> None:
+def test_a_job_within_its_memory_is_done(ledger: JobQueue) -> None:
     arguments = {"size": MEMORY // 3, "is_killed": False}
     job_id = ledger.enqueue(NewJob("report", "confined_calls:take_memory", arguments))
     assert wait_for(lambda: job if (job := ledger.get(job_id)).state in FINAL else None).state == "succeeded"
 
 
 def test_what_may_be_taken_grows_with_what_was_sent() -> None:
-    small, large = Limits.for_files(8_000), Limits.for_files(10**9, 3 * 10**9)
+    small, large = ComputationLimits.from_file_sizes(8_000), ComputationLimits.from_file_sizes(10**9, 3 * 10**9)
     assert small.longest < 300
     assert small.processor_seconds is not None
     assert large.processor_seconds is not None

@@ -12,10 +12,10 @@ import pytest
 from fastapi.testclient import TestClient
 from oracles import arm, fourier_motion, pinocchio_torque
 
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.robot import urdf_from_robot
 from dynident_client import Client, Computed, ProblemError, Record
-from dynident_service.jobs.work import Memory, Task
+from dynident_service.jobs.work import ObjectCache, Task
 from dynident_service.services import Services
 from dynident_service.work.current_models import find_currents
 
@@ -66,7 +66,9 @@ def test_every_joint_tells_its_current_on_a_motion_that_it_has_not_seen(lab: Lab
     made = lab.asked()
     made.cancel()
     stored = services.resources.get("current_models", made.id)
-    joints = find_currents(Task(stored, {}, services.resources, services.objects, Memory(), silent)).result["joints"]
+    joints = find_currents(
+        Task(stored, {}, services.resources, services.objects, ObjectCache(), ignore_progress)
+    ).result["joints"]
     assert [one["joint"] for one in joints] == list(ARM.joint_names)
     for joint, gain in zip(joints, GAINS, strict=True):
         assert joint["held_out_relative"] < 0.1

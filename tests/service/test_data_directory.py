@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from dynident_service import new_key
 from dynident_service.cli.app import app
 from dynident_service.settings import Settings
-from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory, private_files
+from dynident_service.storage.data_directory import mark_in_use, prepare_data_directory, restrict_file_permissions
 
 UNWRITABLE = Path("/proc/self")
 """Nobody makes files there, not even root, who may write wherever modes alone forbid it."""
@@ -52,7 +52,7 @@ def test_one_that_others_may_enter_is_told_at_the_start(tmp_path: Path, caplog: 
 
 def test_what_the_command_line_writes_is_not_for_everybody(tmp_path: Path) -> None:
     folder, target = tmp_path / "data", tmp_path / "backup.zip"
-    with private_files():
+    with restrict_file_permissions():
         folder.mkdir()
     for command in (["backup", str(target)], ["doctor"]):
         run = CliRunner().invoke(app, [*command, "--data-dir", str(folder)])

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 
 from dynident_service.cli.app import app
 from dynident_service.jobs import stored_files
-from dynident_service.jobs.nursery import Nursery
-from dynident_service.storage.doctor import Finding, examine, repair
+from dynident_service.jobs.nursery import ForkServer
+from dynident_service.storage.doctor import Defect, check_storage, repair
 from dynident_service.storage.migrate import migrate
-from dynident_service.storage.records import Kind, NewResource, Owned
-from dynident_service.storage.tombstones import sweep
+from dynident_service.storage.records import Kind, NewResource, OwnedObject
+from dynident_service.storage.tombstones import sweep_objects
 
 OLDER = Path(__file__).parent.parent / "older_versions"
 
@@ -33,8 +33,8 @@ def store(tmp_path: Path) -> Iterator[Store]:
     opened.database.close()
 
 
-def found(store: Store, *, by_hash: bool = True) -> list[Finding]:
-    return list(examine(store.database, store.objects, by_hash=by_hash))
+def found(store: Store, *, by_hash: bool = True) -> list[Defect]:
+    return list(check_storage(store.database, store.objects, by_hash=by_hash))
 
 
 def told(store: Store, *options: str) -> tuple[int, str]:
@@ -78,15 +78,15 @@ def test_orphans_and_leftovers_are_put_right_and_nothing_else_is_touched(store: 
     assert told(store, "--repair")[0] == 0
     assert found(store) == []
     assert (leftover.exists(), unfinished.exists(), foreign.exists()) == (False, True, True)
-    assert store.objects.size(orphan.key) is not None  # until the sweep
-    sweep(store.database, store.objects, timedelta(0))
-    assert store.objects.size(orphan.key) is None
+    assert store.objects.get_size(orphan.key) is not None  # until the sweep
+    sweep_objects(store.database, store.objects, timedelta(0))
+    assert store.objects.get_size(orphan.key) is None
     assert store.objects.get(resource.objects["original"].key) == CONTENT
 
 
 def test_what_cannot_be_put_right_without_loss_is_refused(store: Store) -> None:
     with pytest.raises(ValueError, match="missing"):
-        repair(store.database, store.objects, Finding("missing", "0" * 64, "gone"))
+        repair(store.database, store.objects, Defect("missing", "0" * 64, "gone"))
 
 
 def test_damaged_pages_of_the_database_are_told(store: Store) -> None:
@@ -112,7 +112,7 @@ def test_a_folder_that_is_not_there_is_told_and_not_made(tmp_path: Path) -> None
 def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_do(store: Store) -> None:
     def made(kind: Kind, role: str, content: bytes) -> str:
         stored = store.resources.put(content)
-        owned = (Owned(role, stored.key, stored.size, "application/octet-stream"),)
+        owned = (OwnedObject(role, stored.key, stored.size, "application/octet-stream"),)
         return store.resources.create(NewResource(kind, {}, result={}, objects=owned)).id
 
     newer = io.BytesIO()
@@ -142,11 +142,11 @@ def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stored_files, "FUNCTION", "small_jobs:read_as_it_says")
-    monkeypatch.setattr(Nursery, "PROGRAM", WithoutScience.PROGRAM)
+    monkeypatch.setattr(ForkServer, "PROGRAM", WithoutScience.PROGRAM)
     with stored_files.StoredFilesReader(store.objects) as reader:
-        assert reader.problem_of(store.resources.create(NewResource("robot", {"it": "is read"}))) is None
+        assert reader.find_problem(store.resources.create(NewResource("robot", {"it": "is read"}))) is None
         for what in ("dies", "hangs"):
             store.resources.create(NewResource("robot", {"it": what}))
         monkeypatch.setattr(stored_files, "LONGEST", 5.0)  # from here on each process begins at once
-        details = {one.detail for one in examine(store.database, store.objects, problem_of=reader.problem_of)}
+        details = {one.detail for one in check_storage(store.database, store.objects, problem_of=reader.find_problem)}
     assert details == {"the process that read it died", "it was not read within 5 s"}

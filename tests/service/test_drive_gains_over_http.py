@@ -17,11 +17,11 @@ from oracles import fourier_motion, pinocchio_rows
 from typer.testing import CliRunner
 
 from dynident.errors import DynidentError
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.robot import robot_from_urdf
 from dynident_client import Client, Computed, JobFailed, ProblemError, Record
 from dynident_service.cli.app import app
-from dynident_service.jobs.work import Memory, Task
+from dynident_service.jobs.work import ObjectCache, Task
 from dynident_service.services import Services
 from dynident_service.work.drive_gains import find_gains
 
@@ -80,7 +80,9 @@ class Lab:
         made = self.asked(**changed)
         made.cancel()
         stored = services.resources.get("drive_gains", made.id)
-        return dict(find_gains(Task(stored, {}, services.resources, services.objects, Memory(), silent)).result)
+        return dict(
+            find_gains(Task(stored, {}, services.resources, services.objects, ObjectCache(), ignore_progress)).result
+        )
 
     def refused(self, **changed: Any) -> tuple[str, str]:
         """Pointer and detail of the refusal of an otherwise good request."""

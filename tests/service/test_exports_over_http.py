@@ -16,22 +16,22 @@ from dynident.export import ExportedFile, model_from_json
 from dynident.robot import library_table, robot_from_urdf
 from dynident_client import Client, ProblemError
 from dynident_client.records import Record
-from dynident_service.adapters.exports import file_response
+from dynident_service.adapters.exports import build_file_response
 
 DRIVES = [{"effect": name} for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous")]
 
 
 def test_notes_travel_in_a_header_that_proxies_take() -> None:
-    few = file_response(ExportedFile("a.urdf", "application/xml", b"<robot/>", ("Moment in N m², left out.",)))
+    few = build_file_response(ExportedFile("a.urdf", "application/xml", b"<robot/>", ("Moment in N m², left out.",)))
     assert json.loads(few.headers["Dynident-Notes"]) == ["Moment in N m², left out."]
     assert few.headers["Dynident-Notes"].isascii()
     assert few.headers["Content-Disposition"] == 'attachment; filename="a.urdf"'
-    many = file_response(ExportedFile("a.urdf", "application/xml", b"", tuple("x" * 500 for _ in range(40))))
+    many = build_file_response(ExportedFile("a.urdf", "application/xml", b"", tuple("x" * 500 for _ in range(40))))
     assert len(many.headers["Dynident-Notes"]) <= 3100
     assert json.loads(many.headers["Dynident-Notes"])[-1] == "35 more in the file"
-    long = file_response(ExportedFile("a.urdf", "application/xml", b"", ("x" * 5000,)))
+    long = build_file_response(ExportedFile("a.urdf", "application/xml", b"", ("x" * 5000,)))
     assert json.loads(long.headers["Dynident-Notes"]) == ["1 notes in the file"]
-    assert "Dynident-Notes" not in file_response(ExportedFile("a.c", "text/x-c", b"")).headers
+    assert "Dynident-Notes" not in build_file_response(ExportedFile("a.c", "text/x-c", b"")).headers
 
 
 @pytest.fixture(scope="module")

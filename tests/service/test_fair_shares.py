@@ -7,7 +7,7 @@ from typing import Any
 import anyio
 import pytest
 
-from dynident_service.fair_shares import FairQueue, SharedPlaces, SharedQueue, Ticket, party_of_address
+from dynident_service.fair_shares import FairQueue, SharedPlaces, SharedQueue, Ticket, name_address_party
 
 
 def fill(places: SharedPlaces, party: str) -> int:
@@ -61,7 +61,7 @@ def test_what_is_given_back_may_be_taken_again() -> None:
     ],
 )
 def test_an_address_of_version_six_stands_for_its_subscriber(client: Any, party: str) -> None:
-    assert party_of_address({"client": client}) == party
+    assert name_address_party({"client": client}) == party
 
 
 async def come_in_turn(queue: FairQueue, tickets: list[Ticket], number: int) -> list[str]:
@@ -69,7 +69,7 @@ async def come_in_turn(queue: FairQueue, tickets: list[Ticket], number: int) -> 
     came: list[str] = []
 
     async def take(ticket: Ticket) -> None:
-        async with queue.turn_of(ticket):
+        async with queue.wait_for_turn(ticket):
             came.append(ticket.party)
             if number > len(came):
                 await anyio.sleep(0.01)

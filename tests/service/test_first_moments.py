@@ -20,19 +20,19 @@ import dynident_service
 from dynident_service import science
 
 PACKAGE = Path(dynident_service.__file__).parent
-ALONE = science.importing.__name__
+ALONE = science.hold_import_lock.__name__
 
 
 @pytest.mark.parametrize("time_after_time", range(12))
 def test_requests_import_one_at_a_time_and_before_what_is_loaded_ahead(time_after_time: int) -> None:
-    turns, order = science.Turns(), list[str]()
+    turns, order = science.ImportLock(), list[str]()
 
     def has_its_turn(name: str) -> None:
-        with turns.taken(patiently=name == "ahead"):
+        with turns.hold(patiently=name == "ahead"):
             order.append(name)
 
     threads = [threading.Thread(target=has_its_turn, args=(name,)) for name in ("ahead", "ahead", "ahead", "request")]
-    with turns.taken():
+    with turns.hold():
         for thread in threads:
             thread.start()
             time.sleep(0.01)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.robot import library_table, robot_from_library
-from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, write_measurement
+from dynident.simulation import Reference, Sensors, SimulationRequest, TrueEffect, simulate, write_simulated_recording
 from dynident_client import Client
 
 pytestmark = pytest.mark.slow
@@ -65,7 +65,7 @@ def test_friction_tests_are_sent_beside_a_motion_and_used_by_separate_friction_a
         made = simulate(
             ROBOT, SimulationRequest(sweep(joint), EFFECTS, sensors=Sensors(sampling_rate=RATE), seed=joint)
         )
-        path = write_measurement(made, tmp_path / f"joint{joint + 1}.parquet")
+        path = write_simulated_recording(made, tmp_path / f"joint{joint + 1}.parquet")
         tests.append(live.measurements.upload(robot, path, name=path.stem, role="friction"))
     assert all(check["status"] != "error" for run in tests for check in run.checks)
     effects = [{"effect": name} for name in ("rigid_body", "coulomb", "viscous")]

@@ -19,8 +19,8 @@ from test_uploads import as_csv, files_in, sound
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import examine
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.doctor import check_storage
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import FINAL, NewJob, NewResource
 from dynident_service.storage.resources import Resources
@@ -90,7 +90,7 @@ def test_a_job_whose_result_finds_no_room_waits_for_it_and_ends_once_and_well(
 ) -> None:
     note, go = tmp_path / "note", tmp_path / "go"
     asked = {"note": str(note), "go": str(go), "size": 2 * MEGABYTE}
-    resources, ledger = Resources(database, objects), Ledger(database)
+    resources, ledger = Resources(database, objects), JobQueue(database)
     made = resources.create(NewResource("report", {}, job=NewJob("report", "small_jobs:keeps", asked)))
     assert made.job is not None
     wait_for(note.exists)
@@ -105,10 +105,10 @@ def test_a_job_whose_result_finds_no_room_waits_for_it_and_ends_once_and_well(
     disk.make_room()
     ended = wait_for(lambda: next((job for job in (ledger.get(made.job.id),) if job.state in FINAL), None), 60.0)
     assert (ended.state, ended.attempt) == ("succeeded", 1)
-    assert sum(event.data.get("state") in FINAL for event in ledger.history(ended.id)[0]) == 1
+    assert sum(event.data.get("state") in FINAL for event in ledger.read_events(ended.id)[0]) == 1
     (owned,) = resources.get("report", made.id).objects.values()
     assert len(objects.get(owned.key)) == owned.size == 2 * MEGABYTE
-    assert list(examine(database, objects)) == []
+    assert list(check_storage(database, objects)) == []
 
 
 def test_an_upload_during_which_the_disk_fills_up_leaves_nothing_and_may_be_sent_again(
@@ -130,14 +130,14 @@ def test_an_upload_during_which_the_disk_fills_up_leaves_nothing_and_may_be_sent
     headers = {**kinds, "content-length": str(len(body))}
     refused = http.post("/v1/measurements", content=parts(), headers=headers)
     assert refused.status_code == 507
-    assert Resources(database, objects).page("measurement", 10).items == ()
+    assert Resources(database, objects).list_page("measurement", 10).items == ()
     assert files_in(settings.data_dir / "objects") == before
     assert files_in(settings.uploads_dir) == set()
     disk.make_room()
     sent = http.post("/v1/measurements", content=body, headers=kinds)
     assert sent.status_code == 201, sent.text
     assert http.get(f"/v1/measurements/{sent.json()['id']}/content").content == content
-    assert list(examine(database, objects)) == []
+    assert list(check_storage(database, objects)) == []
 
 
 def described() -> dict[str, object]:

@@ -18,7 +18,7 @@ from sqlalchemy import func, select
 from test_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
-from dynident_service.routes.shown import look_at
+from dynident_service.routes.shown import check_stored_resource
 from dynident_service.services import Services
 from dynident_service.storage import bundle as bundle_module
 from dynident_service.storage.bundle import export_robot, import_robot
@@ -67,7 +67,7 @@ class Elsewhere:
         return self.reads_file(file)
 
     def reads_file(self, file: Path) -> str:
-        return import_robot(self.database, self.objects, file, self.folder / "scratch", look_at)[0]
+        return import_robot(self.database, self.objects, file, self.folder / "scratch", check_stored_resource)[0]
 
     def refuses(self, content: Content, word: str) -> None:
         with pytest.raises(DynidentError, match=word) as refused:
@@ -201,7 +201,7 @@ def test_lines_that_are_no_rows_are_refused(elsewhere: Elsewhere, content: Conte
 def test_a_line_without_an_end_is_refused_before_it_is_in_memory(
     elsewhere: Elsewhere, content: Content, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dynident_service.storage.archive.LONGEST_ROW", 100_000)
+    monkeypatch.setattr("dynident_service.storage.archive.MAX_ROW_BYTES", 100_000)
     name = "tables/job_events.jsonl"
     endless = content[name] + b'{"data": "' + b"a" * 200_000
     elsewhere.refuses({**content, name: endless}, r"row \d of job_events is none \(ValueError\)")

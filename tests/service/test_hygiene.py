@@ -24,9 +24,9 @@ from dynident_service.routes.forms import _SentFile
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewJob, NewResource, RestsOn
+from dynident_service.storage.records import Dependency, NewJob, NewResource
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.retention import forget
+from dynident_service.storage.retention import delete_expired
 from dynident_service.storage.tables import JobRow, RetryRow
 
 
@@ -92,7 +92,7 @@ def test_the_documentation_needs_nothing_from_elsewhere_and_no_scripts(client: T
 def test_a_refused_deletion_lists_some_of_many_and_says_how_many(own: TestClient, own_services: Services) -> None:
     services = own_services
     robot = services.resources.create(NewResource("robot", {}))
-    need = RestsOn(robot.id, "robot", "robot", "/robot_id")
+    need = Dependency(robot.id, "robot", "robot", "/robot_id")
     made = [services.resources.create(NewResource("measurement", {}, rests_on=(need,))) for _ in range(50)]
     answer = own.delete(f"/v1/robots/{robot.id}")
     assert answer.status_code == 409
@@ -105,24 +105,24 @@ def test_a_refused_deletion_lists_some_of_many_and_says_how_many(own: TestClient
 def test_events_of_jobs_that_ended_long_ago_and_old_retry_keys_are_forgotten(
     own: TestClient, own_services: Services
 ) -> None:
-    database, ledger = own_services.database, own_services.ledger
+    database, ledger = own_services.database, own_services.job_queue
     body = {"name": "two joints", "description": {"format": "modified_dh", "content": TWO_JOINTS}}
     retried = own.post("/v1/robots", json=body, headers={"Idempotency-Key": "k"}).json()["id"]
     old, young = (ledger.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(2))
-    own_services.engine.nudge()
+    own_services.engine.wake()
     for job_id in (old, young):
         wait_for(lambda job_id=job_id: ledger.get(job_id).finished_at)
-    assert forget(database, timedelta(days=30)) == 0
+    assert delete_expired(database, timedelta(days=30)) == 0
     with database.write() as session:
         finished_at = ledger.get(old).finished_at
         assert finished_at is not None
         session.execute(update(JobRow).where(JobRow.id == old).values(finished_at=finished_at - timedelta(days=31)))
         session.execute(update(RetryRow).values(created_at=finished_at - timedelta(days=31)))
-    assert forget(database, timedelta(days=30)) == 1
-    events, ended = ledger.history(old)
+    assert delete_expired(database, timedelta(days=30)) == 1
+    events, ended = ledger.read_events(old)
     assert [event.data for event in events] == [{"state": "succeeded"}]
     assert ended
-    assert len(ledger.history(young)[0]) == 4
+    assert len(ledger.read_events(young)[0]) == 4
     assert own.post("/v1/robots", json=body, headers={"Idempotency-Key": "k"}).json()["id"] != retried
 
 
@@ -158,7 +158,7 @@ def test_a_full_disk_is_told_as_that_and_leaves_no_half_files(
     assert answer.status_code == 507, answer.text
     assert "disk" in answer.json()["detail"]
     assert files_in(own_services.settings.uploads_dir) == set()
-    assert own_services.resources.page("measurement", 10).items == ()
+    assert own_services.resources.list_page("measurement", 10).items == ()
 
 
 def test_an_upload_leaves_room_for_the_database(
@@ -201,7 +201,7 @@ def test_a_database_that_is_away_is_told_as_that(own: TestClient, monkeypatch: p
     def away(*_: Any, **__: Any) -> None:
         raise OperationalError("SELECT", {}, Exception("server closed the connection"))
 
-    monkeypatch.setattr(Resources, "page", away)
+    monkeypatch.setattr(Resources, "list_page", away)
     answer = own.get("/v1/robots")
     assert answer.status_code == 503
     assert answer.headers["retry-after"] == "5"
@@ -211,9 +211,9 @@ def test_a_database_that_is_away_is_told_as_that(own: TestClient, monkeypatch: p
 def test_a_job_that_finds_the_disk_full_says_so(
     own_services: Services,
 ) -> None:
-    job_id = own_services.ledger.enqueue(NewJob("report", "small_jobs:fills_the_disk"))
-    own_services.engine.nudge()
-    job = wait_for(lambda: own_services.ledger.get(job_id).finished_at and own_services.ledger.get(job_id))
+    job_id = own_services.job_queue.enqueue(NewJob("report", "small_jobs:fills_the_disk"))
+    own_services.engine.wake()
+    job = wait_for(lambda: own_services.job_queue.get(job_id).finished_at and own_services.job_queue.get(job_id))
     assert job.state == "failed"
     assert job.error["status"] == 507
 
@@ -227,13 +227,13 @@ def test_a_file_that_is_missing_or_cut_makes_the_service_not_ready_until_it_is_m
     wait_for(lambda: own.get("/readyz").status_code == 200)
     (file,) = (own_services.settings.data_dir / "objects").rglob(made["sha256"])
     file.unlink() if damage == "missing" else file.write_bytes(content[:100])
-    own_services.housekeeping.examine()
+    own_services.housekeeping.check_stored_data()
     ready = own.get("/readyz")
     assert ready.status_code == 503
     assert f"{damage}: 1" in ready.json()["checks"]["stored"]
     assert own.get(f"/v1/measurements/{made['id']}/content").status_code == 500
     upload(own, own_robot, content)
-    own_services.housekeeping.examine()
+    own_services.housekeeping.check_stored_data()
     assert own.get("/readyz").status_code == 200
     assert own.get(f"/v1/measurements/{made['id']}/content").content == content
 
@@ -248,7 +248,7 @@ def test_damaged_pages_of_the_database_make_the_service_not_ready(own: TestClien
     content = bytearray(file.read_bytes())
     content[4096 * 5 : -4096] = b"\x5a" * (len(content) - 4096 * 6)
     file.write_bytes(content)
-    own_services.housekeeping.examine()
+    own_services.housekeeping.check_stored_data()
     ready = own.get("/readyz")
     assert ready.status_code == 503
     assert "database" in ready.json()["checks"]["stored"]

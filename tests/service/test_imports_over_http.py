@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 from test_uploads import sound
 
-from dynident_service.storage.retention import forget_imports
+from dynident_service.storage.retention import delete_unused_imports
 
 
 def foreign(decimal: str = ",") -> bytes:
@@ -147,9 +147,9 @@ def test_imports_that_nobody_uses_are_forgotten_after_a_day(client, services, ro
     unused, used = (imported(client, robot, foreign(decimal)).json() for decimal in (",", "."))
     answer = client.post("/v1/measurements", json={"import_id": used["id"], "metadata": used["proposed"]})
     assert answer.status_code == 201, answer.text
-    assert forget_imports(services.database, timedelta(days=1)) == 0
+    assert delete_unused_imports(services.database, timedelta(days=1)) == 0
     assert client.get(f"/v1/imports/{unused['id']}").status_code == 200
-    assert forget_imports(services.database, timedelta(0)) >= 1
+    assert delete_unused_imports(services.database, timedelta(0)) >= 1
     assert client.get(f"/v1/imports/{unused['id']}").status_code == 404
     assert client.get(f"/v1/imports/{used['id']}").status_code == 200
 

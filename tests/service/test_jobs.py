@@ -123,7 +123,7 @@ def test_after_a_killed_job_the_next_one_runs(start: Start, wait: Wait, services
     note = tmp_path / "pids"
     job_id = start("stubborn", note=str(note))
     wait_for(note.exists)
-    services.ledger.cancel(job_id)
+    services.job_queue.cancel(job_id)
     assert wait(job_id).state == "cancelled"
     assert wait(start("answer")).state == "succeeded"
 
@@ -137,8 +137,8 @@ def test_a_job_whose_process_dies_is_begun_again(start: Start, wait: Wait, tmp_p
 def test_no_more_jobs_run_at_a_time_than_there_are_workers(start: Start, wait: Wait, services: Services) -> None:
     ids = [start("count", steps=2, pause=0.15) for _ in range(5)]
     most = 0
-    while any(services.ledger.get(job_id).state in ("queued", "running") for job_id in ids):
-        most = max(most, services.ledger.counts().get("running", 0))
+    while any(services.job_queue.get(job_id).state in ("queued", "running") for job_id in ids):
+        most = max(most, services.job_queue.count_by_state().get("running", 0))
         time.sleep(0.01)
     assert most == 2
     assert {wait(job_id).state for job_id in ids} == {"succeeded"}

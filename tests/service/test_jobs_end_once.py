@@ -17,10 +17,10 @@ from sqlalchemy.exc import OperationalError
 
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
-from dynident_service.jobs.crew import Crew
+from dynident_service.jobs.crew import LocalExecutor
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.records import NewJob
 
 Start = Callable[..., str]
@@ -42,17 +42,17 @@ def test_a_database_away_for_a_moment_does_not_end_a_job_that_is_watched(
 ) -> None:
     monkeypatch.setattr(supervisor, "RENEW", 0.1 if name == "renew" else 60.0)
     monkeypatch.setattr(supervisor, "AWAY_PAUSE", 0.05)
-    method = getattr(Ledger, name)
+    method = getattr(JobQueue, name)
     calls = 0
 
-    def flaky(self: Ledger, *arguments: Any) -> Any:
+    def flaky(self: JobQueue, *arguments: Any) -> Any:
         nonlocal calls
         calls += 1
         if calls in (2, 3, 5):
             raise OperationalError("SELECT", {}, Exception("database is locked"))
         return method(self, *arguments)
 
-    monkeypatch.setattr(Ledger, name, flaky)
+    monkeypatch.setattr(JobQueue, name, flaky)
     job = wait(start("count", steps=10, pause=0.2))
     assert (job.state, job.attempt) == ("succeeded", 1)
     assert calls > 5
@@ -75,11 +75,11 @@ def test_a_job_whose_store_refuses_for_minutes_is_begun_again_more_and_more_seld
 ) -> None:
     job_id = start("meets_a_store_that_refuses")
     time.sleep(5.0)
-    job = services.ledger.get(job_id)
+    job = services.job_queue.get(job_id)
     assert job.state in ("queued", "running")  # and not given up
     assert 2 <= job.attempt <= 6
-    wait_for(lambda: services.ledger.get(job_id).state == "running", 20.0)
-    services.ledger.cancel(job_id)
+    wait_for(lambda: services.job_queue.get(job_id).state == "running", 20.0)
+    services.job_queue.cancel(job_id)
     assert wait(job_id, 2.0).state == "cancelled"
 
 
@@ -92,7 +92,7 @@ def test_a_process_that_is_stopped_is_noticed_and_its_job_done_by_another(
         pid = int(wait_for(lambda: note.exists() and note.read_text()))
         note.unlink()
         os.kill(pid, signal.SIGSTOP)
-        wait_for(lambda stops=stops: services.ledger.get(job_id).attempt == stops + 2)
+        wait_for(lambda stops=stops: services.job_queue.get(job_id).attempt == stops + 2)
     go.touch()
     assert wait(job_id).state == "succeeded"
 
@@ -119,28 +119,30 @@ def test_a_computation_beyond_its_deadline_is_stopped_and_said_so(tmp_path: Path
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         arguments = {"note": str(tmp_path / "note"), "go": str(tmp_path / "never")}
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", arguments))
-        services.engine.nudge()
-        job = wait_for(lambda: services.ledger.get(job_id).finished_at and services.ledger.get(job_id), timeout=60)
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:waits", arguments))
+        services.engine.wake()
+        job = wait_for(
+            lambda: services.job_queue.get(job_id).finished_at and services.job_queue.get(job_id), timeout=60
+        )
     assert job.state == "failed"
     assert "DYNIDENT_JOB_DEADLINE_SECONDS" in job.error["detail"]
 
 
 def test_an_engine_that_cannot_start_its_processes_tries_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tries: list[float] = []
-    enter = Crew.__enter__
+    enter = LocalExecutor.__enter__
 
-    def too_late(self: Crew) -> Crew:
+    def too_late(self: LocalExecutor) -> LocalExecutor:
         tries.append(time.monotonic())
         if len(tries) < 3:
             raise OSError("no process can be started")
         return enter(self)
 
-    monkeypatch.setattr(Crew, "__enter__", too_late)
+    monkeypatch.setattr(LocalExecutor, "__enter__", too_late)
     monkeypatch.setattr(engine_module, "FIRST_PAUSE", 0.2)
     with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         wait_for(lambda: client.get("/readyz").status_code == 503)
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
-        wait_for(lambda: services.ledger.get(job_id).state == "succeeded", timeout=60)
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:answer"))
+        wait_for(lambda: services.job_queue.get(job_id).state == "succeeded", timeout=60)
         assert client.get("/readyz").status_code == 200

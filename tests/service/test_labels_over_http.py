@@ -90,9 +90,9 @@ def test_labels_are_stored_on_either_database(url: str, tmp_path: Any) -> None:
         stored = Resources(database, ObjectStore(f"file://{tmp_path}/objects", tmp_path / "cache"))
         made = stored.create(NewResource("robot", {}, name="arm"))
         assert (made.tags, made.archived) == ((), False)
-        labelled = stored.label("robot", made.id, name="leg", tags=["a", "b"], archived=True)
+        labelled = stored.update_labels("robot", made.id, name="leg", tags=["a", "b"], archived=True)
         assert (labelled.name, labelled.tags, labelled.archived) == ("leg", ("a", "b"), True)
-        assert made.id not in {one.id for one in stored.page("robot", 500, archived=False).items}
-        assert made.id in {one.id for one in stored.page("robot", 500).items}
+        assert made.id not in {one.id for one in stored.list_page("robot", 500, archived=False).items}
+        assert made.id in {one.id for one in stored.list_page("robot", 500).items}
     finally:
         database.close()

@@ -22,8 +22,8 @@ from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage import ledger as ledger_module
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
-from dynident_service.storage.migrate import configuration, migrate
+from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.migrate import build_alembic_config, migrate
 from dynident_service.storage.records import FINAL, NewJob
 
 pytestmark = pytest.mark.slow
@@ -35,18 +35,18 @@ def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str
     database = Database(postgresql)
     migrate(database)
     with database.engine.connect() as connection:
-        command.check(configuration(connection))
+        command.check(build_alembic_config(connection))
     for _ in range(100):
-        Ledger(database).enqueue(JOB)
+        JobQueue(database).enqueue(JOB)
     taken: list[str] = []
 
     def take() -> None:
         mine = Database(postgresql)
-        ledger = Ledger(mine)
+        ledger = JobQueue(mine)
         while claims := ledger.claim(slots=1000):
             for claim in claims:
                 taken.append(claim.job_id)
-                ledger.succeed(claim, lambda session: None)
+                ledger.record_success(claim, lambda session: None)
         mine.close()
 
     threads = [threading.Thread(target=take) for _ in range(4)]
@@ -61,7 +61,7 @@ def test_postgresql_keeps_the_same_tables_and_takes_no_job_twice(postgresql: str
 def test_who_follows_a_job_that_ends_just_then_is_told_the_end_with_the_last_event_or_after_it(postgresql: str) -> None:
     database = Database(postgresql)
     migrate(database)
-    ledger = Ledger(database)
+    ledger = JobQueue(database)
     job_id = ledger.enqueue(JOB)
     (claim,) = ledger.claim(slots=1)
     ending = threading.Event()
@@ -69,16 +69,16 @@ def test_who_follows_a_job_that_ends_just_then_is_told_the_end_with_the_last_eve
     def end(*_: Any) -> None:
         if not ending.is_set():
             ending.set()
-            ledger.fail(claim, make_problem(422, "no rows are left"))
+            ledger.record_failure(claim, make_problem(422, "no rows are left"))
 
     event.listen(database.engine, "after_cursor_execute", end)
     try:
-        events, is_over = ledger.history(job_id)
+        events, is_over = ledger.read_events(job_id)
     finally:
         event.remove(database.engine, "after_cursor_execute", end)
     assert ending.is_set()
     assert is_over == (events[-1].data["state"] == "failed")
-    later, is_over = ledger.history(job_id, after=events[-1].id)
+    later, is_over = ledger.read_events(job_id, after=events[-1].id)
     assert is_over
     assert [one.data["state"] for one in (*events, *later)] == ["queued", "running", "failed"]
     database.close()
@@ -123,7 +123,7 @@ def test_a_worker_that_is_told_to_terminate_gives_its_job_back_at_once(cluster: 
     note, go = tmp_path / "pid", tmp_path / "go"
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
         wait_for(note.exists, timeout=60)
         old = cluster.worker
         old.terminate()
@@ -134,7 +134,7 @@ def test_a_worker_that_is_told_to_terminate_gives_its_job_back_at_once(cluster: 
         go.touch()
         cluster.new_worker()
         assert wait_for(lambda: ended(client, job_id), timeout=90) == "succeeded"
-        strain = services.ledger.strain()
+        strain = services.job_queue.measure_health()
     assert (strain.deaths, strain.losses) == (0, 0)
 
 
@@ -176,7 +176,7 @@ def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
     note, go = tmp_path / "pid", tmp_path / "go"
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
         wait_for(note.exists, timeout=60)
         waiting = [enqueue(client) for _ in range(5)]
         cluster.scheduler.send_signal(signal.SIGKILL)
@@ -191,7 +191,7 @@ def test_a_scheduler_killed_in_the_middle_of_a_job_ends_it_once(
         for one in (job_id, *waiting):
             assert wait_for(lambda one=one: ended(client, one), timeout=120) == "succeeded"
             assert times_ended(services, one) == 1
-        assert services.ledger.strain().deaths == 0
+        assert services.job_queue.measure_health().deaths == 0
 
 
 @pytest.mark.parametrize("seconds_off", [-600, pytest.param(600, marks=pytest.mark.thorough)])
@@ -207,7 +207,7 @@ def test_a_worker_whose_clock_is_wrong_keeps_its_job(
     asked = {"steps": 100, "pause": 0.15, "note": str(note)}
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:counts_and_tells_the_time", asked))
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:counts_and_tells_the_time", asked))
         job = wait_for(lambda: ended_of(services, job_id), timeout=120)
         assert (job.state, job.attempt, times_ended(services, job_id)) == ("succeeded", 1, 1)
         for told in (job.started_at, job.finished_at):
@@ -216,11 +216,11 @@ def test_a_worker_whose_clock_is_wrong_keeps_its_job(
 
 
 def times_ended(services: Services, job_id: str) -> int:
-    return sum(event.data.get("state") in FINAL for event in services.ledger.history(job_id)[0])
+    return sum(event.data.get("state") in FINAL for event in services.job_queue.read_events(job_id)[0])
 
 
 def times_queued(services: Services, job_id: str) -> int:
-    return sum(event.data.get("state") == "queued" for event in services.ledger.history(job_id)[0])
+    return sum(event.data.get("state") == "queued" for event in services.job_queue.read_events(job_id)[0])
 
 
 def run_a_job(client: TestClient) -> Any:
@@ -230,8 +230,8 @@ def run_a_job(client: TestClient) -> Any:
 
 def enqueue(client: TestClient) -> str:
     services: Services = client.app.state.services  # type: ignore[attr-defined]
-    job_id = services.ledger.enqueue(JOB)
-    services.engine.nudge()
+    job_id = services.job_queue.enqueue(JOB)
+    services.engine.wake()
     return job_id
 
 
@@ -246,8 +246,8 @@ def test_connections_that_are_cut_again_and_again_end_no_job(postgresql: str, tm
     with TestClient(app_of(settings), "http://127.0.0.1", raise_server_exceptions=False) as client:
         assert run_a_job(client) == "succeeded"
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:count", {"steps": 40}))
-        services.engine.nudge()
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:count", {"steps": 40}))
+        services.engine.wake()
         cut = text("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
         for _ in range(20):
             with cutter.engine.connect() as connection:
@@ -266,7 +266,7 @@ def test_leases_are_by_the_clock_of_the_database(postgresql: str, monkeypatch: p
 
     database = Database(postgresql)
     migrate(database)
-    ledger = Ledger(database)
+    ledger = JobQueue(database)
     job_id = ledger.enqueue(JOB)
     for module in ("database", "tables"):
         monkeypatch.setattr(f"dynident_service.storage.{module}.datetime", Early)
@@ -276,12 +276,12 @@ def test_leases_are_by_the_clock_of_the_database(postgresql: str, monkeypatch: p
     started = ledger.get(job_id).started_at
     assert started is not None
     assert abs((datetime.now(UTC) - started).total_seconds()) < 60
-    ledger.succeed(claim, lambda session: None)
+    ledger.record_success(claim, lambda session: None)
     for other in claims:
         ledger.release(other)
     database.close()
 
 
 def ended_of(services: Services, job_id: str) -> Any:
-    job = services.ledger.get(job_id)
+    job = services.job_queue.get(job_id)
     return job if job.state in ("succeeded", "failed", "cancelled") else None

@@ -19,7 +19,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of, serving, wait_for
 
-from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, take_long
+from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, mark_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -180,7 +180,7 @@ def test_more_requests_than_can_be_answered_are_told_to_come_back(tmp_path: Any)
     async def slow(scope: Any, receive: Any, send: Any) -> None:
         inside.append(scope["path"])
         if scope["path"] == "/v1/robots":
-            take_long(scope)  # and keeps no turn
+            mark_long(scope)  # and keeps no turn
         while not go_on.is_set():
             await anyio.sleep(0.01)
         await send({"type": "http.response.start", "status": 200, "headers": []})
@@ -218,7 +218,7 @@ def test_those_who_would_wait_long_for_a_short_answer_are_told_so_at_once(tmp_pa
 
     async def slow(scope: Any, receive: Any, send: Any) -> None:
         if scope["path"] == "/v1/reports":
-            take_long(scope)
+            mark_long(scope)
         inside.append(scope["path"])
         while not go_on.is_set():
             await anyio.sleep(0.01)

@@ -17,10 +17,10 @@ from sqlalchemy import select
 
 from dynident_service.app import create_app
 from dynident_service.keys import create_key
-from dynident_service.logs import FIELDS, answering, configure, working_on
+from dynident_service.logs import FIELDS, configure_logging, set_current_request, set_log_context
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import JobRow
 from dynident_service.storage.turns import REQUEST
@@ -39,7 +39,7 @@ def configured(form: Any) -> Iterator[None]:
     root = logging.getLogger()
     before, level = root.handlers, root.level
     root.handlers = []
-    configure("info", form)
+    configure_logging("info", form)
     try:
         yield
     finally:
@@ -51,7 +51,7 @@ def three_lines(form: Any, capsys: pytest.CaptureFixture[str]) -> list[str]:
     """What is written of a job that fails, and of something else."""
     job = logging.getLogger("dynident.job")
     with configured(form):
-        with working_on("job_1", "req-1"):
+        with set_log_context("job_1", "req-1"):
             job.info("done with %s", "it")
             try:
                 raise ValueError("no such joint")
@@ -161,8 +161,8 @@ def test_lines_of_text_say_the_same_for_people(capsys: pytest.CaptureFixture[str
     assert alone == "WARNING dynident.service: on its own"
 
 
-def test_a_job_knows_the_request_that_submitted_it_and_its_function_does_not(ledger: Ledger) -> None:
-    answering("req-7")
+def test_a_job_knows_the_request_that_submitted_it_and_its_function_does_not(ledger: JobQueue) -> None:
+    set_current_request("req-7")
     ledger.enqueue(NewJob("report", "small_jobs:answer", {"answer": 1}))
     (claim,) = ledger.claim(1)
     assert (claim.request_id, dict(claim.arguments)) == ("req-7", {"answer": 1})
@@ -184,10 +184,10 @@ def test_the_process_of_a_job_tells_of_it_under_the_same_ids(
     monkeypatch.setenv("DYNIDENT_LOG_FORMAT", "json")
     with TestClient(create_app(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        answering("req-9")
-        job_id = services.ledger.enqueue(NewJob("report", "small_jobs:broken"))
-        services.engine.nudge()
-        wait_for(lambda: services.ledger.get(job_id).state == "failed", timeout=60)
+        set_current_request("req-9")
+        job_id = services.job_queue.enqueue(NewJob("report", "small_jobs:broken"))
+        services.engine.wake()
+        wait_for(lambda: services.job_queue.get(job_id).state == "failed", timeout=60)
     written = [json.loads(line) for line in capfd.readouterr().err.splitlines() if line.startswith("{")]
     (told,) = (line for line in written if line["logger"] == "dynident.job")
     assert (told["job_id"], told["request_id"]) == (job_id, "req-9")

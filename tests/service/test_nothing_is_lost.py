@@ -16,9 +16,9 @@ from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewResource, Owned, Resource
+from dynident_service.storage.records import NewResource, OwnedObject, Resource
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.tombstones import ObjectGone, sweep
+from dynident_service.storage.tombstones import ObjectGone, sweep_objects
 
 CONTENT = b"t,q1,tau1\n" * 100
 AT_ONCE = timedelta(0)
@@ -39,7 +39,7 @@ class Store:
     def put(self, content: bytes = CONTENT) -> NewResource:
         """Put bytes; gives the resource that is to own them."""
         stored = self.resources.put(content)
-        owned = (Owned("original", stored.key, stored.size, "text/csv"),)
+        owned = (OwnedObject("original", stored.key, stored.size, "text/csv"),)
         return NewResource("robot", ROBOT, "arm", SHOWN, objects=owned)
 
     def make(self, content: bytes = CONTENT) -> Resource:
@@ -100,7 +100,7 @@ def make_and_delete_the_same_bytes(url: str, folder: Path, times: int) -> None:
     def clean() -> None:
         store = open_store(url, folder)
         while not over.wait(0.005):
-            sweep(store.database, store.objects, AT_ONCE)
+            sweep_objects(store.database, store.objects, AT_ONCE)
         store.database.close()
 
     workers = [threading.Thread(target=work) for _ in range(4)]
@@ -113,8 +113,8 @@ def make_and_delete_the_same_bytes(url: str, folder: Path, times: int) -> None:
     cleaner.join()
     assert len(made) == times
     assert lost == []
-    sweep(first.database, first.objects, AT_ONCE)
-    assert list(first.objects.listed()) == []
+    sweep_objects(first.database, first.objects, AT_ONCE)
+    assert list(first.objects.list_objects()) == []
     first.database.close()
 
 
@@ -134,33 +134,33 @@ def test_thousands_of_times_the_same_bytes_lose_nothing(
 
 def test_who_comes_to_own_what_was_swept_away_since_is_told_to_put_it_again(store: Store) -> None:
     new = store.put()
-    sweep(store.database, store.objects, AT_ONCE)
+    sweep_objects(store.database, store.objects, AT_ONCE)
     with pytest.raises(ObjectGone):
         store.resources.create(new)
-    assert store.resources.page("robot", 10).items == ()
+    assert store.resources.list_page("robot", 10).items == ()
     assert store.objects.get(store.make().objects["original"].key) == CONTENT
 
 
 def test_what_nobody_came_to_own_goes_after_a_while_and_no_sooner(store: Store) -> None:
     (owned,) = store.put().objects
-    assert sweep(store.database, store.objects, timedelta(minutes=1)) == 0
-    assert store.objects.size(owned.key) is not None
-    assert sweep(store.database, store.objects, AT_ONCE) == 1
-    assert store.objects.size(owned.key) is None
+    assert sweep_objects(store.database, store.objects, timedelta(minutes=1)) == 0
+    assert store.objects.get_size(owned.key) is not None
+    assert sweep_objects(store.database, store.objects, AT_ONCE) == 1
+    assert store.objects.get_size(owned.key) is None
 
 
 def test_a_file_stays_as_long_as_anybody_owns_it(store: Store) -> None:
     first, second = store.make(), store.make()
     store.resources.delete("robot", first.id)
-    assert sweep(store.database, store.objects, AT_ONCE) == 0
+    assert sweep_objects(store.database, store.objects, AT_ONCE) == 0
     store.resources.delete("robot", second.id)
-    assert sweep(store.database, store.objects, AT_ONCE) == 1
+    assert sweep_objects(store.database, store.objects, AT_ONCE) == 1
 
 
 def test_what_a_disk_changed_without_a_mark_on_the_file_is_mended_by_the_next_upload(store: Store) -> None:
     resource = store.make()
     file = store.file_of(resource)
-    assert store.objects.path(file.name) == file  # looked at, and found as it should be
+    assert store.objects.fetch_file(file.name) == file  # looked at, and found as it should be
     before = file.stat()
     file.write_bytes(CONTENT[:-1] + b"?")
     os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
@@ -172,11 +172,11 @@ def test_what_a_disk_changed_without_a_mark_on_the_file_is_mended_by_the_next_up
 def test_a_damaged_file_is_noticed_on_reading_and_mended_by_the_next_upload(store: Store, damage: bytes) -> None:
     resource = store.make()
     key = resource.objects["original"].key
-    assert store.objects.path(key).read_bytes() == CONTENT
+    assert store.objects.fetch_file(key).read_bytes() == CONTENT
     file = store.file_of(resource)
     file.write_bytes(damage)
     os.utime(file, ns=(1, 1))  # also one of another time
-    for read in (store.objects.get, store.objects.path, lambda key: list(store.objects.stream(key))):
+    for read in (store.objects.get, store.objects.fetch_file, lambda key: list(store.objects.stream(key))):
         with pytest.raises(ProblemError, match="not what it was"):
             read(key)
     store.make()

@@ -15,20 +15,20 @@ from dynident.recordings import Recording, RecordingMetadata, open_recording
 from dynident.recordings.sources import ParquetSource
 from dynident.robot import robot_from_modified_dh
 from dynident_service.jobs import sharing
-from dynident_service.jobs.packing import packed, unpacked
+from dynident_service.jobs.packing import pack_value, unpack_value
 from dynident_service.jobs.pool import ChildPool
 from dynident_service.jobs.sharing import OtherWorkers
-from dynident_service.jobs.work import Colleagues, Place
+from dynident_service.jobs.work import ClusterAddresses, JobEnvironment
 from dynident_service.problems import ProblemError
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.turns import Claim
 
 CLAIM = Claim("job", 1, "small_jobs:answer", {}, None)
-NOBODY = Colleagues("tcp://127.0.0.1:9", "tcp://127.0.0.1:10")
+NOBODY = ClusterAddresses("tcp://127.0.0.1:9", "tcp://127.0.0.1:10")
 
 
-def place(folder: Path, colleagues: Colleagues | None = None) -> Place:
-    return Place("sqlite://", (folder / "objects").as_uri(), folder / "cache", 3, 60.0, colleagues)
+def place(folder: Path, colleagues: ClusterAddresses | None = None) -> JobEnvironment:
+    return JobEnvironment("sqlite://", (folder / "objects").as_uri(), folder / "cache", 3, 60.0, colleagues)
 
 
 def test_a_recording_goes_as_the_key_of_its_file_and_is_opened_in_the_store_of_whoever_gets_it(tmp_path: Path) -> None:
@@ -36,37 +36,37 @@ def test_a_recording_goes_as_the_key_of_its_file_and_is_opened_in_the_store_of_w
     source.write_bytes(as_csv(sound()))
     import_for_robot(robot_from_modified_dh("arm", json.dumps(TWO_JOINTS)), source, file, RecordingMetadata())
     here, there = (ObjectStore((tmp_path / name).as_uri(), tmp_path / "cache") for name in ("here", "there"))
-    stored = here.path(here.put_bytes(file.read_bytes()).key)
+    stored = here.fetch_file(here.put_bytes(file.read_bytes()).key)
     recording = open_recording(stored).with_windows(((1.0, 4.0),))
-    content = packed(recording, here)
+    content = pack_value(recording, here)
     assert len(content) < 2_000
     assert str(tmp_path).encode() not in content
     with pytest.raises(ProblemError, match="missing"):
-        unpacked(content, there)
-    found = unpacked(content, ObjectStore(here.url, tmp_path / "another"))
+        unpack_value(content, there)
+    found = unpack_value(content, ObjectStore(here.url, tmp_path / "another"))
     assert isinstance(found, Recording)
     assert (found.path, found.windows) == (stored, ((1.0, 4.0),))
     assert isinstance(found.source, ParquetSource)
     rows = [next(iter(one.source.rows(0, 100, 100))) for one in (recording, found)]
     np.testing.assert_array_equal(rows[0].q, rows[1].q)
     there.put_bytes(file.read_bytes())
-    elsewhere = unpacked(content, there)
+    elsewhere = unpack_value(content, there)
     assert isinstance(elsewhere, Recording)
-    assert elsewhere.path == there.path(stored.name)
+    assert elsewhere.path == there.fetch_file(stored.name)
 
 
 def test_only_files_of_the_store_have_a_key(tmp_path: Path) -> None:
     store = ObjectStore((tmp_path / "objects").as_uri(), tmp_path / "cache")
     key = store.put_bytes(b"samples").key
-    assert store.key_of(store.path(key)) == key
-    assert store.key_of(tmp_path / key) is None
-    assert store.key_of(tmp_path / "objects") is None
+    assert store.find_key(store.fetch_file(key)) == key
+    assert store.find_key(tmp_path / key) is None
+    assert store.find_key(tmp_path / "objects") is None
 
 
 def test_others_are_asked_only_for_what_is_worth_it_and_can_be_sent(tmp_path: Path) -> None:
     others = OtherWorkers(CLAIM, place(tmp_path), NOBODY, ObjectStore((tmp_path / "o").as_uri(), tmp_path))
-    assert others.places(len, 0.9 * sharing.WORTH) == ()  # type: ignore[arg-type]
-    assert others.places(lambda item, told: item, 2.0 * sharing.WORTH) == ()
+    assert others.list_workers(len, 0.9 * sharing.WORTH) == ()  # type: ignore[arg-type]
+    assert others.list_workers(lambda item, told: item, 2.0 * sharing.WORTH) == ()
     others.close()
 
 
@@ -75,11 +75,11 @@ def test_a_scheduler_that_is_away_is_asked_once_and_all_is_done_here(
 ) -> None:
     monkeypatch.setattr(sharing, "PATIENCE", 0.5)
     asked: list[str] = []
-    connected = OtherWorkers._connected
-    monkeypatch.setattr(OtherWorkers, "_connected", lambda self: asked.append("") or connected(self))
+    connected = OtherWorkers._get_client
+    monkeypatch.setattr(OtherWorkers, "_get_client", lambda self: asked.append("") or connected(self))
     others = OtherWorkers(CLAIM, place(tmp_path), NOBODY, ObjectStore((tmp_path / "o").as_uri(), tmp_path))
     for _ in range(2):
-        assert others.places(max, 2.0 * sharing.WORTH) == ()  # type: ignore[arg-type]
+        assert others.list_workers(max, 2.0 * sharing.WORTH) == ()  # type: ignore[arg-type]
     others.close()
     assert len(asked) == 1
 
@@ -87,13 +87,13 @@ def test_a_scheduler_that_is_away_is_asked_once_and_all_is_done_here(
 def test_parts_leave_a_worker_to_its_jobs() -> None:
     pool = ChildPool(2, SCIENCE)
     try:
-        with pool.in_use(), pool.in_use_if_spare() as one, pool.in_use_if_spare() as other:
+        with pool.mark_in_use(), pool.mark_in_use_if_spare() as one, pool.mark_in_use_if_spare() as other:
             assert (one, other) == (True, False)
-            with pool.in_use():  # a job comes whatever else there is
+            with pool.mark_in_use():  # a job comes whatever else there is
                 pass
-        with pool.in_use_if_spare() as again:
+        with pool.mark_in_use_if_spare() as again:
             assert again
     finally:
         pool.close()
-    with pool.in_use_if_spare() as closed:
+    with pool.mark_in_use_if_spare() as closed:
         assert not closed

@@ -6,7 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of
 
-from dynident_service.problems import fields_of
+from dynident_service.problems import to_problem_fields
 from dynident_service.settings import Settings
 
 
@@ -100,7 +100,7 @@ def test_pointers_pass_over_the_names_of_union_members_and_escape_what_they_must
         {"type": "literal_error", "loc": ("body", "a/b", "preprocessing", "Preprocessing", "cut", "lit"), "msg": "2"},
         {"type": "missing", "loc": ("body", "a/b", "order"), "msg": "3"},
     ]
-    fields = fields_of(errors, body)
+    fields = to_problem_fields(errors, body)
     assert [(field.pointer, field.detail) for field in fields] == [
         ("/a~1b/preprocessing/cut", "1; or 2"),
         ("/a~1b/order", "3"),

@@ -10,11 +10,11 @@ from fastapi.testclient import TestClient
 from dynident.advice import NextExperiment, Separation
 from dynident.advice.kinds import EXPERIMENTS, Question
 from dynident.effects import EffectChoice
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.robot import library_table
-from dynident_service.adapters.designs import design_request, request_of
-from dynident_service.adapters.diagnoses import advice_of, show_next
-from dynident_service.adapters.robots import robot_of
+from dynident_service.adapters.designs import to_checked_request, to_design_request
+from dynident_service.adapters.diagnoses import restore_next_experiment, show_next_experiment
+from dynident_service.adapters.robots import restore_robot
 from dynident_service.models.designs import DesignRequest
 from dynident_service.models.diagnoses import NextExperiment as Shown
 from dynident_service.models.robots import RobotRequest
@@ -37,47 +37,47 @@ def scara(client: TestClient) -> dict[str, Any]:
 
 
 def advice(robot: dict[str, Any], name: str) -> NextExperiment:
-    machine = robot_of(RobotRequest.model_validate(robot["asked"]).model_dump(mode="json"))
+    machine = restore_robot(RobotRequest.model_validate(robot["asked"]).model_dump(mode="json"))
     joint = machine.joint_names[1]
     whole = ("base_tilt", "torque_delay")
     suspect, rival = (
         EffectChoice(effect, () if effect in whole else (joint,), tuple(shape.items())) for effect, shape in PAIRS[name]
     )
     noise = dict.fromkeys(machine.joint_names, 0.1)
-    question = Question(PLAIN, suspect, rival, (joint,), bounds_of(machine, {}), noise, 200.0)
+    question = Question(PLAIN, suspect, rival, (joint,), build_bounds(machine, {}), noise, 200.0)
     known = Separation("Fst2", "N m", 0.1, float("inf"), None)
     return NextExperiment("It tells.", EXPERIMENTS[name].design(question), known, known, ("Do it.",))
 
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_a_proposed_design_is_accepted_as_it_is(client: TestClient, scara: dict[str, Any], name: str) -> None:
-    proposed = show_next(advice(scara, name), scara["id"])
+    proposed = show_next_experiment(advice(scara, name), scara["id"])
     assert {"robot_id", "kind", "effects", "criterion", "trajectory"} <= set(proposed.design)
     answer = client.post("/v1/designs", json=proposed.design)
     assert answer.status_code == 202, answer.text
     client.post(f"/v1/jobs/{answer.json()['job_id']}/cancel")
     # Nothing of the wish is lost on the wire.
-    robot = robot_of(RobotRequest.model_validate(scara["asked"]).model_dump(mode="json"))
-    assert request_of(DesignRequest.model_validate(proposed.design), robot) == advice(scara, name).design
+    robot = restore_robot(RobotRequest.model_validate(scara["asked"]).model_dump(mode="json"))
+    assert to_checked_request(DesignRequest.model_validate(proposed.design), robot) == advice(scara, name).design
 
 
 def test_a_proposed_design_counts_the_measurements_at_hand(scara: dict[str, Any]) -> None:
-    body = show_next(advice(scara, "reversals"), scara["id"], ["mea_1", "mea_2"]).design
+    body = show_next_experiment(advice(scara, "reversals"), scara["id"], ["mea_1", "mea_2"]).design
     assert body["earlier_ids"] == ["mea_1", "mea_2"]
-    assert design_request(DesignRequest.model_validate(body)) == advice(scara, "reversals").design
+    assert to_design_request(DesignRequest.model_validate(body)) == advice(scara, "reversals").design
 
 
 def test_a_proposed_experiment_is_stored_and_read_back(scara: dict[str, Any]) -> None:
     found = advice(scara, "reversals")
-    stored = show_next(found, scara["id"]).model_dump(mode="json")
+    stored = show_next_experiment(found, scara["id"]).model_dump(mode="json")
     assert stored["present_separation"]["standard_deviation"] is None
-    assert advice_of(Shown.model_validate(stored)) == found
+    assert restore_next_experiment(Shown.model_validate(stored)) == found
 
 
 def test_what_older_diagnoses_proposed_can_still_be_read() -> None:
     old = {"reason": "It tells.", "design": {"robot_id": "rob_1", "kind": "constant_velocity"}}
-    found = advice_of(Shown.model_validate(old))
-    assert found.design == design_request(DesignRequest.model_validate(old["design"]))
+    found = restore_next_experiment(Shown.model_validate(old))
+    assert found.design == to_design_request(DesignRequest.model_validate(old["design"]))
     assert found.expected_separation is None
 
 

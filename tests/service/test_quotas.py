@@ -28,9 +28,17 @@ from dynident_service.settings import Settings
 from dynident_service.storage.backup import back_up, restore
 from dynident_service.storage.bundle import export_robot, import_robot
 from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.migrate import configuration, migrate
+from dynident_service.storage.migrate import build_alembic_config, migrate
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.quotas import Account, Limits, OverQuota, Use, act_for, use_of, uses
+from dynident_service.storage.quotas import (
+    Account,
+    QuotaExceeded,
+    QuotaLimits,
+    Usage,
+    compute_all_usage,
+    compute_usage,
+    set_account,
+)
 from dynident_service.storage.records import NewJob, NewResource
 from dynident_service.storage.resources import Resources
 
@@ -62,7 +70,7 @@ def key(app: TestClient, services: Services) -> Call:
 
     def made(scope: Scope = "admin", **limits: int) -> TestClient:
         name = f"cell {uuid.uuid4().hex[:8]}"
-        sent = create_key(services.database, name, scope, limits=Limits(**limits))
+        sent = create_key(services.database, name, scope, limits=QuotaLimits(**limits))
         client = TestClient(app.app, "http://127.0.0.1", headers={"x-api-key": sent, "user-agent": name})
         client.portal = app.portal  # the service runs already
         return client
@@ -74,12 +82,12 @@ def key(app: TestClient, services: Services) -> Call:
 def busy(services: Services, tmp_path: Path) -> Iterator[None]:
     """The one slot is taken by a job of nobody: all others stay queued."""
     note, go = tmp_path / "note", tmp_path / "go"
-    services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
-    services.engine.nudge()
+    services.job_queue.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+    services.engine.wake()
     wait_for(note.exists, 60.0)
     yield
-    for one in services.ledger.page(100, state="queued")[0]:
-        services.ledger.cancel(one.id)
+    for one in services.job_queue.list_page(100, state="queued")[0]:
+        services.job_queue.cancel(one.id)
     go.touch()
 
 
@@ -302,7 +310,7 @@ def test_a_request_counts_for_its_key_once_that_was_used_and_for_its_address_bef
 
     def party(sent: str) -> str:
         headers = [(b"x-api-key", sent.encode())]
-        return str(app.app.state.keys.party_of({"headers": headers, "client": ("192.0.2.1", 1)}))  # type: ignore[attr-defined]
+        return str(app.app.state.keys.find_party({"headers": headers, "client": ("192.0.2.1", 1)}))  # type: ignore[attr-defined]
 
     sent = client.headers["x-api-key"]
     assert party(sent) == "address 192.0.2.1"
@@ -323,9 +331,9 @@ def test_the_command_to_make_a_key_gives_it_limits_and_lists_them(
     assert "at most 0 bytes, 4 jobs" in capsys.readouterr().out
     assert Settings().quota_jobs == 9
     database = Database(Settings().database)
-    holder = KeyRing(Settings(), database).holder_of(sent)
+    holder = KeyRing(Settings(), database).find_holder(sent)
     assert holder is not None
-    assert holder.limits == list_keys(database)[0].limits == Limits(bytes=0, jobs=4)
+    assert holder.limits == list_keys(database)[0].limits == QuotaLimits(bytes=0, jobs=4)
     database.close()
 
 
@@ -338,11 +346,11 @@ def empty(new_database: Database, tmp_path: Path) -> Store:
 
 @contextmanager
 def acting_for(name: str, **limits: int) -> Iterator[None]:
-    act_for(Account(name, Limits(**limits)))
+    set_account(Account(name, QuotaLimits(**limits)))
     try:
         yield
     finally:
-        act_for(None)
+        set_account(None)
 
 
 def job() -> NewResource:
@@ -351,7 +359,7 @@ def job() -> NewResource:
 
 def test_what_was_stored_before_keys_counted_belongs_to_nobody(empty: Store) -> None:
     with empty.database.engine.execution_options(**{WRITES: True}).begin() as connection:
-        command.upgrade(configuration(connection), "0006")
+        command.upgrade(build_alembic_config(connection), "0006")
         at = "'2025-01-01 00:00:00'"
         for statement in (
             f"INSERT INTO resources (id, kind, created_at, request) VALUES ('mea_old', 'measurement', {at}, '{{}}')",
@@ -363,15 +371,15 @@ def test_what_was_stored_before_keys_counted_belongs_to_nobody(empty: Store) -> 
         ):
             connection.execute(text(statement))
     migrate(empty.database)
-    assert list_keys(empty.database)[0].limits == Limits()
+    assert list_keys(empty.database)[0].limits == QuotaLimits()
     assert empty.resources.get("measurement", "mea_old").objects["original"].size == 7
     with acting_for("old", bytes=1, recordings=1, jobs=1):
         empty.resources.create(job())
     with empty.database.read() as session:
-        assert uses(session) == {None: Use(7, 1, 1), "old": Use(jobs=1)}
+        assert compute_all_usage(session) == {None: Usage(7, 1, 1), "old": Usage(jobs=1)}
     with empty.database.engine.execution_options(**{WRITES: True}).begin() as connection:
-        command.check(configuration(connection))
-        command.downgrade(configuration(connection), "0006")
+        command.check(build_alembic_config(connection))
+        command.downgrade(build_alembic_config(connection), "0006")
 
 
 def test_of_many_that_come_at_once_no_more_are_taken_than_there_is_room_for(empty: Store) -> None:
@@ -386,7 +394,7 @@ def test_of_many_that_come_at_once_no_more_are_taken_than_there_is_room_for(empt
             with acting_for(f"cell of {limits}", **limits):
                 try:
                     empty.resources.create(new)
-                except OverQuota as error:
+                except QuotaExceeded as error:
                     refused.append(error.problem.status)
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(8)]
@@ -395,9 +403,9 @@ def test_of_many_that_come_at_once_no_more_are_taken_than_there_is_room_for(empt
     for thread in threads:
         thread.join()
     with empty.database.read() as session:
-        assert use_of(session, "cell of {'jobs': 3}").jobs == 3
-        assert use_of(session, "cell of {'recordings': 3}").recordings == 3
-        assert use_of(session, "cell of {'bytes': 55}").bytes == 5 * len(b"recording 0")
+        assert compute_usage(session, "cell of {'jobs': 3}").jobs == 3
+        assert compute_usage(session, "cell of {'recordings': 3}").recordings == 3
+        assert compute_usage(session, "cell of {'bytes': 55}").bytes == 5 * len(b"recording 0")
     assert sorted(refused) == [429] * 5 + [507] * 8
 
 
@@ -411,9 +419,9 @@ def test_without_limits_nothing_more_is_asked_of_the_database_and_with_them_only
 
     def statements(name: str | None, **limits: int) -> list[tuple[str, Any]]:
         seen.clear()
-        act_for(None if name is None else Account(name, Limits(**limits)))
+        set_account(None if name is None else Account(name, QuotaLimits(**limits)))
         resources.create(NewResource("simulation", {}, job=NewJob("simulation", "a:b")))
-        act_for(None)
+        set_account(None)
         return list(seen)
 
     nobody = statements(None)
@@ -452,5 +460,5 @@ def test_a_backup_keeps_whose_everything_is_and_a_bundle_for_another_service_doe
         else:
             import_robot(database, objects, tmp_path / name, tmp_path, look_at=lambda one: None)
         with database.read() as session:
-            assert uses(session) == {owner: Use(bytes=4)}
+            assert compute_all_usage(session) == {owner: Usage(bytes=4)}
         database.close()

@@ -41,7 +41,7 @@ def own_services(own: TestClient) -> Services:
 
 
 def test_a_child_that_does_not_answer_makes_the_service_not_ready(own: TestClient, own_services: Services) -> None:
-    (child,) = own_services.awaited._pool._idle
+    (child,) = own_services.interactive._pool._idle
     assert child.pid is not None
     os.kill(child.pid, signal.SIGSTOP)
     began = time.monotonic()
@@ -79,7 +79,7 @@ def test_readiness_is_asked_once_a_second_however_many_ask(
 def test_a_service_says_that_it_starts_until_the_first_child_has_answered(tmp_path: Path) -> None:
     with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
-        for child in services.awaited._pool._idle:
+        for child in services.interactive._pool._idle:
             wait_for(lambda child=child: child.is_alive() and child.pid)
             os.kill(child.pid, signal.SIGSTOP)
         answer = client.get("/readyz")

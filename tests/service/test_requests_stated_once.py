@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 from versions import older_than_locked
 
-from dynident.asking import check_ranges, said, said_of
+from dynident.asking import check_ranges, declare_field, get_description
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
@@ -22,23 +22,23 @@ from dynident.identification import IdentificationChoices
 from dynident.identification.essential_choices import EssentialChoices
 from dynident.identification.loads.known import KnownLoad
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
-from dynident.kinds import document_of
+from dynident.kinds import kind_to_document
 from dynident.recordings import RecordingMetadata, Revision
 from dynident.recordings.stated import PreprocessingChoices
 from dynident.reports import ReportChoices
 from dynident.robot import Drive, Limits
 from dynident.robot.well_known import library_names, robot_from_library
-from dynident.simulation import ActingEffect, Simulated, Warming, true_effects, typical_drive
-from dynident.simulation.stated import usual_effects
-from dynident.validation.request import TRIALS, trial_of
-from dynident_service.adapters.derived import body, taken, written
-from dynident_service.adapters.revisions import metadata_of, revision_of, show_revision
+from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
+from dynident.simulation.stated import list_usual_effects
+from dynident.validation.request import TRIALS, build_trial
+from dynident_service.adapters.derived import to_body, to_request, to_wire_value
+from dynident_service.adapters.revisions import show_revision, to_recording_metadata, to_revision
 from dynident_service.cli.app import app
 from dynident_service.models import designs, identifications, simulations
 from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.openapi import contract
+from dynident_service.openapi import render_contract
 
-CONTRACT = json.loads(contract())
+CONTRACT = json.loads(render_contract())
 PAGE = (Path(__file__).parents[2] / "docs" / "own-methods.md").read_text(encoding="utf-8")
 NEW = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[0]
 
@@ -113,12 +113,12 @@ def test_every_field_of_a_design_says_what_it_is() -> None:
     trajectory = next(one for one in fields(DesignRequest) if one.name == "trajectory").default_factory()
     for request in (DesignRequest, type(trajectory), IdentificationChoices):
         for one in fields(request):
-            assert said_of(one).words or one.name in ("criterion", "trajectory"), one.name
+            assert get_description(one).words or one.name in ("criterion", "trajectory"), one.name
 
 
 def test_an_option_that_an_estimator_has_not_is_refused_with_those_it_has() -> None:
     with pytest.raises(DynidentError, match="has no option 'force'") as caught:
-        ESTIMATORS.of({"name": "wls", "force": 2})
+        ESTIMATORS.from_document({"name": "wls", "force": 2})
     assert caught.value.pointer == "/estimator/force"
 
 
@@ -131,22 +131,22 @@ def test_a_design_comes_back_from_the_wire_as_it_was_asked_for() -> None:
         "surroundings": {"boxes": [{"name": "crate", "center": [0, 0, 1], "size": [1, 1, 1]}]},
         "model": None,
     }
-    asked = taken(designs.DesignRequest.model_validate(body), DesignRequest)
+    asked = to_request(designs.DesignRequest.model_validate(body), DesignRequest)
     assert asked.model == "dynamic"
     assert asked.surroundings.boxes[0].size == (1.0, 1.0, 1.0)
-    again = designs.DesignRequest.model_validate({"robot_id": "r", **written(asked)})
-    assert taken(again, DesignRequest) == asked
+    again = designs.DesignRequest.model_validate({"robot_id": "r", **to_wire_value(asked)})
+    assert to_request(again, DesignRequest) == asked
 
 
 def test_the_filters_of_an_identification_stay_what_they_are_without_data() -> None:
     body = identifications.IdentificationRequest.model_validate({"robot_id": "r", "measurement_ids": ["m"]})
-    assert taken(body, IdentificationChoices, preprocessing=None) == IdentificationChoices()
+    assert to_request(body, IdentificationChoices, preprocessing=None) == IdentificationChoices()
 
 
 @pytest.mark.parametrize(("kind", "field"), [("direct", "mass"), ("payload", "limit"), ("bootstrap", "cutoffs")])
 def test_what_a_validation_does_not_take_is_refused(kind: str, field: str) -> None:
     with pytest.raises(DynidentError, match="leave it out") as caught:
-        trial_of(kind, {field: 1.0})
+        build_trial(kind, {field: 1.0})
     assert caught.value.pointer == f"/{field}"
 
 
@@ -160,14 +160,14 @@ def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the
         """An estimator with an option."""
 
         name = "halved"
-        share: float = said("A share", default=0.5, above=0, at_most=1)
+        share: float = declare_field("A share", default=0.5, above=0, at_most=1)
 
         def solve(self, model, choices, data, known):
             raise NotImplementedError
 
-    assert (Halved().asked, Halved().in_words) == ("halved", "halved")
-    assert Halved(0.2).in_words == "halved (share 0.2)"
-    assert document_of(Halved(0.2)) == {"name": "halved", "share": 0.2}
+    assert (Halved().request_value, Halved().name_with_options) == ("halved", "halved")
+    assert Halved(0.2).name_with_options == "halved (share 0.2)"
+    assert kind_to_document(Halved(0.2)) == {"name": "halved", "share": 0.2}
     with pytest.raises(DynidentError, match="above 0 and at most 1") as caught:
         check_ranges(Halved(2.0), "/estimator")
     assert caught.value.pointer == "/estimator/share"
@@ -176,15 +176,15 @@ def test_an_estimator_with_options_is_told_with_them_and_kept_in_the_file_of_the
 def test_every_field_of_a_simulation_says_what_it_is_and_none_stated_is_the_default_everywhere() -> None:
     for request in (Simulated, ActingEffect, Warming):
         for one in fields(request):
-            assert said_of(one).words or one.name in ("effects", "noise", "shape_parameters"), one.name
+            assert get_description(one).words or one.name in ("effects", "noise", "shape_parameters"), one.name
     body = {"robot_id": "r", "design_id": "d"}
-    assert taken(simulations.SimulationRequest.model_validate(body), Simulated) == Simulated()
+    assert to_request(simulations.SimulationRequest.model_validate(body), Simulated) == Simulated()
 
 
 def test_a_virtual_robot_asked_for_by_its_usual_effects_is_the_typical_one() -> None:
     for name in library_names():
         robot = robot_from_library(name)
-        assert set(true_effects(usual_effects(), robot)) == set(typical_drive(robot))
+        assert set(resolve_true_effects(list_usual_effects(), robot)) == set(list_drive_effects(robot))
 
 
 BODIES = (
@@ -206,7 +206,7 @@ def test_the_words_of_a_field_are_those_of_the_contract_and_of_the_help(science:
     told = CONTRACT["components"]["schemas"][asked]["properties"]
     shown = " ".join(CliRunner().invoke(app, [verb, "--help"], env={"COLUMNS": "200"}).output.split()) if verb else ""
     for one in fields(science):
-        about = said_of(one)
+        about = get_description(one)
         assert about.words, one.name
         assert told[one.name]["description"] == about.sentence
         assert told[one.name].get("x-unit", "") == about.unit
@@ -219,7 +219,7 @@ def test_the_parameters_of_a_query_are_the_fields_of_what_it_asks_for(science: t
     told = {one["name"]: one for one in operation["parameters"] if one["in"] == "query"}
     assert set(told) == {one.name for one in fields(science)}
     for one in fields(science):
-        assert told[one.name]["description"] == said_of(one).sentence
+        assert told[one.name]["description"] == get_description(one).sentence
         assert told[one.name]["schema"]["default"] == one.default
 
 
@@ -227,6 +227,6 @@ def test_what_is_said_of_a_file_comes_back_from_the_wire_as_it_was_said() -> Non
     said = RecordingMetadata(
         "run", columns={"q1": "a"}, permutation={"tau": (2, 1)}, windows=((0.0, 1.0),), accept=("joint_motion",)
     )
-    assert metadata_of(body(MeasurementMetadata, said, robot_id="r")) == said
+    assert to_recording_metadata(to_body(MeasurementMetadata, said, robot_id="r")) == said
     change = Revision(exclude=((2.0, 3.0),), permutation={"q": (2, 1)}, signs={"tau2": -1.0})
-    assert revision_of(show_revision(change)) == change
+    assert to_revision(show_revision(change)) == change

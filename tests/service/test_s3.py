@@ -21,12 +21,12 @@ from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import examine
+from dynident_service.storage.doctor import check_storage
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import CHUNK, ObjectStore
-from dynident_service.storage.records import NewResource, Owned
+from dynident_service.storage.records import NewResource, OwnedObject
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.tombstones import ObjectGone, sweep
+from dynident_service.storage.tombstones import ObjectGone, sweep_objects
 
 CONTENT = b"t,q1,tau1\n" * 100
 AT_ONCE = timedelta(0)
@@ -63,7 +63,7 @@ def objects(s3: S3, tmp_path: Path) -> Iterator[ObjectStore]:
     """A store whose bucket is empty at the end."""
     store = ObjectStore(BUCKET, tmp_path / "cache")
     yield store
-    for key, _ in list(store.listed()):
+    for key, _ in list(store.list_objects()):
         store.delete(key)
 
 
@@ -77,7 +77,7 @@ def resources(objects: ObjectStore, tmp_path: Path) -> Iterator[tuple[Database, 
 
 def new(resources: Resources) -> NewResource:
     stored = resources.put(CONTENT)
-    return NewResource("robot", {}, objects=(Owned("original", stored.key, stored.size, "text/csv"),))
+    return NewResource("robot", {}, objects=(OwnedObject("original", stored.key, stored.size, "text/csv"),))
 
 
 def place(key: str) -> str:
@@ -91,11 +91,11 @@ def test_an_object_comes_back_under_its_hash_is_stored_once_and_deleted_twice(ob
     assert (stored.key, stored.size, stored.created) == (hashlib.sha256(content).hexdigest(), len(content), True)
     assert not objects.put_bytes(content).created
     assert objects.get(stored.key) == content == b"".join(objects.stream(stored.key))
-    assert objects.path(stored.key).read_bytes() == content
-    assert (stored.key, len(content)) in list(objects.listed())
+    assert objects.fetch_file(stored.key).read_bytes() == content
+    assert (stored.key, len(content)) in list(objects.list_objects())
     objects.delete(stored.key)
     objects.delete(stored.key)
-    assert objects.size(stored.key) is None
+    assert objects.get_size(stored.key) is None
 
 
 def test_a_large_file_goes_in_parts_and_is_never_whole_in_memory(
@@ -117,7 +117,7 @@ def test_a_large_file_goes_in_parts_and_is_never_whole_in_memory(
 
 def test_a_missing_object_is_said_to_be_missing(objects: ObjectStore) -> None:
     key = hashlib.sha256(b"nothing").hexdigest()
-    for read in (objects.get, objects.path, lambda one: list(objects.stream(one))):
+    for read in (objects.get, objects.fetch_file, lambda one: list(objects.stream(one))):
         with pytest.raises(ProblemError, match="missing"):
             read(key)
     assert objects.is_damaged(key)
@@ -130,7 +130,7 @@ def test_a_cut_object_is_noticed_however_it_is_read_and_mended_by_the_next_uploa
     with pytest.raises(ProblemError, match="not what it was"):
         received.extend(objects.stream(key))
     assert b"".join(received) != CONTENT[:-1]  # nobody takes it for whole
-    for read in (objects.get, objects.path):
+    for read in (objects.get, objects.fetch_file):
         with pytest.raises(ProblemError, match="not what it was"):
             read(key)
     assert objects.put_bytes(CONTENT).created
@@ -161,10 +161,10 @@ def test_the_doctor_names_what_is_missing_cut_or_changed_and_whose_it_is(
     database, repository = resources
     made = repository.create(new(repository))
     key = made.objects["original"].key
-    assert list(examine(database, objects)) == []
+    assert list(check_storage(database, objects)) == []
     for damage, trouble in ((CONTENT[:-1], "cut"), (CONTENT[:-1] + b"?", "damaged"), (None, "missing")):
         s3.write(place(key), damage)
-        (finding,) = examine(database, objects)
+        (finding,) = check_storage(database, objects)
         assert (finding.trouble, finding.what, finding.owners) == (trouble, key, (made.id,))
 
 
@@ -175,14 +175,14 @@ def test_what_nobody_owns_is_swept_and_what_somebody_owns_is_not(
     made, second = repository.create(new(repository)), repository.create(new(repository))
     key = made.objects["original"].key
     repository.delete("robot", made.id)
-    assert sweep(database, objects, AT_ONCE) == 0
+    assert sweep_objects(database, objects, AT_ONCE) == 0
     repository.delete("robot", second.id)
-    assert sweep(database, objects, timedelta(minutes=1)) == 0
-    assert objects.size(key) is not None
-    assert sweep(database, objects, AT_ONCE) == 1
-    assert objects.size(key) is None
+    assert sweep_objects(database, objects, timedelta(minutes=1)) == 0
+    assert objects.get_size(key) is not None
+    assert sweep_objects(database, objects, AT_ONCE) == 1
+    assert objects.get_size(key) is None
     left = new(repository)
-    sweep(database, objects, AT_ONCE)
+    sweep_objects(database, objects, AT_ONCE)
     with pytest.raises(ObjectGone):
         repository.create(left)
 
@@ -201,7 +201,7 @@ def test_the_same_bytes_made_and_deleted_at_the_same_time_are_never_lost(
                     break
                 except ObjectGone:
                     continue
-            if objects.size(made.objects["original"].key) is None:
+            if objects.get_size(made.objects["original"].key) is None:
                 lost.append(made.id)
             repository.delete("robot", made.id)
 
@@ -209,7 +209,7 @@ def test_the_same_bytes_made_and_deleted_at_the_same_time_are_never_lost(
     for one in workers:
         one.start()
     while any(one.is_alive() for one in workers):
-        sweep(database, objects, AT_ONCE)
+        sweep_objects(database, objects, AT_ONCE)
     assert lost == []
 
 
@@ -229,5 +229,5 @@ def test_a_service_on_s3_identifies_from_an_uploaded_recording(s3: S3, tmp_path:
 
         wait_for(ended, 120.0)
         assert client.get(f"/v1/identifications/{made['id']}").json()["status"] == "succeeded"
-    assert len(list(objects.listed())) > 1
+    assert len(list(objects.list_objects())) > 1
     assert not (tmp_path / "objects").exists()

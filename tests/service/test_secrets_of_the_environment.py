@@ -19,7 +19,7 @@ from service_helpers import free_port, wait_for
 from dynident_service import environment
 from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.pool import Child
+from dynident_service.jobs.pool import ChildProcess
 from dynident_service.settings import Settings
 
 KEY, STORE, PASSWORD = "open-sesame", "secret-of-the-store", "password-of-the-proxy"
@@ -108,7 +108,7 @@ def test_a_child_has_what_it_needs_and_not_the_keys(monkeypatch: pytest.MonkeyPa
     for name, value in {**SECRETS, "DYNIDENT_DATABASE_URL": "postgresql://user:word@host/name"}.items():
         monkeypatch.setenv(name, value)
     nursery = WithoutScience()
-    child = Child(nursery, Confinement())
+    child = ChildProcess(nursery, Confinement())
     try:
         child.send(Call("small_jobs:variables", {"names": [*SECRETS, "DYNIDENT_DATABASE_URL", "PATH"]}))
         answer = wait_for(lambda: child.receive(1.0), timeout=60)

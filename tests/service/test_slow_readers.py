@@ -14,7 +14,7 @@ import pytest
 import uvicorn
 from service_helpers import wait_for
 
-from dynident_service.connections import UNREAD_LIMIT, protocol_with
+from dynident_service.connections import UNREAD_LIMIT, create_protocol
 from dynident_service.settings import Settings
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, UNREAD_LIMIT), reason="this system cannot limit it")
@@ -55,7 +55,7 @@ def reader(endless: Endless, tmp_path: Path) -> Iterator[socket.socket]:
     """A connection over which an answer begins to come."""
     settings = Settings(data_dir=tmp_path, answer_timeout_seconds=UNREAD)
     server = uvicorn.Server(
-        uvicorn.Config(endless, port=0, http=protocol_with(settings), lifespan="off", log_config=None)
+        uvicorn.Config(endless, port=0, http=create_protocol(settings), lifespan="off", log_config=None)
     )
     thread = threading.Thread(target=server.run)
     thread.start()

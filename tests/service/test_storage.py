@@ -13,9 +13,9 @@ from sqlalchemy import text
 
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.identifiers import new_identifier
-from dynident_service.storage.ledger import Ledger
-from dynident_service.storage.migrate import configuration, migrate
+from dynident_service.storage.identifiers import create_identifier
+from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.migrate import build_alembic_config, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.tables import KeyRow
 
@@ -33,7 +33,7 @@ def test_an_object_comes_back_under_the_hash_of_its_bytes(objects: ObjectStore) 
     assert stored.created
     assert objects.get(stored.key) == content
     assert b"".join(objects.stream(stored.key)) == content
-    assert objects.path(stored.key).read_bytes() == content
+    assert objects.fetch_file(stored.key).read_bytes() == content
 
 
 def test_the_same_bytes_are_stored_once(objects: ObjectStore) -> None:
@@ -46,9 +46,9 @@ def test_deleting_an_object_twice_does_no_harm(objects: ObjectStore) -> None:
     key = objects.put_bytes(b"abc").key
     objects.delete(key)
     objects.delete(key)
-    assert objects.size(key) is None
+    assert objects.get_size(key) is None
     with pytest.raises(ProblemError, match="missing"):
-        objects.path(key)
+        objects.fetch_file(key)
 
 
 @pytest.fixture(scope="module")
@@ -67,14 +67,14 @@ def test_the_migrations_make_exactly_the_tables_that_the_code_uses(tmp_path: Pat
     migrate(database)
     migrate(database)
     with database.engine.connect() as connection:
-        command.check(configuration(connection))
+        command.check(build_alembic_config(connection))
     database.close()
 
 
 def test_a_database_of_the_first_version_is_brought_up_with_its_data(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'db.sqlite3'}")
     with database.engine.execution_options(**{WRITES: True}).begin() as connection:
-        command.upgrade(configuration(connection), "0001")
+        command.upgrade(build_alembic_config(connection), "0001")
         connection.execute(
             text(
                 "INSERT INTO jobs (id, kind, function, arguments, state, fraction, message, attempt, deaths, "
@@ -83,7 +83,7 @@ def test_a_database_of_the_first_version_is_brought_up_with_its_data(tmp_path: P
             )
         )
     migrate(database)
-    (claim,) = Ledger(database).claim(1)
+    (claim,) = JobQueue(database).claim(1)
     assert claim.job_id == "job_old"
     database.close()
 
@@ -115,12 +115,12 @@ def test_writers_wait_for_each_other_instead_of_failing(tmp_path: Path) -> None:
 
 
 def test_identifiers_are_unique_and_sort_by_age_also_within_one_millisecond() -> None:
-    made = [new_identifier("job") for _ in range(5000)]
+    made = [create_identifier("job") for _ in range(5000)]
     assert made == sorted(set(made))
     assert len(made[0]) <= 40
 
 
 def test_identifiers_grow_though_the_clock_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = new_identifier("robot")
+    first = create_identifier("robot")
     monkeypatch.setattr("time.time_ns", lambda: 1_000_000)
-    assert first < new_identifier("robot") < new_identifier("robot")
+    assert first < create_identifier("robot") < create_identifier("robot")

@@ -16,7 +16,7 @@ from service_helpers import free_port, let_leases_run_out, wait_for
 from test_jobs import is_running
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.records import NewJob
 
 pytestmark = pytest.mark.slow
@@ -60,12 +60,12 @@ def database_of_service(tmp_path: Path) -> Iterator[Database]:
 
 
 @pytest.fixture
-def ledger_of_service(database_of_service: Database) -> Ledger:
-    return Ledger(database_of_service)
+def ledger_of_service(database_of_service: Database) -> JobQueue:
+    return JobQueue(database_of_service)
 
 
 def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
-    serve: Serve, ledger_of_service: Ledger, database_of_service: Database, tmp_path: Path
+    serve: Serve, ledger_of_service: JobQueue, database_of_service: Database, tmp_path: Path
 ) -> None:
     process, _ = serve()
     note = tmp_path / "pids"
@@ -88,7 +88,7 @@ def test_a_killed_service_loses_no_job_and_leaves_no_process_behind(
 
 
 def test_other_jobs_do_not_wait_for_what_a_killed_service_held(
-    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+    serve: Serve, ledger_of_service: JobQueue, tmp_path: Path
 ) -> None:
     process, _ = serve()
     note, go = tmp_path / "pid", tmp_path / "go"
@@ -103,7 +103,7 @@ def test_other_jobs_do_not_wait_for_what_a_killed_service_held(
 
 
 def test_a_service_that_is_told_to_terminate_says_so_takes_no_job_and_lets_a_short_one_end(
-    serve: Serve, ledger_of_service: Ledger
+    serve: Serve, ledger_of_service: JobQueue
 ) -> None:
     process, client = serve(DYNIDENT_DRAIN_SECONDS="60")
     short = ledger_of_service.enqueue(NewJob("report", "small_jobs:count", {"steps": 30}))
@@ -119,7 +119,7 @@ def test_a_service_that_is_told_to_terminate_says_so_takes_no_job_and_lets_a_sho
 
 
 def test_a_long_job_of_a_service_that_ends_is_finished_by_another_and_not_held_against_it(
-    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+    serve: Serve, ledger_of_service: JobQueue, tmp_path: Path
 ) -> None:
     first, _ = serve(DYNIDENT_DRAIN_SECONDS="1")
     note, go = tmp_path / "pid", tmp_path / "go"
@@ -131,12 +131,12 @@ def test_a_long_job_of_a_service_that_ends_is_finished_by_another_and_not_held_a
     wait_for(note.exists, timeout=15)  # sooner than a lease runs out
     go.touch()
     wait_for(lambda: ledger_of_service.get(long).state == "succeeded")
-    strain = ledger_of_service.strain()
+    strain = ledger_of_service.measure_health()
     assert (strain.deaths, strain.losses) == (0, 0)
     assert first.wait(timeout=60) == 0
 
 
-def test_a_second_signal_ends_a_service_that_drains(serve: Serve, ledger_of_service: Ledger, tmp_path: Path) -> None:
+def test_a_second_signal_ends_a_service_that_drains(serve: Serve, ledger_of_service: JobQueue, tmp_path: Path) -> None:
     process, client = serve(DYNIDENT_DRAIN_SECONDS="600")
     note = tmp_path / "pid"
     arguments = {"note": str(note), "go": str(tmp_path / "never")}
@@ -150,7 +150,7 @@ def test_a_second_signal_ends_a_service_that_drains(serve: Serve, ledger_of_serv
 
 
 def test_a_service_that_is_stopped_gives_its_jobs_back_at_once(
-    serve: Serve, ledger_of_service: Ledger, tmp_path: Path
+    serve: Serve, ledger_of_service: JobQueue, tmp_path: Path
 ) -> None:
     process, _ = serve(DYNIDENT_DRAIN_SECONDS="0")
     note = tmp_path / "pids"
@@ -162,7 +162,7 @@ def test_a_service_that_is_stopped_gives_its_jobs_back_at_once(
     assert ledger_of_service.get(job_id).state == "queued"
 
 
-def test_a_client_that_lost_its_connection_follows_on_where_it_was(serve: Serve, ledger_of_service: Ledger) -> None:
+def test_a_client_that_lost_its_connection_follows_on_where_it_was(serve: Serve, ledger_of_service: JobQueue) -> None:
     _, client = serve()
     job_id = ledger_of_service.enqueue(NewJob("report", "small_jobs:count", {"steps": 8}))
     first = []

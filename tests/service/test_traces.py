@@ -21,7 +21,7 @@ from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanE
 
 from dynident_service import traces
 from dynident_service.app import create_app
-from dynident_service.jobs.calls import Call, answer
+from dynident_service.jobs.calls import Call, answer_call
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.records import NewJob
@@ -33,8 +33,8 @@ HEADERS = {"traceparent": f"00-{TRACE}-{PARENT}-01", "x-request-id": "run-12", "
 @pytest.fixture
 def spans(monkeypatch: pytest.MonkeyPatch) -> InMemorySpanExporter:
     """Spans of this process, in the order in which they ended."""
-    exporter, begin = InMemorySpanExporter(), traces.begin
-    monkeypatch.setattr(traces, "begin", lambda: begin(exporter))
+    exporter, begin = InMemorySpanExporter(), traces.begin_tracing
+    monkeypatch.setattr(traces, "begin_tracing", lambda: begin(exporter))
     return exporter
 
 
@@ -64,13 +64,13 @@ def test_a_request_is_a_span_of_its_callers_trace_with_the_id_of_the_log(
 
 
 def test_what_a_request_has_computed_elsewhere_belongs_to_its_trace(spans: InMemorySpanExporter) -> None:
-    traces.begin()
+    traces.begin_tracing()
     try:
-        with traces.going_on("request", HEADERS["traceparent"]):
+        with traces.trace_task("request", HEADERS["traceparent"]):
             call = Call("operator:add", {})
-        answer(call, 0)
+        answer_call(call, 0)
     finally:
-        traces.end()
+        traces.end_tracing()
     request, computed = named(spans, "request"), named(spans, "compute operator:add")
     assert computed.parent is not None
     assert computed.parent.span_id == request.context.span_id
@@ -113,7 +113,7 @@ def test_the_process_that_computes_a_job_goes_on_with_the_trace_of_its_request(
         robot = client.post("/v1/robots", json=described).json()
         asked = {"robot_id": robot["id"], "effects": [], "trajectory": {"duration": 2.0, "sampling_rate": 100.0}}
         made = client.post("/v1/simulations", json=asked, headers=HEADERS).json()
-        wait_for(lambda: services.ledger.get(made["job_id"]).finished_at, 60.0)
+        wait_for(lambda: services.job_queue.get(made["job_id"]).finished_at, 60.0)
         wait_for(lambda: {one.name.partition(" ")[0] for one in collector.spans} >= {"job", "POST"}, 20.0)
     collector.server.shutdown()
     (request,) = (one for one in collector.spans if one.name == "POST /v1/simulations")
@@ -129,8 +129,8 @@ def test_nothing_is_traced_or_stored_with_a_job_unless_that_is_asked_for(tmp_pat
     with TestClient(app_of(Settings(data_dir=tmp_path, workers=1)), "http://127.0.0.1") as client:
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         services.engine.drain()
-        services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
-        assert traces.current() is None
-        assert [claim.trace for claim in services.ledger.claim(1)] == [None]
+        services.job_queue.enqueue(NewJob("report", "small_jobs:answer"))
+        assert traces.get_current_span() is None
+        assert [claim.trace for claim in services.job_queue.claim(1)] == [None]
     code = "import sys, dynident_service.app; sys.exit('opentelemetry.sdk' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,8 +9,8 @@ import time
 import pytest
 
 from dynident_service.storage import turns
-from dynident_service.storage.database import Database, clock
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.database import Database, get_database_time
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.turns import Claim
@@ -19,28 +19,28 @@ JOB = NewJob("report", "nowhere:nothing")
 
 
 @pytest.fixture
-def queue(new_database: Database) -> Ledger:
+def queue(new_database: Database) -> JobQueue:
     migrate(new_database)
-    return Ledger(new_database)
+    return JobQueue(new_database)
 
 
 def add(database: Database, number: int, owner: str | None) -> list[str]:
     with database.write() as session:
-        return [job.id for job in turns.add_jobs(session, [(JOB, None)] * number, clock(session), owner)]
+        return [job.id for job in turns.add_jobs(session, [(JOB, None)] * number, get_database_time(session), owner)]
 
 
-def end(queue: Ledger, claim: Claim) -> None:
-    queue.succeed(claim, lambda session: None)
+def end(queue: JobQueue, claim: Claim) -> None:
+    queue.record_success(claim, lambda session: None)
 
 
-def test_the_next_job_is_the_oldest_of_the_key_of_which_the_fewest_run(queue: Ledger, new_database: Database) -> None:
+def test_the_next_job_is_the_oldest_of_the_key_of_which_the_fewest_run(queue: JobQueue, new_database: Database) -> None:
     many, nobody, few = add(new_database, 4, "many"), add(new_database, 2, None), add(new_database, 2, "few")
     first = [claim.job_id for claim in queue.claim(4)]
     assert first == [many[0], nobody[0], few[0], many[1]]  # one of each, then the oldest of all
     assert [claim.job_id for claim in queue.claim(7)] == [nobody[1], few[1], many[2]]
 
 
-def test_who_has_nothing_running_goes_before_who_has(queue: Ledger, new_database: Database) -> None:
+def test_who_has_nothing_running_goes_before_who_has(queue: JobQueue, new_database: Database) -> None:
     add(new_database, 5, "many")
     held = queue.claim(2)
     (late,) = add(new_database, 1, "late")
@@ -49,7 +49,7 @@ def test_who_has_nothing_running_goes_before_who_has(queue: Ledger, new_database
     assert following.job_id == late
 
 
-def test_services_that_take_at_once_take_no_job_twice_and_leave_none(queue: Ledger, new_database: Database) -> None:
+def test_services_that_take_at_once_take_no_job_twice_and_leave_none(queue: JobQueue, new_database: Database) -> None:
     several = {one for owner in ("a", "b", None) for one in add(new_database, 20, owner)}
     taken: list[str] = []
 
@@ -57,7 +57,7 @@ def test_services_that_take_at_once_take_no_job_twice_and_leave_none(queue: Ledg
         database = Database(new_database.url)
         until = time.monotonic() + 30
         while len(taken) < len(several) and time.monotonic() < until:
-            for claim in Ledger(database).claim(1000):
+            for claim in JobQueue(database).claim(1000):
                 taken.append(claim.job_id)
                 end(queue, claim)
         database.close()
@@ -72,7 +72,7 @@ def test_services_that_take_at_once_take_no_job_twice_and_leave_none(queue: Ledg
 
 
 def test_to_find_the_next_job_takes_no_longer_of_ten_thousand_than_of_ten(
-    queue: Ledger, new_database: Database
+    queue: JobQueue, new_database: Database
 ) -> None:
     def median_seconds() -> float:
         seconds = []

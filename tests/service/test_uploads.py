@@ -16,7 +16,7 @@ from fastapi.testclient import TestClient
 
 from dynident_service.housekeeping import sweep_folder
 from dynident_service.services import Services
-from dynident_service.storage.tombstones import sweep
+from dynident_service.storage.tombstones import sweep_objects
 
 Columns = dict[str, np.ndarray]
 
@@ -64,7 +64,7 @@ def stored(services: Services) -> Callable[[], tuple[set[Path], int]]:
     def look() -> tuple[set[Path], int]:
         folder = services.settings.data_dir
         files = files_in(folder / "objects") | files_in(folder / "uploads")
-        return files, len(services.resources.page("measurement", 500).items)
+        return files, len(services.resources.list_page("measurement", 500).items)
 
     return look
 
@@ -109,7 +109,7 @@ def test_a_file_is_swept_away_once_its_last_owner_is_deleted_and_no_sooner(
     client: TestClient, robot: dict[str, Any], services: Services, stored: Callable[[], tuple[set[Path], int]]
 ) -> None:
     def sweep_now() -> None:
-        sweep(services.database, services.objects, timedelta(0))
+        sweep_objects(services.database, services.objects, timedelta(0))
 
     sweep_now()
     before, _ = stored()

@@ -10,8 +10,8 @@ from fastapi.testclient import TestClient
 from service_helpers import wait_for
 from test_uploads import as_csv, sound, upload
 
-from dynident_service.awaited import Awaited
-from dynident_service.remembered import Remembered
+from dynident_service.awaited import InteractiveCompute
+from dynident_service.remembered import LruCache
 
 
 def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:
@@ -58,7 +58,7 @@ def test_a_verdict_tells_each_use_with_its_reason(
     assert found["stop"] is None
     assert client.get(f"/v1/identifications/{model}/export").status_code == 200
     # A model never changes: what was said of it once is there at once.
-    monkeypatch.setattr(Awaited, "call", None)
+    monkeypatch.setattr(InteractiveCompute, "call", None)
     assert client.get(f"/v1/identifications/{model}/verdict").json() == found
     # In a list nobody looks for parameters, which are most of it; all else is there.
     for brief, expected in ((True, {**result, "parameters": []}), (False, result)):
@@ -69,11 +69,11 @@ def test_a_verdict_tells_each_use_with_its_reason(
 
 
 def test_what_is_remembered_longest_ago_is_forgotten() -> None:
-    kept: Remembered[int] = Remembered(2)
-    kept.keep("a", 1)
-    kept.keep("b", 2)
+    kept: LruCache[int] = LruCache(2)
+    kept.put("a", 1)
+    kept.put("b", 2)
     assert kept.get("a") == 1
-    kept.keep("c", 3)
+    kept.put("c", 3)
     assert [kept.get(one) for one in "abc"] == [1, None, 3]
 
 

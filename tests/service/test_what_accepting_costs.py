@@ -69,23 +69,23 @@ def test_jobs_that_come_while_all_slots_are_taken_are_not_looked_for_one_by_one(
     services: Services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     note, go = tmp_path / "note", tmp_path / "go"
-    services.ledger.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
+    services.job_queue.enqueue(NewJob("report", "small_jobs:waits", {"note": str(note), "go": str(go)}))
     wait_for(note.exists, 60.0)
     looks: list[float] = []
-    claim = services.ledger.claim
+    claim = services.job_queue.claim
 
     def counted(*arguments: Any) -> Any:
         looks.append(time.monotonic())
         return claim(*arguments)
 
-    monkeypatch.setattr(services.ledger, "claim", counted)
-    last = [services.ledger.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(3)][-1]
+    monkeypatch.setattr(services.job_queue, "claim", counted)
+    last = [services.job_queue.enqueue(NewJob("report", "small_jobs:answer")) for _ in range(3)][-1]
     for _ in range(100):
-        services.engine.nudge()
+        services.engine.wake()
         time.sleep(0.01)
     assert len(looks) <= 2
     go.touch()
-    assert wait_for(lambda: services.ledger.get(last).finished_at, 60.0)
+    assert wait_for(lambda: services.job_queue.get(last).finished_at, 60.0)
 
 
 def test_a_service_on_one_machine_does_its_jobs_without_a_scheduler_of_its_own(tmp_path: Path) -> None:

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from nurseries import OfTests
 
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.nursery import ForkServer
 
-Nursery.PROGRAM = OfTests.PROGRAM
+ForkServer.PROGRAM = OfTests.PROGRAM

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from nurseries import Sharing
 
-from dynident_service.jobs.nursery import Nursery
+from dynident_service.jobs.nursery import ForkServer
 
-Nursery.PROGRAM = Sharing.PROGRAM
+ForkServer.PROGRAM = Sharing.PROGRAM

@@ -15,18 +15,18 @@ from dynident.errors import DynidentError
 from dynident.recordings import JointLimits, RecordedJoints, RecordingMetadata, import_recording
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import (
-    Measurement,
     Reference,
     Sensors,
+    SimulatedRecording,
     SimulationRequest,
     TrueEffect,
     VirtualRobot,
     Warming,
-    on_each_joint,
+    add_warming,
+    build_typical_effect,
     simulate,
-    typical_effect,
-    warmed,
-    write_measurement,
+    spread_over_joints,
+    write_simulated_recording,
 )
 
 EXACT = Sensors(sampling_rate=1000.0, encoder_counts=None, torque_noise=0.0)
@@ -43,9 +43,9 @@ def reference(robot: Robot) -> Reference:
     return fourier(robot, 3.0)
 
 
-def measured(robot: Robot, reference: Reference, *effects: TrueEffect) -> Measurement:
+def measured(robot: Robot, reference: Reference, *effects: TrueEffect) -> SimulatedRecording:
     """What is measured of a robot without dry friction, whose motion is smooth."""
-    viscous = on_each_joint(robot, "viscous", "Fv", [5.0] * robot.n)
+    viscous = spread_over_joints(robot, "viscous", "Fv", [5.0] * robot.n)
     return VirtualRobot(robot, (*viscous, *effects)).measure(reference, EXACT)
 
 
@@ -61,7 +61,7 @@ def share(found: np.ndarray, expected: np.ndarray) -> float:
 @pytest.mark.parametrize("effect", ["drive_gain_error", "torque_delay", "encoder_zero_error", "joint_elasticity"])
 def test_the_motion_is_as_it_is_without_them(robot: Robot, reference: Reference, effect: str) -> None:
     joint = "" if effect == "torque_delay" else robot.joint_names[JOINT]
-    found, plain = measured(robot, reference, typical_effect(robot, effect, joint)), measured(robot, reference)
+    found, plain = measured(robot, reference, build_typical_effect(robot, effect, joint)), measured(robot, reference)
     np.testing.assert_array_equal(found.q, plain.q)
     np.testing.assert_array_equal(found.truth.tau, plain.truth.tau)
     assert np.abs(found.tau - plain.tau).max() > 0.5
@@ -131,9 +131,9 @@ def test_links_behind_an_elastic_gear_follow_what_it_twists(robot: Robot, refere
 
 
 def test_effects_in_some_runs_are_in_those_alone(robot: Robot, reference: Reference) -> None:
-    payload = replace(typical_effect(robot, "payload", ""), runs=("loaded",))
+    payload = replace(build_typical_effect(robot, "payload", ""), runs=("loaded",))
     weak = replace(on_joint(robot, "drive_gain_error", {"eps": 0.05}), runs=("loaded",))
-    virtual = VirtualRobot(robot, (*on_each_joint(robot, "viscous", "Fv", [5.0] * 6), payload, weak))
+    virtual = VirtualRobot(robot, (*spread_over_joints(robot, "viscous", "Fv", [5.0] * 6), payload, weak))
     empty, loaded = (virtual.measure(reference, EXACT, run=run) for run in ("empty", "loaded"))
     np.testing.assert_allclose(empty.tau, measured(robot, reference).tau, atol=0.01)
     expected = measured(robot, reference, replace(payload, runs=())).truth.tau
@@ -142,7 +142,7 @@ def test_effects_in_some_runs_are_in_those_alone(robot: Robot, reference: Refere
 
 
 def test_several_runs_are_segments_of_one_recording_while_the_session_goes_on(robot: Robot, tmp_path: Path) -> None:
-    payload = replace(typical_effect(robot, "payload", ""), runs=("2",))
+    payload = replace(build_typical_effect(robot, "payload", ""), runs=("2",))
     request = SimulationRequest(
         fourier(robot, 2.0), (payload,), sensors=EXACT, runs=3, pause=100.0, warming=Warming(20.0, 40.0, 50.0)
     )
@@ -156,7 +156,7 @@ def test_several_runs_are_segments_of_one_recording_while_the_session_goes_on(ro
     light, heavy, again = (found.tau[found.segment == k] for k in (1, 2, 3))
     np.testing.assert_allclose(again, light, atol=1e-6)
     assert np.abs(heavy - light).max() > 10.0
-    path = write_measurement(found, tmp_path / "runs.parquet")
+    path = write_simulated_recording(found, tmp_path / "runs.parquet")
     assert pq.read_table(path).column_names[-1] == "segment"
     recording, _ = import_recording(
         path,
@@ -167,7 +167,7 @@ def test_several_runs_are_segments_of_one_recording_while_the_session_goes_on(ro
         ),
         metadata=RecordingMetadata(name="virtual"),
     )
-    assert [recording.run_label(k) for k in range(3)] == ["virtual#1", "virtual#2", "virtual#3"]
+    assert [recording.name_segment(k) for k in range(3)] == ["virtual#1", "virtual#2", "virtual#3"]
     assert recording.has_temperature
 
 
@@ -195,14 +195,14 @@ def test_a_session_that_cannot_be_is_refused(robot: Robot, changed: dict[str, ob
 
 
 def test_friction_that_depends_on_temperature_needs_one(robot: Robot) -> None:
-    virtual = VirtualRobot(robot, (typical_effect(robot, "temperature_friction", robot.joint_names[JOINT]),))
+    virtual = VirtualRobot(robot, (build_typical_effect(robot, "temperature_friction", robot.joint_names[JOINT]),))
     with pytest.raises(DynidentError, match="temperature_friction needs the temperature") as caught:
         virtual.measure(fourier(robot, 0.5))
     assert caught.value.pointer == "/temperature"
-    assert virtual.measure(warmed(fourier(robot, 0.5), Warming())).temperature is not None
+    assert virtual.measure(add_warming(fourier(robot, 0.5), Warming())).temperature is not None
 
 
 def test_joints_warm_up_by_themselves_where_an_effect_needs_it(robot: Robot) -> None:
-    hidden = typical_effect(robot, "temperature_friction", robot.joint_names[JOINT])
+    hidden = build_typical_effect(robot, "temperature_friction", robot.joint_names[JOINT])
     assert simulate(robot, SimulationRequest(fourier(robot, 0.5), (hidden,))).temperature is not None
     assert simulate(robot, SimulationRequest(fourier(robot, 0.5))).temperature is None

@@ -20,13 +20,13 @@ from dynident.simulation import (
     TrueEffect,
     VirtualRobot,
     Warming,
-    on_each_joint,
+    add_warming,
+    build_standard_parameters,
+    build_typical_effect,
+    list_drive_effects,
     simulate,
-    standard_parameters,
-    typical_drive,
-    typical_effect,
-    warmed,
-    write_measurement,
+    spread_over_joints,
+    write_simulated_recording,
 )
 
 # Effects that are below the noise of most arms' sensors even where they are as large as usual.
@@ -88,7 +88,7 @@ def test_a_written_measurement_is_read_back_as_a_recording(
     reference = fourier(driven, 4.0)
     heated = replace(reference, temperature=np.full_like(reference.q, 31.5))
     measured = VirtualRobot(driven, plain_friction(driven)).measure(heated, Sensors(current=current))
-    path = write_measurement(measured, tmp_path / f"run.{file_format}", file_format)  # type: ignore[arg-type]
+    path = write_simulated_recording(measured, tmp_path / f"run.{file_format}", file_format)  # type: ignore[arg-type]
     recording, checks = import_recording(
         path,
         tmp_path / "imported.parquet",
@@ -193,7 +193,7 @@ def test_a_robot_without_inertial_parameters_says_what_it_needs(robot: Robot) ->
 
 def test_standard_parameters_by_name_are_those_of_the_simulation(robot: Robot) -> None:
     assert robot.inertias is not None
-    given = standard_parameters(robot, {"ZZ2": 4.5, "Fc3": 7.0, "Ia1": 2.0})
+    given = build_standard_parameters(robot, {"ZZ2": 4.5, "Fc3": 7.0, "Ia1": 2.0})
     changed = given.inertias != robot.inertias
     assert np.argwhere(changed).tolist() == [[1, 5]]
     assert given.inertias[1, 5] == 4.5
@@ -203,11 +203,11 @@ def test_standard_parameters_by_name_are_those_of_the_simulation(robot: Robot) -
     }
     for wrong in ("ZZ7", "Fx1", "ZZ", "M0"):
         with pytest.raises(DynidentError, match="no standard parameter"):
-            standard_parameters(robot, {wrong: 1.0})
+            build_standard_parameters(robot, {wrong: 1.0})
 
 
 def test_a_request_gives_the_measurement_of_its_robot(robot: Robot) -> None:
-    effects = on_each_joint(robot, "viscous", "Fv", [3.0] * robot.n)
+    effects = spread_over_joints(robot, "viscous", "Fv", [3.0] * robot.n)
     reference = fourier(robot, 1.0)
     assert robot.inertias is not None
     request = SimulationRequest(reference, effects, 1.1 * robot.inertias, Sensors(sampling_rate=250.0), seed=5)
@@ -223,15 +223,15 @@ def test_a_request_gives_the_measurement_of_its_robot(robot: Robot) -> None:
 @pytest.mark.parametrize("effect", sorted(set(CATALOGUE) - {"rigid_body", "rotor_inertia", "coulomb", "viscous"}))
 def test_every_effect_of_the_catalogue_has_a_typical_size_that_shows_in_the_torque(robot: Robot, effect: str) -> None:
     exact = Sensors(sampling_rate=200.0, encoder_counts=None, torque_noise=0.0)
-    warm = warmed(fourier(robot, 4.0), Warming())
+    warm = add_warming(fourier(robot, 4.0), Warming())
     # The motor of joint 4 is carried along by joints whose axes are not across its own.
-    usual = CATALOGUE[effect].unless_named(robot)
+    usual = CATALOGUE[effect].get_default_joints(robot)
     alone = CATALOGUE[effect].scope == "robot" or len(usual) == 1
     joint = "" if alone else robot.joint_names[3 if effect == "rotor_coupling" else 1]
-    hidden = typical_effect(robot, effect, joint)
+    hidden = build_typical_effect(robot, effect, joint)
     without, with_it = (
         VirtualRobot(robot, effects).measure(warm, exact).tau
-        for effects in (typical_drive(robot), (*typical_drive(robot), hidden))
+        for effects in (list_drive_effects(robot), (*list_drive_effects(robot), hidden))
     )
     difference = np.sqrt(np.mean((with_it - without) ** 2, axis=0) / effort(robot) ** 2).max()
     assert (5e-5 if effect in FAINT else 0.002) < difference < 0.12

@@ -12,7 +12,7 @@ from virtual_arms import effort, fourier, plain_friction
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import Controller, Reference, Sensors, TrueEffect, VirtualRobot
 from dynident.simulation.dynamics import build_dynamics
-from dynident.simulation.step import build_step, first_state
+from dynident.simulation.step import build_first_state, build_step
 
 STEP = 0.25e-3
 EXACT = Sensors(sampling_rate=1 / STEP, encoder_counts=None, torque_noise=0.0)
@@ -32,7 +32,7 @@ def _pushed(robot: Robot, effects: tuple[TrueEffect, ...], torque: np.ndarray) -
     zero, n = np.zeros(robot.n), robot.n
     inputs = np.zeros((len(torque), dynamics.n_inputs))
     inputs[:, 2 * n : 3 * n] = torque
-    start = first_state(dynamics, np.full(n, 0.7), zero, zero, STEP)
+    start = build_first_state(dynamics, np.full(n, 0.7), zero, zero, STEP)
     samples = build_step(dynamics).run(start, inputs, STEP, zero, zero)[1]
     return samples[:, :n], samples[:, n : 2 * n]
 
@@ -79,7 +79,7 @@ def test_friction_holds_an_arm_against_its_own_weight(robot: Robot) -> None:
     )
     dynamics = build_dynamics(robot, strong, robot.inertias)
     zero = np.zeros(6)
-    start = first_state(dynamics, np.full(6, 0.7), zero, zero, STEP)
+    start = build_first_state(dynamics, np.full(6, 0.7), zero, zero, STEP)
     samples = build_step(dynamics).run(start, np.zeros((8000, dynamics.n_inputs)), STEP, zero, zero)[1]
     assert np.array_equal(samples[:, :6], np.full((8000, 6), 0.7))
     assert not np.any(samples[:, 6:18])

@@ -9,20 +9,20 @@ import pinocchio as pin
 import pytest
 from virtual_arms import effort, fourier, plain_friction
 
-from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.effects.memory import MemoryStates
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 from dynident.simulation import (
-    Measurement,
     Sensors,
+    SimulatedRecording,
     TrueEffect,
     VirtualRobot,
     Warming,
-    on_each_joint,
-    typical_effect,
-    warmed,
+    add_warming,
+    build_typical_effect,
+    spread_over_joints,
 )
 
 PLAIN = {"rigid_body", "rotor_inertia", "coulomb", "viscous"}
@@ -40,18 +40,18 @@ def _hidden(robot: Robot, name: str) -> TrueEffect:
         return TrueEffect(name, robot.joint_names[3], (("NJ", 0.5),))
     if name == "external_contact":
         return TrueEffect(name, "", (("fz", 20.0), ("myh", 15.0)), (("t0", 1.0), ("t1", 2.0)))
-    alone = CATALOGUE[name].scope == "robot" or len(CATALOGUE[name].unless_named(robot)) == 1
+    alone = CATALOGUE[name].scope == "robot" or len(CATALOGUE[name].get_default_joints(robot)) == 1
     joint = "" if alone else robot.joint_names[1]
-    typical = typical_effect(robot, name, joint)
+    typical = build_typical_effect(robot, name, joint)
     return replace(typical, values=(*typical.values, ("cz", 0.03))) if name == "presliding" else typical
 
 
-def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measurement) -> np.ndarray:
+def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: SimulatedRecording) -> np.ndarray:
     """Torque (m, n) of links and effects at the true states, from the identification's own observation matrix."""
     signals, truth = Signals(robot), measured.truth
-    columns = columns_of([EffectChoice("rigid_body"), *(effect.choice for effect in effects)], signals)
-    observation = Observation.of(robot, columns, signals)
-    reference = ReferenceParameters.of_links(robot.inertias, robot.n)
+    columns = build_columns([EffectChoice("rigid_body"), *(effect.choice for effect in effects)], signals)
+    observation = Observation.from_columns(robot, columns, signals)
+    reference = ReferenceParameters.from_links(robot.inertias, robot.n)
     entries = observation.evaluate(
         truth.q,
         truth.dq,
@@ -74,7 +74,7 @@ def _inverse(robot: Robot, effects: tuple[TrueEffect, ...], measured: Measuremen
 def test_measured_torque_is_that_of_the_links_and_every_effect(name: str) -> None:
     robot = robot_from_library("ur10")
     effects = (*plain_friction(robot), _hidden(robot, name))
-    warm = warmed(fourier(robot, 3.0), Warming(40.0, 50.0, 2.0))
+    warm = add_warming(fourier(robot, 3.0), Warming(40.0, 50.0, 2.0))
     measured = VirtualRobot(robot, effects).measure(warm, INTERNAL)
     truth = measured.truth
     error = measured.tau - _inverse(robot, effects, measured)
@@ -120,7 +120,7 @@ def test_presliding_rounds_the_reversal_over_the_slip_distance() -> None:
     slip = 4e-3
     presliding = TrueEffect("presliding", robot.joint_names[0], (("Fz", 10.0),), (("d0", slip),))
     truth = (
-        VirtualRobot(robot, (presliding, *on_each_joint(robot, "viscous", "Fv", [5.0] * 6)))
+        VirtualRobot(robot, (presliding, *spread_over_joints(robot, "viscous", "Fv", [5.0] * 6)))
         .measure(fourier(robot, 5.0), INTERNAL)
         .truth
     )

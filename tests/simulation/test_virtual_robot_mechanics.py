@@ -10,7 +10,7 @@ from virtual_arms import fourier, plain_friction
 from dynident.robot import robot_from_library, to_pinocchio
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
 from dynident.simulation.dynamics import build_dynamics
-from dynident.simulation.step import build_step, first_state
+from dynident.simulation.step import build_first_state, build_step
 
 ARMS = ("franka_panda", "ur10", "scara", "dual_arm")
 EXACT = Sensors(encoder_counts=None, torque_noise=0.0)
@@ -25,7 +25,7 @@ def _run(robot_name: str, duration: float, h: float, effects: tuple[TrueEffect, 
     start = np.array([np.mean(joint.limits.position or (-0.5, 1.5)) for joint in robot.joints]) + 0.3
     model = to_pinocchio(robot)
     fall = pin.aba(model, model.createData(), start, zero, zero)
-    state = first_state(dynamics, start, zero, fall, h)
+    state = build_first_state(dynamics, start, zero, fall, h)
     return build_step(dynamics).run(state, np.zeros((steps, dynamics.n_inputs)), h, zero, zero)[1]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.robot import Robot
-from dynident.simulation import Reference, TrueEffect, on_each_joint
+from dynident.simulation import Reference, TrueEffect, spread_over_joints
 
 FloatArray = NDArray[np.float64]
 
@@ -18,9 +18,9 @@ def effort(robot: Robot) -> FloatArray:
 def plain_friction(robot: Robot) -> tuple[TrueEffect, ...]:
     """Coulomb 4 %, viscous 3 % of the effort limits, and rotors."""
     return (
-        *on_each_joint(robot, "coulomb", "Fc", 0.04 * effort(robot)),
-        *on_each_joint(robot, "viscous", "Fv", 0.03 * effort(robot)),
-        *on_each_joint(robot, "rotor_inertia", "Ia", 0.003 * effort(robot)),
+        *spread_over_joints(robot, "coulomb", "Fc", 0.04 * effort(robot)),
+        *spread_over_joints(robot, "viscous", "Fv", 0.03 * effort(robot)),
+        *spread_over_joints(robot, "rotor_inertia", "Ia", 0.003 * effort(robot)),
     )
 
 

@@ -20,4 +20,4 @@ def test_an_effect_of_the_catalogue_conforms(name: str) -> None:
 
 @pytest.mark.parametrize("name", ESTIMATORS.names)
 def test_an_estimator_conforms(name: str) -> None:
-    assert check_estimator(ESTIMATORS.one(name))
+    assert check_estimator(ESTIMATORS.get(name))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dynident.arrays import FloatArray
-from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, Usual
+from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, UsualSize
 from dynident.identification.methods.estimators.wls import Weighted
 from dynident.testing import ConformanceError, check_effect, check_estimator
 
@@ -106,7 +106,7 @@ class Lost(Good):
 
 class Impossible(Good):
     def usual(self, robot, joint):
-        return Usual({"Fx": -1.0})
+        return UsualSize({"Fx": -1.0})
 
 
 class Moody(Good):
@@ -160,7 +160,7 @@ class Spoiling(Weighted):
 
     def solve(self, problem):
         for equation in problem.data.equations.equations:
-            equation.joined[:] *= 2.0
+            equation.joint_factor[:] *= 2.0
         return super().solve(problem)
 
 

@@ -12,13 +12,13 @@ from dynident.errors import DynidentError
 from dynident.identification import identify
 from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
 from dynident.regressors.row_phases import RowPhases
-from dynident.validation import Method, available_methods, method_of, validate_methods
+from dynident.validation import Method, available_methods, get_method, validate_methods
 from dynident.validation.methods import judge_methods
 
 
 def test_every_available_choice_is_among_the_methods(identified):
     methods = available_methods(identified.choices)
-    assert methods[0] == method_of(identified.choices)
+    assert methods[0] == get_method(identified.choices)
     assert len(set(methods)) == len(methods)
     assert {one.model for one in methods} == set(AVAILABLE_MODELS)
     assert {one.strategy for one in methods} == set(AVAILABLE_STRATEGIES)
@@ -29,7 +29,7 @@ def test_the_table_has_what_each_method_gives_when_asked_for_alone(identified, t
     methods = [Method(estimator="auto"), Method(estimator="ols"), Method(strategy="sequential")]
     table = validate_methods(identified, [training], [unseen], methods)
     for method, row in zip(methods, table.results, strict=True):
-        alone = identify(ROBOT, [training], [unseen], method.of(identified.choices))
+        alone = identify(ROBOT, [training], [unseen], method.apply_to(identified.choices))
         assert row.values == pytest.approx(alone.values)
         assert row.held_out.relative == pytest.approx(alone.held_out.relative)
         deviations = np.hypot(alone.statistics.standard_deviations, identified.statistics.standard_deviations)
@@ -50,9 +50,9 @@ def test_the_torque_distance_is_that_of_the_predicted_torques(identified, traini
     rows = identified.in_memory.held_out
     squares = measured = 0.0
     gap = table.results[1].values - table.results[0].values
-    phases = RowPhases.of(identified.model.observation, unseen, identified.preprocessing)
+    phases = RowPhases.from_recording(identified.model.observation, unseen, identified.preprocessing)
     for samples in rows.samples[0]:
-        used = phases.used(samples.segment, samples.t)
+        used = phases.find_used_rows(samples.segment, samples.t)
         squares += np.sum(identified.model.observation.torque(samples.values, gap)[used] ** 2)
         measured += np.sum(samples.tau[used] ** 2)
     assert table.results[1].torque_distance == pytest.approx(np.sqrt(squares / measured))

@@ -11,7 +11,7 @@ from dynident.effects import EffectChoice
 from dynident.identification import IdentificationChoices, identify
 from dynident.robot import to_pinocchio
 from dynident.simulation import Reference, VirtualRobot
-from dynident.validation.drift import open_loop_drift
+from dynident.validation.drift import compute_open_loop_drift
 
 ROBOT = arm("ur10")
 LINKS = IdentificationChoices((EffectChoice("rigid_body"),), estimator="feasible")
@@ -44,12 +44,12 @@ def test_a_right_model_stays_near_and_one_of_other_links_runs_away() -> None:
     for seed in (3, 4):
         motion = fourier_motion(ROBOT, 10.0, 200.0, seed)
         recordings.append(record(ROBOT, motion, pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), f"run{seed}"))
-    right = open_loop_drift(identify(ROBOT, recordings[:1], choices=LINKS), recordings[1:])
+    right = compute_open_loop_drift(identify(ROBOT, recordings[:1], choices=LINKS), recordings[1:])
     assert right.starts > 5
     assert right.share[0].max() < 0.01
     assert right.share[1].max() < 0.05
     motion = fourier_motion(ROBOT, 10.0, 200.0, 3)
     wrong = record(ROBOT, motion, 1.3 * pinocchio_torque(ROBOT, motion.q, motion.dq, motion.ddq), "wrong")
-    off = open_loop_drift(identify(ROBOT, [wrong], choices=LINKS), recordings[1:])
+    off = compute_open_loop_drift(identify(ROBOT, [wrong], choices=LINKS), recordings[1:])
     assert off.share[1].max() > 0.3
     assert off.way == pytest.approx(right.way)

@@ -12,8 +12,8 @@ from oracles import pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.estimators.recorded_motion import longest_stretch
-from dynident.identification.estimators.simulator import simulator_of
+from dynident.identification.estimators.recorded_motion import read_longest_piece
+from dynident.identification.estimators.simulator import build_simulator
 from dynident.validation import filters_by_simulation, sensor_noise, validate_simulation
 
 
@@ -30,7 +30,7 @@ def test_the_simulated_robot_gives_the_torque_that_was_recorded(identified, unse
 
 
 def test_the_simulated_robot_has_the_identified_parameters(identified):
-    virtual = simulator_of(identified.model, identified.values).robot
+    virtual = build_simulator(identified.model, identified.values).robot
     q = np.array([[0.3, -1.0, 0.8, 0.2, 0.5, -0.4]])
     still = np.zeros_like(q)
     acceleration = np.full_like(q, 0.7)
@@ -42,12 +42,12 @@ def test_the_simulated_robot_has_the_identified_parameters(identified):
 
 
 def test_a_negative_rotor_that_only_a_sum_determines_is_taken_over_by_the_link(identified):
-    simulator = simulator_of(identified.model, identified.values)
+    simulator = build_simulator(identified.model, identified.values)
     assert simulator.values == pytest.approx(identified.values, rel=1e-6, abs=1e-6)
     values = identified.values.copy()
     (k,) = [k for k, column in enumerate(identified.model.kept) if column.name in ("ZZ1", "Ia1")]
     values[k] -= 3.0
-    shifted = simulator_of(identified.model, values)
+    shifted = build_simulator(identified.model, values)
     assert shifted.values == pytest.approx(values, rel=1e-6, abs=1e-6)
     assert all(dict(one.values)["Ia"] >= 0 for one in shifted.robot.effects if one.effect == "rotor_inertia")
 
@@ -73,18 +73,18 @@ def test_effects_of_the_catalogue_are_in_the_simulated_robot(identified, trainin
     grown = extend(identified, [EffectChoice("joint_spring", ("elbow_joint",))], [training])
     assert any(
         one.effect == "joint_spring" and one.joint == "elbow_joint"
-        for one in simulator_of(grown.model, grown.values).robot.effects
+        for one in build_simulator(grown.model, grown.values).robot.effects
     )
     assert validate_simulation(grown, training, longest=4.0).judged.verdict == "pass"
 
 
 def test_only_the_longest_stretch_inside_the_windows_is_simulated(identified, unseen):
     windowed = unseen.with_windows(((1.0, 2.0), (4.0, 8.0)))
-    motion = longest_stretch(windowed, BAND, 20.0)
+    motion = read_longest_piece(windowed, BAND, 20.0)
     assert motion.reference.t[0] == pytest.approx(4.0, abs=0.02)
     assert motion.reference.t[-1] == pytest.approx(8.0, abs=0.02)
     assert len(motion.tau) == len(motion.reference.t)
-    cut = longest_stretch(windowed, BAND, 1.5)
+    cut = read_longest_piece(windowed, BAND, 1.5)
     assert cut.reference.duration == pytest.approx(1.5, abs=0.02)
 
 

@@ -10,10 +10,14 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.parameters.inertia import joint_range, random_postures, smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import (
+    compute_smallest_inertia_eigenvalue,
+    draw_postures,
+    get_joint_range,
+)
 from dynident.robot import to_pinocchio
 from dynident.validation import validate_inertia_matrix
-from dynident.validation.inertia_matrix import _Search
+from dynident.validation.inertia_matrix import _PostureSearch
 
 
 def scaled_eigenvalue(q: np.ndarray, rotors: np.ndarray) -> float:
@@ -42,16 +46,16 @@ def test_the_worst_posture_is_worse_than_any_sample_and_is_what_pinocchio_says(t
     found = validate_inertia_matrix(true_model)
     assert found.judged.verdict == "pass"
     assert found.smallest_eigenvalue == pytest.approx(scaled_eigenvalue(found.posture, IA), rel=1e-6)
-    others = [scaled_eigenvalue(q, IA) for q in random_postures(ROBOT, 3000, seed=7)]
+    others = [scaled_eigenvalue(q, IA) for q in draw_postures(ROBOT, 3000, seed=7)]
     assert found.smallest_eigenvalue <= min(others)
     assert found.smallest_eigenvalue <= found.sampled
-    low, high = joint_range(ROBOT)
+    low, high = get_joint_range(ROBOT)
     assert np.all((found.posture >= low) & (found.posture <= high))
 
 
 def test_the_gradient_is_that_of_finite_differences(true_model):
-    search = _Search(true_model.model, true_model.values)
-    q = random_postures(ROBOT, 1, seed=3)[0]
+    search = _PostureSearch(true_model.model, true_model.values)
+    q = draw_postures(ROBOT, 1, seed=3)[0]
     gradient = search._value_and_gradient(q)[1]
     step = 1e-6 * np.eye(ROBOT.n)
     differences = [(search._value_and_gradient(q + h)[0] - search._value_and_gradient(q - h)[0]) / 2e-6 for h in step]
@@ -76,7 +80,7 @@ def _at(identified, parameters: np.ndarray, posture: np.ndarray) -> float:
         q,
         np.zeros_like(q),
         ddq,
-        reference=ReferenceParameters.nothing(model.robot),
+        reference=ReferenceParameters.massless(model.robot),
         memory=np.zeros((n + 1, observation.n_memory)),
     )
     torque = observation.torque(entries, parameters)
@@ -99,12 +103,12 @@ def test_a_matrix_that_is_indefinite_in_a_corner_alone_is_found_where_samples_se
     low, high = 0.0, 50.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        if smallest_inertia_eigenvalue(true_model.model, lowered(middle).values) > 0:
+        if compute_smallest_inertia_eigenvalue(true_model.model, lowered(middle).values) > 0:
             low = middle
         else:
             high = middle
     barely = lowered(low)
-    assert smallest_inertia_eigenvalue(barely.model, barely.values) > 0
+    assert compute_smallest_inertia_eigenvalue(barely.model, barely.values) > 0
     found = validate_inertia_matrix(barely)
     assert found.judged.verdict == "fail"
     assert found.smallest_eigenvalue < 0

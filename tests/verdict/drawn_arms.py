@@ -11,7 +11,7 @@ from oracles import Motion, crooked_urdf, fourier_motion, record
 
 from dynident.recordings import Recording
 from dynident.robot import Robot, robot_from_urdf
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 FloatArray = NDArray[np.float64]
 LOAD = 3.0
@@ -35,7 +35,7 @@ class DrawnArm:
     dry: Callable[[Motion], FloatArray] = lambda motion: np.sign(motion.dq)
 
     def torque(self, motion: Motion, robot: Robot | None = None) -> FloatArray:
-        links = described_torque(robot or self.robot, motion.q, motion.dq, motion.ddq, self.rotors)
+        links = compute_described_torque(robot or self.robot, motion.q, motion.dq, motion.ddq, self.rotors)
         return links + self.coulomb * self.dry(motion) + self.viscous * motion.dq
 
     def measure(self, name: str, seed: int, tau: FloatArray | None = None, motion: Motion | None = None) -> Recording:
@@ -63,7 +63,7 @@ def draw_arm(seed: int) -> DrawnArm:
     robot = robot_from_urdf(f"drawn{seed}", crooked_urdf(n, 100 + seed, sliding=sliding))
     robot = replace(robot, inertias=np.array([_lump(rng) for _ in range(n)]))
     motion = fourier_motion(robot, 10.0, 50.0, 1)
-    size = np.sqrt((described_torque(robot, motion.q, motion.dq, motion.ddq) ** 2).mean(axis=0))
+    size = np.sqrt((compute_described_torque(robot, motion.q, motion.dq, motion.ddq) ** 2).mean(axis=0))
     return DrawnArm(
         robot,
         rng.uniform(0.05, 0.2, n),

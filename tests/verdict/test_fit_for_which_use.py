@@ -12,8 +12,8 @@ from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from dynident.identification import Identification, IdentificationChoices, LadderStep, identify
 from dynident.recordings import Recording, Revision, recording_from_arrays
 from dynident.recordings.sample_hashes import SampleHashes
-from dynident.validation import Judged
-from dynident.verdict import Outcome, common_content, is_stopped, verdict
+from dynident.validation import ValidationOutcome
+from dynident.verdict import Outcome, find_overlaps, is_stopped, verdict
 
 ROBOT = arm("ur10")
 EFFORT = np.array([joint.limits.effort for joint in ROBOT.joints])
@@ -73,12 +73,14 @@ def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(
 
 
 def test_a_failed_validation_revises_the_verdict_of_its_use_alone(model: Identification) -> None:
-    failed = Outcome("simulation", Judged("fail", "It leaves the motion."))
+    failed = Outcome("simulation", ValidationOutcome("fail", "It leaves the motion."))
     before, after = (verdict(model, [FITTED], [OTHER], outcomes=some).uses for some in ([], [failed]))
     changed = [new for old, new in zip(before, after, strict=True) if old.state != new.state]
     assert [(one.use, one.state) for one in changed] == [("simulation", "no")]
     assert "The validation simulation failed: It leaves the motion." in changed[0].reason
-    passed = verdict(model, [FITTED], [OTHER], outcomes=[Outcome("payload", Judged("pass", "The load weighs 3 kg."))])
+    passed = verdict(
+        model, [FITTED], [OTHER], outcomes=[Outcome("payload", ValidationOutcome("pass", "The load weighs 3 kg."))]
+    )
     states = {one.use: one.state for one in passed.uses}
     assert states["payload"] == states["collision_detection"] == "yes"
 
@@ -151,7 +153,7 @@ def test_a_shifted_part_and_one_sampled_anew_are_copies_and_another_run_is_none(
     q, torque = (np.stack([np.interp(t, motion.t, c) for c in x.T], axis=1) for x in (motion.q, tau))
     anew = recording_from_arrays(t, q, torque, joint_names=ROBOT.joint_names)
     repeated = run("repeated", *measured(3, draw=1))
-    kinds = [[one.kind for one in common_content([FITTED], [other])] for other in (cut, anew, repeated, OTHER)]
+    kinds = [[one.kind for one in find_overlaps([FITTED], [other])] for other in (cut, anew, repeated, OTHER)]
     assert kinds[0] == ["copied"]
     assert kinds[1] in (["copied"], ["repeated"])
     assert kinds[2:] == [["repeated"], []]
@@ -174,8 +176,8 @@ def test_a_part_of_the_samples_is_told_and_windows_that_touch_are_apart() -> Non
     motion, tau = measured(3, seconds=9.0)
     whole = run("whole", motion, tau)
     fit, beside = whole.with_windows(((0.0, 5.0),)), whole.with_windows(((5.0, 9.0),))
-    assert common_content([fit], [beside]) == ()
-    [found] = common_content([fit], [whole.with_windows(((4.4, 9.0),))])
+    assert find_overlaps([fit], [beside]) == ()
+    [found] = find_overlaps([fit], [whole.with_windows(((4.4, 9.0),))])
     assert found.kind == "copied"
     assert found.share == pytest.approx(0.6 / 4.6, abs=0.02)
     assert "partly that of the fit" in str(found)
@@ -193,8 +195,8 @@ def test_counts_that_are_coarse_and_repeat_singly_are_no_copy() -> None:
         for r in (next(iter(x.source.rows(0, 2000, 2000))) for x in (one, other))
     ]
     assert len(singly[0] & singly[1]) > 0.05 * len(singly[0])
-    assert SampleHashes.of(one).share_in(SampleHashes.of(other)) < 0.01
-    assert SampleHashes.of(one).share_in(SampleHashes.of(one)) == 1.0
+    assert SampleHashes.from_recording(one).measure_share_in(SampleHashes.from_recording(other)) < 0.01
+    assert SampleHashes.from_recording(one).measure_share_in(SampleHashes.from_recording(one)) == 1.0
 
 
 def test_another_part_of_the_same_file_is_no_copy() -> None:
@@ -202,7 +204,7 @@ def test_another_part_of_the_same_file_is_no_copy() -> None:
     whole = run("whole", motion, tau)
     halves = whole.with_windows(((0.0, 15.0),)), whole.with_windows(((25.0, 40.0),))
     # The motion has a period of 10 s.
-    assert [one.kind for one in common_content([halves[0]], [halves[1]])] == ["repeated"]
+    assert [one.kind for one in find_overlaps([halves[0]], [halves[1]])] == ["repeated"]
 
 
 def test_a_repeated_motion_is_said_to_be_one() -> None:

@@ -8,7 +8,7 @@ from oracles import arm
 from scipy.signal import lfilter
 
 from dynident.robot import tool_path
-from dynident.verdict.tool_loads import _seen, _threshold, tool_jacobian
+from dynident.verdict.tool_loads import _compute_lift, _compute_threshold, compute_tool_jacobian
 
 _RATE = 25
 _HOURS = 2
@@ -22,7 +22,7 @@ def test_correlated_residuals_cross_their_threshold_once_an_hour_at_most(memory:
         white = np.random.default_rng([trial, int(100 * memory)]).normal(size=(30 + 3600 * _HOURS) * _RATE)
         residual = np.abs(lfilter([1.0], [1.0, -coefficient], white))
         known, later = residual[: 30 * _RATE], residual[30 * _RATE :]
-        threshold = _threshold([known.reshape(30, _RATE).max(axis=1)], 1.0 / 3600.0)
+        threshold = _compute_threshold([known.reshape(30, _RATE).max(axis=1)], 1.0 / 3600.0)
         alarms.append(np.count_nonzero((later[1:] > threshold) & (later[:-1] <= threshold)) / _HOURS)
         heights.append(threshold / np.sqrt((residual**2).mean()))
     assert np.mean(alarms) < 1.0
@@ -36,13 +36,13 @@ def test_the_jacobian_is_the_velocity_of_the_tool() -> None:
     rng = np.random.default_rng(0)
     q, dq = rng.normal(size=(5, 6)), rng.normal(size=(5, 6))
     moved = (tool_path(robot, q + 1e-6 * dq) - tool_path(robot, q - 1e-6 * dq)) / 2e-6
-    assert np.einsum("mij,mj->mi", tool_jacobian(robot, q), dq) == pytest.approx(moved, abs=1e-6)
+    assert np.einsum("mij,mj->mi", compute_tool_jacobian(robot, q), dq) == pytest.approx(moved, abs=1e-6)
 
 
 def test_a_force_shows_on_the_joint_with_the_best_lever() -> None:
     # One joint that feels forces along y by a lever of half a metre, and one that feels nothing.
     jacobian = np.array([[[0.0, 0.0], [0.5, 0.0], [0.0, 0.0]]])
-    seen = _seen(jacobian, np.array([2.0, 1.0]))
+    seen = _compute_lift(jacobian, np.array([2.0, 1.0]))
     assert seen is not None
     assert 1.0 / seen == pytest.approx(4.0)
-    assert _seen(np.zeros((1, 3, 2)), np.ones(2)) is None
+    assert _compute_lift(np.zeros((1, 3, 2)), np.ones(2)) is None

@@ -100,7 +100,7 @@ def test_links_in_a_closed_loop_stand_where_the_library_has_them(
     robot = robot_from_modified_dh(machine.__name__, machine())
     body = {"name": machine.__name__, "description": {"format": "modified_dh", "content": document}}
     made = page.request.post("/v1/robots", data=body).json()["id"]
-    q = robot.linkage.closure.postures(np.random.default_rng(4), 30)
+    q = robot.linkage.closure.draw_postures(np.random.default_rng(4), 30)
     page.goto(f"/?view=new&robot={made}")
     found = page.evaluate(
         """async ([id, positions]) => {
@@ -123,7 +123,7 @@ def origins_of(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Origins (m, N, 3) of the tree's frames by Pinocchio at driven positions (m, n)."""
     model = to_pinocchio(robot.linkage.tree)
     data, found = model.createData(), []
-    for position in robot.linkage.positions(q):
+    for position in robot.linkage.compute_positions(q):
         pin.forwardKinematics(model, data, position)
         found.append([data.oMi[k].translation.copy() for k in range(1, model.njoints)])
     return np.array(found)

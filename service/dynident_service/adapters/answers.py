@@ -15,8 +15,8 @@ from pydantic.fields import FieldInfo
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
-from dynident_service.adapters.effects import choice_of, show_choice
-from dynident_service.hints import hint_of
+from dynident_service.adapters.effects import from_wire_choice, show_choice
+from dynident_service.hints import resolve_hint
 from dynident_service.models import common
 from dynident_service.models.identifications import ErrorFigures, ErrorsView
 
@@ -24,10 +24,10 @@ T = TypeVar("T")
 ViewT = TypeVar("ViewT", bound=BaseModel)
 
 _ABSENT = object()
-_AS_CALLED = common.At()
+_SAME_NAME = common.SourcePath()
 
 
-def shown(view: type[ViewT], result: object, **more: object) -> ViewT:
+def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
     """Build a view of a result.
 
     Parameters
@@ -48,21 +48,21 @@ def shown(view: type[ViewT], result: object, **more: object) -> ViewT:
     """
     values: dict[str, object] = {}
     for name, field in view.model_fields.items():
-        owner, attribute = _place(result, _at(field).path or name)
+        owner, attribute = _resolve_path(result, _source_of_field(field).path or name)
         # A path that ends at None, as "held_out.rms_total" without held-out data, gives null. An attribute that does
         # not exist leaves the field to its default.
         nothing = None if owner is None and result is not None else _ABSENT
         value = more[name] if name in more else getattr(owner, attribute, nothing)
         if value is _ABSENT:
             continue
-        if isinstance(value, Errors) and ErrorsView in _parts(field.annotation):
+        if isinstance(value, Errors) and ErrorsView in _union_members(field.annotation):
             value = show_errors(value, getattr(owner, f"{attribute}_moving", None))
         # Models validate by alias where a field has one: "from" is no Python name.
-        values[field.alias or name] = _shown(field.annotation, value)
+        values[field.alias or name] = _to_wire_value(field.annotation, value)
     return view.model_validate(values)
 
 
-def known(science: type[T], view: BaseModel, **more: object) -> T:
+def from_view(science: type[T], view: BaseModel, **more: object) -> T:
     """Restore a result of the library from its view.
 
     Parameters
@@ -82,7 +82,7 @@ def known(science: type[T], view: BaseModel, **more: object) -> T:
     values: dict[str, dict[str, tuple[FieldInfo, object]]] = {}
     # Several fields of a view may come from one attribute ("choice.effect", "choice.joints"): they are collected by it.
     for name, info in type(view).model_fields.items():
-        field, _, inner = (_at(info).path or name).partition(".")
+        field, _, inner = (_source_of_field(info).path or name).partition(".")
         values.setdefault(field, {})[inner] = (info, getattr(view, name))
     science_fields = [
         science_field
@@ -91,7 +91,7 @@ def known(science: type[T], view: BaseModel, **more: object) -> T:
     ]
     return science(
         **{
-            science_field.name: _known(hint_of(science, science_field), values[science_field.name])
+            science_field.name: _from_wire_fields(resolve_hint(science, science_field), values[science_field.name])
             for science_field in science_fields
         },
         **more,
@@ -116,7 +116,7 @@ def show_errors(errors: Errors, moving: Errors | None = None, sigma: FloatArray 
     return ErrorsView(
         **show_figures(errors).model_dump(),
         moving=None if moving is None else show_figures(moving),
-        sigma=None if sigma is None else numbers(sigma),
+        sigma=None if sigma is None else to_json_numbers(sigma),
     )
 
 
@@ -124,41 +124,41 @@ def show_figures(errors: Errors) -> ErrorFigures:
     """Show errors on a set of rows; null for a joint without rows there."""
     has_rows = errors.counts > 0
     return ErrorFigures(
-        rms=numbers(np.where(has_rows, errors.rms, np.nan)),
-        relative=numbers(np.where(has_rows, errors.relative, np.nan)),
-        relative_total=finite(errors.relative_total) if has_rows.any() else None,
+        rms=to_json_numbers(np.where(has_rows, errors.rms, np.nan)),
+        relative=to_json_numbers(np.where(has_rows, errors.relative, np.nan)),
+        relative_total=finite_or_none(errors.relative_total) if has_rows.any() else None,
     )
 
 
-def finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a number, or None for infinity and NaN, which JSON does not have."""
     return float(value) if math.isfinite(value) else None
 
 
-def numbers(values: FloatArray) -> list[float | None]:
+def to_json_numbers(values: FloatArray) -> list[float | None]:
     """Return an array (n,) as JSON numbers, None where one is not finite."""
     # Signals are long and almost always finite: one vectorised check spares a Python call a sample.
     listed: list[float | None] = values.tolist()
-    return listed if np.isfinite(values).all() else [finite(value) for value in values.tolist()]
+    return listed if np.isfinite(values).all() else [finite_or_none(value) for value in values.tolist()]
 
 
-def _at(field: FieldInfo) -> common.At:
-    return next((about for about in field.metadata if isinstance(about, common.At)), _AS_CALLED)
+def _source_of_field(field: FieldInfo) -> common.SourcePath:
+    return next((about for about in field.metadata if isinstance(about, common.SourcePath)), _SAME_NAME)
 
 
-def _place(result: object, path: str) -> tuple[object, str]:
+def _resolve_path(result: object, path: str) -> tuple[object, str]:
     owner, _, attribute = path.rpartition(".")
     for step in owner.split(".") if owner else ():
         result = getattr(result, step, None)
     return result, attribute
 
 
-def _parts(hint: Any) -> tuple[Any, ...]:
+def _union_members(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
-def _shown(hint: Any, value: object) -> object:
-    parts = _parts(hint)
+def _to_wire_value(hint: Any, value: object) -> object:
+    parts = _union_members(hint)
     if isinstance(value, (np.ndarray, np.generic)):
         # The same shortcut for long signals that are finite throughout.
         if value.ndim and np.isfinite(value).all():
@@ -176,37 +176,37 @@ def _shown(hint: Any, value: object) -> object:
     hint = next(part for part in parts if part is not NoneType)
     inner = get_args(hint)
     if isinstance(value, (tuple, list)) and get_origin(hint) is tuple:
-        return tuple(_shown(part, element) for part, element in zip(inner, value, strict=True))
+        return tuple(_to_wire_value(part, element) for part, element in zip(inner, value, strict=True))
     if isinstance(value, (tuple, list)) and get_origin(hint) is not dict:
-        return [_shown(inner[0], element) for element in value]
+        return [_to_wire_value(inner[0], element) for element in value]
     if isinstance(value, (Mapping, tuple)):
-        return {name: _shown(inner[1], element) for name, element in dict(value).items()}
-    return shown(hint, value)
+        return {name: _to_wire_value(inner[1], element) for name, element in dict(value).items()}
+    return to_view(hint, value)
 
 
-def _known(hint: Any, shown_fields: Mapping[str, tuple[FieldInfo, object]]) -> object:
+def _from_wire_fields(hint: Any, shown_fields: Mapping[str, tuple[FieldInfo, object]]) -> object:
     """Restore one attribute, from the field that shows it or from several fields that show its attributes."""
     if "" in shown_fields:
         field, value = shown_fields[""]
-        return _back(hint, value, _at(field).null)
+        return _from_wire_value(hint, value, _source_of_field(field).null)
     # Without an entry for the attribute itself, the fields show attributes of it, so it is built from them.
     flat = {
-        name: _back(hint_of(hint, science_field), shown_fields[science_field.name][1])
+        name: _from_wire_value(resolve_hint(hint, science_field), shown_fields[science_field.name][1])
         for science_field in fields(hint)
         if (name := science_field.name) in shown_fields
     }
     return hint(**flat)
 
 
-def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan) -> object:
-    parts = _parts(hint)
+def _from_wire_value(hint: Any, value: object, null: float | tuple[float, float] = math.nan) -> object:
+    parts = _union_members(hint)
     if value is None:
         return None if NoneType in parts else null
     hint = next(part for part in parts if part is not NoneType)
     if isinstance(value, common.EffectChoice):
-        return choice_of(value)
+        return from_wire_choice(value)
     if isinstance(value, BaseModel):
-        return known(hint, value) if isinstance(hint, type) and is_dataclass(hint) else value
+        return from_view(hint, value) if isinstance(hint, type) and is_dataclass(hint) else value
     if isinstance(value, dict) and get_origin(hint) is tuple:
         return tuple(sorted(value.items()))
     if not isinstance(value, (list, tuple)):
@@ -217,4 +217,4 @@ def _back(hint: Any, value: object, null: float | tuple[float, float] = math.nan
     # Of an interval each end has its own value for null, as −∞ and ∞.
     if isinstance(null, tuple):
         return tuple(end if element is None else element for element, end in zip(value, null, strict=True))
-    return tuple(_back(get_args(hint)[0], element) for element in value)
+    return tuple(_from_wire_value(get_args(hint)[0], element) for element in value)

@@ -8,7 +8,7 @@ from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
 from dynident.diagnosis.comparing.stored import JointSignals
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident_service.adapters.answers import show_figures, shown
+from dynident_service.adapters.answers import show_figures, to_view
 from dynident_service.models import comparisons as wire
 from dynident_service.models.measurements import PhasesView
 
@@ -31,10 +31,10 @@ def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: 
         The view.
     """
     phases = PhasesView(
-        standing=_share(comparison.phase, Phase.STANDING),
-        reversing=_share(comparison.phase, Phase.REVERSING, Phase.PASSIVE_HALT),
+        standing=_phase_share(comparison.phase, Phase.STANDING),
+        reversing=_phase_share(comparison.phase, Phase.REVERSING, Phase.PASSIVE_HALT),
     )
-    return shown(
+    return to_view(
         wire.ComparisonResult,
         comparison,
         n_samples=len(comparison.t),
@@ -43,11 +43,11 @@ def describe_comparison(comparison: Comparison, judgement: Judgement, held_out: 
         phases=phases,
         held_out=held_out,
         **dict(show_figures(comparison.errors)),
-        **dict(shown(wire.Judgement, judgement, repetition=judgement.noise if judgement.noise.period > 0 else None)),
+        **dict(to_view(wire.Judgement, judgement, repetition=judgement.noise if judgement.noise.period > 0 else None)),
     )
 
 
-def thinned(joint_signals: JointSignals, points: int) -> JointSignals:
+def thin_signals(joint_signals: JointSignals, points: int) -> JointSignals:
     """Thin signals for a plot.
 
     Parameters
@@ -65,13 +65,13 @@ def thinned(joint_signals: JointSignals, points: int) -> JointSignals:
     """
     signals = (joint_signals.measured, joint_signals.lower, joint_signals.upper, joint_signals.residual)
     return (
-        joint_signals.rows(_chosen(points, joint_signals.standing, *signals))
+        joint_signals.select_rows(_select_rows(points, joint_signals.standing, *signals))
         if len(joint_signals.t) > points
         else joint_signals
     )
 
 
-def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArray:
+def _select_rows(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArray:
     changes = np.flatnonzero(np.diff(standing))
     # Ends of standstills get at most half of the points; a joint that creeps has more of them than a plot can show.
     edges = np.concatenate([changes, changes + 1]) if 2 * len(changes) <= points // 2 else np.empty(0, dtype=np.intp)
@@ -84,6 +84,6 @@ def _chosen(points: int, standing: BoolArray, *signals: FloatArray) -> IndexArra
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 
 
-def _share(phases: PhaseArray, *wanted: Phase) -> list[float]:
+def _phase_share(phases: PhaseArray, *wanted: Phase) -> list[float]:
     """Return the share of rows that are in the given phases, per joint."""
     return [float(share) for share in np.isin(phases, wanted).mean(axis=0)]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel
 
 from dynident.effects import EffectChoice
-from dynident.kinds import Kind
-from dynident_service.adapters.effects import choice_of, show_choice
+from dynident.kinds import RegistryEntry
+from dynident_service.adapters.effects import from_wire_choice, show_choice
 from dynident_service.models import common
-from dynident_service.models.derived import BODIES, SCIENCE
+from dynident_service.models.derived import BODIES, REQUESTS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -21,7 +21,7 @@ T = TypeVar("T")
 BodyT = TypeVar("BodyT", bound=BaseModel)
 
 
-def taken(request_body: BaseModel, science: type[T], **more: object) -> T:
+def to_request(request_body: BaseModel, science: type[T], **more: object) -> T:
     """Build a request of the library from a body.
 
     Parameters
@@ -54,10 +54,10 @@ def taken(request_body: BaseModel, science: type[T], **more: object) -> T:
         for request_field in request_fields
         if getattr(request_body, request_field.name) is not None or "None" in str(request_field.type)
     ]
-    return science(**{name: _taken(getattr(request_body, name)) for name in names}, **more)
+    return science(**{name: _from_wire_value(getattr(request_body, name)) for name in names}, **more)
 
 
-def body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
+def to_body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
     """Build the body that asks for a request of the library.
 
     Parameters
@@ -74,37 +74,37 @@ def body(kind: type[BodyT], value: DataclassInstance, **own: object) -> BodyT:
     BaseModel
         The body.
     """
-    return kind.model_validate({**own, **_fields(value)})
+    return kind.model_validate({**own, **_wire_fields(value)})
 
 
-def written(value: object) -> object:
+def to_wire_value(value: object) -> object:
     """Convert a value of a request to the types of JSON, as the contract writes it."""
     if isinstance(value, EffectChoice):
         return show_choice(value).model_dump()
     if is_dataclass(value) and not isinstance(value, type):
-        return _fields(value)
+        return _wire_fields(value)
     if isinstance(value, Mapping):
-        return {name: written(element) for name, element in value.items()}
-    return [written(element) for element in value] if isinstance(value, (tuple, list)) else value
+        return {name: to_wire_value(element) for name, element in value.items()}
+    return [to_wire_value(element) for element in value] if isinstance(value, (tuple, list)) else value
 
 
-def _fields(value: DataclassInstance) -> dict[str, object]:
+def _wire_fields(value: DataclassInstance) -> dict[str, object]:
     # A choice among kinds (an estimator with options) is an object with its name.
-    name_entry = {"name": value.name} if isinstance(value, Kind) else {}
+    name_entry = {"name": value.name} if isinstance(value, RegistryEntry) else {}
     wire_fields = BODIES[type(value)].model_fields
     return name_entry | {
-        science_field.name: written(getattr(value, science_field.name))
+        science_field.name: to_wire_value(getattr(value, science_field.name))
         for science_field in fields(value)
         if science_field.name in wire_fields
     }
 
 
-def _taken(value: Any) -> Any:
+def _from_wire_value(value: Any) -> Any:
     if isinstance(value, common.EffectChoice):
-        return choice_of(value)
+        return from_wire_choice(value)
     if isinstance(value, BaseModel):
-        return taken(value, SCIENCE[type(value)])
+        return to_request(value, REQUESTS[type(value)])
     if isinstance(value, dict):
-        return {name: _taken(element) for name, element in value.items()}
+        return {name: _from_wire_value(element) for name, element in value.items()}
     # Requests are frozen and hashable: lists become tuples.
-    return tuple(_taken(element) for element in value) if isinstance(value, list) else value
+    return tuple(_from_wire_value(element) for element in value) if isinstance(value, list) else value

@@ -11,21 +11,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynident.effects.catalogue import check_shape, joints_of
+from dynident.effects.catalogue import check_shape_constants, find_joints
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.checks import check_request
 from dynident.excitation.criteria.baseline import Baseline
-from dynident.excitation.formats.ros2 import joint_trajectory
-from dynident.excitation.nearness import nearest_along
+from dynident.excitation.formats.ros2 import format_joint_trajectory
+from dynident.excitation.nearness import find_nearest_along
 from dynident.identification.shapes.shapes import check_choices
 from dynident.motion.surroundings.contacts import Nearest
-from dynident.motion.surroundings.obstacles import Wall, block_of
-from dynident.recordings.arrow import as_floats, csv_of
+from dynident.motion.surroundings.obstacles import Wall, build_block
+from dynident.recordings.arrow import table_column_to_floats, to_csv
 from dynident.robot import Robot
 from dynident.robot.shapes import Block
 from dynident.simulation import Reference
-from dynident_service.adapters.answers import known, shown
-from dynident_service.adapters.derived import body, taken
+from dynident_service.adapters.answers import from_view, to_view
+from dynident_service.adapters.derived import to_body, to_request
 from dynident_service.models import designs as wire
 
 ROWS = 65_536
@@ -34,7 +34,7 @@ _DIGITS = 5
 """Decimals of lengths in m: a picture shows no more than a hundredth of a millimetre."""
 
 
-def request_of(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
+def to_checked_request(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
     """Build a design request from a body and check it against the robot.
 
     Raises
@@ -42,36 +42,38 @@ def request_of(wire_request: wire.DesignRequest, robot: Robot) -> DesignRequest:
     DynidentError
         Where this cannot be designed for the robot.
     """
-    return _checked(design_request(wire_request), robot)
+    return _check_design_request(to_design_request(wire_request), robot)
 
 
-def random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> DesignRequest:
+def build_random_design(trajectory: wire.Trajectory, robot: Robot, seed: int = 0) -> DesignRequest:
     """Build the request for a random motion of a family; `DynidentError` where the robot has none."""
-    return _checked(DesignRequest(kind="random", trajectory=taken(trajectory, TrajectoryRequest), seed=seed), robot)
+    return _check_design_request(
+        DesignRequest(kind="random", trajectory=to_request(trajectory, TrajectoryRequest), seed=seed), robot
+    )
 
 
-def _checked(request: DesignRequest, robot: Robot) -> DesignRequest:
+def _check_design_request(request: DesignRequest, robot: Robot) -> DesignRequest:
     check_request(request)
-    check_choices(request.wanted_effects, robot)
+    check_choices(request.effects_or_default, robot)
     _check_rivals(request.criterion, robot)
     return request
 
 
-def design_request(wire_request: wire.DesignRequest) -> DesignRequest:
+def to_design_request(wire_request: wire.DesignRequest) -> DesignRequest:
     """Build a design request from a body without checking it against a robot."""
-    return taken(wire_request, DesignRequest)
+    return to_request(wire_request, DesignRequest)
 
 
 def _check_rivals(choice: CriterionChoice, robot: Robot) -> None:
     for index, rival in enumerate(choice.effects):
         at = f"/criterion/effects/{index}"
-        joints_of(rival, robot, at)
-        check_shape(rival, at)
+        find_joints(rival, robot, at)
+        check_shape_constants(rival, at)
 
 
 def show_request(request: DesignRequest, robot_id: str) -> wire.DesignRequest:
     """Build the body that asks for a design, ready to be posted."""
-    return body(wire.DesignRequest, request, robot_id=robot_id)
+    return to_body(wire.DesignRequest, request, robot_id=robot_id)
 
 
 def describe_design(design: Design) -> wire.DesignResult:
@@ -80,9 +82,9 @@ def describe_design(design: Design) -> wire.DesignResult:
     values = (
         None
         if best is None
-        else shown(wire.BaselineValues, best, **shown(wire.CriterionValues, best.best).model_dump())
+        else to_view(wire.BaselineValues, best, **to_view(wire.CriterionValues, best.best).model_dump())
     )
-    return shown(wire.DesignResult, design, baseline_values=values)
+    return to_view(wire.DesignResult, design, baseline_values=values)
 
 
 def write_trajectory(design: Design, path: Path) -> Path:
@@ -95,32 +97,32 @@ def trajectory_as_csv(path: Path) -> Iterator[bytes]:
     """Yield a stored trajectory as CSV, some rows at a time, so that it is never in memory as a whole."""
     file = pq.ParquetFile(path)
     for index, batch in enumerate(file.iter_batches(ROWS)):
-        yield csv_of(pa.Table.from_batches([batch]), header=index == 0)
+        yield to_csv(pa.Table.from_batches([batch]), header=index == 0)
 
 
 def trajectory_as_samples(path: Path, joints: list[str]) -> wire.TrajectorySamples:
     """Return a stored trajectory as arrays, [sample][joint]."""
-    reference = stored_reference(path, joints)
-    return shown(wire.TrajectorySamples, reference, joints=joints)
+    reference = read_reference(path, joints)
+    return to_view(wire.TrajectorySamples, reference, joints=joints)
 
 
 def trajectory_for_ros2(path: Path, joints: list[str]) -> Iterator[str]:
     """Yield a stored trajectory as a JointTrajectory message in YAML, some lines at a time."""
-    reference = stored_reference(path, joints)
-    return joint_trajectory(joints, reference.t, reference.q, reference.dq, reference.ddq)
+    reference = read_reference(path, joints)
+    return format_joint_trajectory(joints, reference.t, reference.q, reference.dq, reference.ddq)
 
 
-def stored_reference(path: Path, joints: list[str]) -> Reference:
+def read_reference(path: Path, joints: list[str]) -> Reference:
     """Read a stored trajectory: t (m,), and q, dq, ddq (m, n)."""
     table = pq.read_table(path)
 
-    def matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        return np.column_stack([as_floats(table[f"{kind}_{joint}"]) for joint in joints])
+    def read_matrix(kind: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        return np.column_stack([table_column_to_floats(table[f"{kind}_{joint}"]) for joint in joints])
 
-    return Reference(as_floats(table["t"]), matrix("q"), matrix("dq"), matrix("ddq"))
+    return Reference(table_column_to_floats(table["t"]), read_matrix("q"), read_matrix("dq"), read_matrix("ddq"))
 
 
-def clearances_of(
+def compute_clearances(
     wire_request: wire.DesignRequest, robot: Robot, trajectory: Path, mesh_folders: Sequence[Path], points: int
 ) -> wire.DesignClearances:
     """Find what each link is nearest to along a stored trajectory.
@@ -143,19 +145,19 @@ def clearances_of(
     DesignClearances
         Distances per link and sample, and the surroundings to draw.
     """
-    motion = stored_reference(trajectory, list(robot.joint_names))
+    motion = read_reference(trajectory, list(robot.joint_names))
     rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
-    nearest = nearest_along(robot, design_request(wire_request), motion.q[rows], mesh_folders)
-    around = design_request(wire_request).surroundings
+    nearest = find_nearest_along(robot, to_design_request(wire_request), motion.q[rows], mesh_folders)
+    around = to_design_request(wire_request).surroundings
     return wire.DesignClearances(
         t=motion.t[rows].tolist(),
-        links=[_link_clearances(link) for link in nearest],
-        edges=[edge for box in around.boxes for edge in _edges(block_of(box))],
-        walls=[_plane(wall) for wall in around.walls],
+        links=[_show_link_clearances(link) for link in nearest],
+        edges=[edge for box in around.boxes for edge in _box_edges(build_block(box))],
+        walls=[_wall_plane(wall) for wall in around.walls],
     )
 
 
-def _edges(block: Block) -> Iterator[Any]:
+def _box_edges(block: Block) -> Iterator[Any]:
     middle, half = block.placement[:3, 3], block.placement[:3, :3] * block.size / 2.0
     for k, (a, b) in product(range(3), product((-1.0, 1.0), repeat=2)):
         # Four edges are parallel to each axis; the signs of the other two axes tell them apart.
@@ -163,13 +165,13 @@ def _edges(block: Block) -> Iterator[Any]:
         yield tuple(np.round([midpoint - half[:, k], midpoint + half[:, k]], _DIGITS).tolist())
 
 
-def _plane(wall: Wall) -> wire.WallPlane:
+def _wall_plane(wall: Wall) -> wire.WallPlane:
     # The right singular vectors after the first span the plane at right angles to the normal.
     along: Any = np.linalg.svd(np.array([wall.normal]))[2][1:].tolist()
     return wire.WallPlane(point=wall.point, along=along)
 
 
-def _link_clearances(nearest: Nearest) -> wire.LinkClearances:
+def _show_link_clearances(nearest: Nearest) -> wire.LinkClearances:
     return wire.LinkClearances(
         name=nearest.body.name,
         frame=nearest.body.joint,
@@ -183,12 +185,12 @@ def _link_clearances(nearest: Nearest) -> wire.LinkClearances:
     )
 
 
-def reference_of_design(design: Design) -> Reference:
+def to_reference(design: Design) -> Reference:
     """Return the motion of a design as a reference trajectory."""
     return Reference(design.t, design.q, design.dq, design.ddq)
 
 
-def design_of(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
+def restore_design(request: Mapping[str, object], result: Mapping[str, object], trajectory: Path) -> Design:
     """Restore a stored design.
 
     Parameters
@@ -204,15 +206,15 @@ def design_of(request: Mapping[str, object], result: Mapping[str, object], traje
         The design as the library made it.
     """
     wire_request, wire_result = wire.DesignRequest.model_validate(request), wire.DesignResult.model_validate(result)
-    motion = stored_reference(trajectory, wire_result.joints)
+    motion = read_reference(trajectory, wire_result.joints)
     baseline = wire_result.baseline_values
-    return known(
+    return from_view(
         Design,
         wire_result,
-        request=design_request(wire_request),
+        request=to_design_request(wire_request),
         t=motion.t,
         q=motion.q,
         dq=motion.dq,
         ddq=motion.ddq,
-        baseline=None if baseline is None else known(Baseline, baseline, best=known(CriterionValues, baseline)),
+        baseline=None if baseline is None else from_view(Baseline, baseline, best=from_view(CriterionValues, baseline)),
     )

@@ -10,12 +10,12 @@ from dynident.diagnosis import Evidence
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.diagnosis.series import Series, SeriesChange
 from dynident.robot import Robot
-from dynident_service.adapters.answers import known, shown
-from dynident_service.adapters.designs import design_request, show_request
+from dynident_service.adapters.answers import from_view, to_view
+from dynident_service.adapters.designs import show_request, to_design_request
 from dynident_service.models import diagnoses as wire
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.designs import DesignRequest
-from dynident_service.problems import ProblemError, unusable
+from dynident_service.problems import ProblemError, make_unusable
 
 
 def describe_diagnosis(
@@ -38,51 +38,55 @@ def describe_diagnosis(
         The view.
     """
     advice = diagnosis.next_experiment
-    return shown(
+    return to_view(
         wire.DiagnosisResult,
         diagnosis,
-        next_experiment=None if advice is None else show_next(advice, robot_id, measurement_ids),
+        next_experiment=None if advice is None else show_next_experiment(advice, robot_id, measurement_ids),
         changes=None if diagnosis.changes is None else [show_change(change) for change in diagnosis.changes],
     )
 
 
 def show_change(change: Change) -> wire.Change:
     """Build the view of a change since the baseline; its main parameter stands at the top level."""
-    return shown(wire.Change, change, **shown(wire.ChangedValue, change.main).model_dump())
+    return to_view(wire.Change, change, **to_view(wire.ChangedValue, change.main).model_dump())
 
 
-def show_next(advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()) -> wire.NextExperiment:
+def show_next_experiment(
+    advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()
+) -> wire.NextExperiment:
     """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
         body["earlier_ids"] = list(measurement_ids)
     # Defaults are left out, except the kind: readers of the proposal should see what it is.
-    return shown(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
+    return to_view(wire.NextExperiment, advice, design={"robot_id": robot_id, "kind": advice.design.kind, **body})
 
 
-def diagnosis_of(stored: Mapping[str, object]) -> AdvisedDiagnosis:
+def restore_diagnosis(stored: Mapping[str, object]) -> AdvisedDiagnosis:
     """Restore a diagnosis from its stored result."""
     wire_result = wire.DiagnosisResult.model_validate(stored)
-    return known(
+    return from_view(
         AdvisedDiagnosis,
         wire_result,
-        next_experiment=None if wire_result.next_experiment is None else advice_of(wire_result.next_experiment),
+        next_experiment=None
+        if wire_result.next_experiment is None
+        else restore_next_experiment(wire_result.next_experiment),
         changes=None
         if wire_result.changes is None
-        else tuple(known(Change, change, main=known(ChangedValue, change)) for change in wire_result.changes),
+        else tuple(from_view(Change, change, main=from_view(ChangedValue, change)) for change in wire_result.changes),
     )
 
 
-def advice_of(wire_experiment: wire.NextExperiment) -> NextExperiment:
+def restore_next_experiment(wire_experiment: wire.NextExperiment) -> NextExperiment:
     """Restore a proposed experiment from its view."""
-    return known(
-        NextExperiment, wire_experiment, design=design_request(DesignRequest.model_validate(wire_experiment.design))
+    return from_view(
+        NextExperiment, wire_experiment, design=to_design_request(DesignRequest.model_validate(wire_experiment.design))
     )
 
 
 def write_evidence(figures: Sequence[Evidence], robot: Robot) -> bytes:
     """Return all figures of a diagnosis as JSON, for the object store."""
-    return json.dumps([plain(_figure(figure, figures, robot)) for figure in figures]).encode()
+    return json.dumps([to_plain_json(_show_figure(figure, figures, robot)) for figure in figures]).encode()
 
 
 def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence:
@@ -113,14 +117,14 @@ def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence
     joints: list[str] = figures[0]["joints"]
     joint_name = joints[0] if joint is None else joint
     if joint_name not in joints:
-        raise unusable(f"there is no figure for {joint_name!r}; there are some for: {', '.join(joints)}", "joint")
+        raise make_unusable(f"there is no figure for {joint_name!r}; there are some for: {', '.join(joints)}", "joint")
     return wire.Evidence.model_validate(next(figure for figure in figures if figure["joint"] == joint_name))
 
 
-def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire.Evidence:
+def _show_figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire.Evidence:
     # The first joint of this list is the one that `read_evidence` shows when none is asked for.
     same = sorted((other for other in figures if other.rank == figure.rank), key=lambda other: -other.explained)
-    return shown(
+    return to_view(
         wire.Evidence,
         figure,
         joints=[other.joint for other in same],
@@ -131,14 +135,17 @@ def _figure(figure: Evidence, figures: Sequence[Evidence], robot: Robot) -> wire
 def describe_series(series: Series) -> wire.SeriesResult:
     """Build the view of a series of days."""
     courses = [
-        shown(wire.Course, course, lower=course.intervals[:, 0], upper=course.intervals[:, 1])
+        to_view(wire.Course, course, lower=course.intervals[:, 0], upper=course.intervals[:, 1])
         for course in series.courses
     ]
-    return shown(
-        wire.SeriesResult, series, changes=[_change(series, change) for change in series.changes], courses=courses
+    return to_view(
+        wire.SeriesResult,
+        series,
+        changes=[_show_series_change(series, change) for change in series.changes],
+        courses=courses,
     )
 
 
-def _change(series: Series, change: SeriesChange) -> wire.SeriesChange:
+def _show_series_change(series: Series, change: SeriesChange) -> wire.SeriesChange:
     days = {name: series.days[getattr(change, name)] for name in ("since", "earliest", "latest")}
     return wire.SeriesChange(**show_change(change.change).model_dump(), **days)

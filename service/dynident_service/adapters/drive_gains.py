@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from math import inf
 
 from dynident.identification import DriveGains, PayloadEstimate
-from dynident.reports.numbers import estimate
-from dynident.reports.tables import Cell, ReportedTable, figure, interval, words
+from dynident.reports.numbers import format_estimate
+from dynident.reports.tables import Cell, ReportedTable, make_interval_cell, make_number_cell, make_text_cells
 from dynident.robot import Robot
-from dynident_service.adapters.answers import shown
+from dynident_service.adapters.answers import to_view
 from dynident_service.models import drive_gains as wire
 
 
@@ -37,20 +37,23 @@ def describe_gains(
     DriveGainsResult
         The view.
     """
-    gains = [shown(wire.IdentifiedGain, gain, unit=_unit(robot, index)) for index, gain in enumerate(drive_gains.each)]
+    gains = [
+        to_view(wire.IdentifiedGain, gain, unit=_gain_unit(robot, index)) for index, gain in enumerate(drive_gains.each)
+    ]
     weighed = [
-        shown(wire.WeighedLoad, load, measurement_id=measurement_id, name=name) for measurement_id, name, load in loads
+        to_view(wire.WeighedLoad, load, measurement_id=measurement_id, name=name)
+        for measurement_id, name, load in loads
     ]
     return wire.DriveGainsResult(gains=gains, loads=weighed, warnings=[*drive_gains.warnings, *warnings])
 
 
-def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
+def build_gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
     """Yield the table of gains and the table of weighed loads."""
     gains = tuple(
         (
             Cell(gain.joint),
-            figure(gain.stated, 4),
-            *_within(gain.drive_gain, gain.interval),
+            make_number_cell(gain.stated, 4),
+            *_value_cells(gain.drive_gain, gain.interval),
             Cell("factor" if gain.unit == "-" else gain.unit),
             Cell("✓ yes", mark="ok") if gain.identifiable else Cell("✕ no", mark="error"),
         )
@@ -61,10 +64,10 @@ def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
         loads = tuple(
             (
                 Cell(load.name),
-                *_within(load.mass, load.interval),
-                interval(load.interval),
-                figure(load.from_gains, 2),
-                *words("yes" if load.identifiable else "no"),
+                *_value_cells(load.mass, load.interval),
+                make_interval_cell(load.interval),
+                make_number_cell(load.from_gains, 2),
+                *make_text_cells("yes" if load.identifiable else "no"),
             )
             for load in result.loads
         )
@@ -72,15 +75,15 @@ def gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
         yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
 
 
-def _within(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
+def _value_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
     """Return the cells of a value and of half its interval; the interval decides the digits."""
     low, high = ends
     half = None if low is None or high is None else (high - low) / 2.0
-    texts = estimate(value, inf if half is None else half)
+    texts = format_estimate(value, inf if half is None else half)
     return Cell(texts[0], value), Cell(texts[1], half)
 
 
-def _unit(robot: Robot, index: int) -> str:
+def _gain_unit(robot: Robot, index: int) -> str:
     # Without a stated gain the recorded torque is multiplied by a factor, which has no unit.
     if robot.drives[index].gain is None:
         return "-"

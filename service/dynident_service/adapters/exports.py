@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fastapi import Response
 
 from dynident.errors import DynidentError
-from dynident.export import ExportedFile, ExportFormat, export_model, model_document
+from dynident.export import ExportedFile, ExportFormat, export_model, model_to_document
 from dynident.identification import Identification
 
 NOTES_HEADER = "Dynident-Notes"
@@ -16,7 +16,7 @@ NOTES_HEADER = "Dynident-Notes"
 _LONGEST = 3000
 
 
-def exported_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
+def export_file(model: Identification, format: ExportFormat, nearest: bool, shown: dict[str, object]) -> ExportedFile:
     """Export a model.
 
     Parameters
@@ -46,19 +46,19 @@ def exported_file(model: Identification, format: ExportFormat, nearest: bool, sh
         raise DynidentError(error.detail, pointer=error.pointer.removeprefix("/"), title=error.title) from error
     if format != "json":
         return file
-    content = json.dumps({**shown, "model": model_document(model)}, indent=1, allow_nan=False)
+    content = json.dumps({**shown, "model": model_to_document(model)}, indent=1, allow_nan=False)
     return ExportedFile(file.name, file.media_type, content.encode(), file.notes)
 
 
-def file_response(file: ExportedFile) -> Response:
+def build_file_response(file: ExportedFile) -> Response:
     """Build the response with a file to be saved; its notes are a JSON list of sentences in a header."""
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.notes:
-        headers[NOTES_HEADER] = _notes(file.notes)
+        headers[NOTES_HEADER] = _shorten_notes(file.notes)
     return Response(file.content, media_type=file.media_type, headers=headers)
 
 
-def _notes(notes: Sequence[str]) -> str:
+def _shorten_notes(notes: Sequence[str]) -> str:
     """Return as many notes as a header may hold, as JSON in ASCII."""
     for count in range(len(notes), 0, -1):
         shortened = list(notes[:count])

@@ -12,13 +12,13 @@ from dynident.robot import Robot
 from dynident.robot.collision import BASE, collision_geometry
 from dynident.robot.cut_joints import Loop
 from dynident.robot.kinematics import joint_frames
-from dynident.robot.shapes import Capsule, enclosing_capsule
-from dynident.robot.surfaces import Surface, thinned
+from dynident.robot.shapes import Capsule, enclose_shape
+from dynident.robot.surfaces import Surface, thin_surface
 from dynident_service.models import geometry as wire
 
 MOST_TRIANGLES = 9000
 """Triangles of a whole robot: a page still turns so many fluently."""
-FEWEST = 120
+FEWEST_TRIANGLES = 120
 """Triangles that a small mesh keeps, whatever its neighbours have."""
 DIGITS = 5
 """Of coordinates in m: a hundredth of a millimetre is less than a picture shows."""
@@ -46,10 +46,12 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
     share = min(1.0, MOST_TRIANGLES / max(number, 1))
     return wire.GeometryView(
         joints=list(robot.joint_names),
-        frames=[_frame(robot, place) for place in range(robot.tree.n)],
-        capsules=[_capsule(body.joint, enclosing_capsule(shape)) for body in collision.bodies for shape in body.shapes],
-        surfaces=[_surface(body.joint, surface, share) for body in collision.bodies for surface in body.surfaces],
-        loops=[_loop(loop) for loop in closure.loops] if closure else [],
+        frames=[_show_frame(robot, place) for place in range(robot.tree.n)],
+        capsules=[
+            _show_capsule(body.joint, enclose_shape(shape)) for body in collision.bodies for shape in body.shapes
+        ],
+        surfaces=[_show_surface(body.joint, surface, share) for body in collision.bodies for surface in body.surfaces],
+        loops=[_show_loop(loop) for loop in closure.loops] if closure else [],
         closed=closure.check().tolist() if closure else [],
         notes=list(collision.notes),
     )
@@ -74,7 +76,7 @@ def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
     if robot.linkage is not None:
         passive, is_closed = np.zeros((len(q), 0)), np.ones(len(q), dtype=np.bool_)
         if robot.linkage.closure:
-            passive, is_closed = robot.linkage.closure.follow(q)
+            passive, is_closed = robot.linkage.closure.follow_branch(q)
         positions = np.hstack([q, passive]) @ robot.linkage.ratios.T + robot.linkage.offsets
         # Where a loop cannot be closed, the passive positions are meaningless, and so are all frames that depend on
         # them: those of passive joints, and of every joint that a passive one carries. Parents come before children.
@@ -88,8 +90,8 @@ def describe_poses(robot: Robot, q: FloatArray) -> wire.PosesView:
     return wire.PosesView(poses=poses)
 
 
-def _surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
-    thinned_surface = thinned(surface, max(FEWEST, int(share * len(surface.triangles))))
+def _show_surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
+    thinned_surface = thin_surface(surface, max(FEWEST_TRIANGLES, int(share * len(surface.triangles))))
     return wire.SurfaceView(
         frame=None if joint == BASE else joint,
         points=np.round(thinned_surface.points, DIGITS).tolist(),
@@ -97,9 +99,9 @@ def _surface(joint: int, surface: Surface, share: float) -> wire.SurfaceView:
     )
 
 
-def _frame(robot: Robot, place: int) -> wire.FrameView:
+def _show_frame(robot: Robot, place: int) -> wire.FrameView:
     joint = robot.tree.joints[place]
-    ratios, offset = _follows(robot, place)
+    ratios, offset = _frame_ratios(robot, place)
     x, y, z = (float(value) for value in joint.axis)
     return wire.FrameView(
         name=joint.name,
@@ -112,14 +114,14 @@ def _frame(robot: Robot, place: int) -> wire.FrameView:
     )
 
 
-def _follows(robot: Robot, place: int) -> tuple[list[float], float]:
+def _frame_ratios(robot: Robot, place: int) -> tuple[list[float], float]:
     """Return how a frame depends on the joints and passive positions: ratios (n + p,) and an offset."""
     if robot.linkage is None:
         return [float(place == other) for other in range(robot.n)], 0.0
     return robot.linkage.ratios[place].tolist(), float(robot.linkage.offsets[place])
 
 
-def _loop(loop: Loop) -> wire.LoopView:
+def _show_loop(loop: Loop) -> wire.LoopView:
     first, second = (
         wire.LoopEndView(frame=None if end.joint == BASE else end.joint, placement=end.frame.tolist())
         for end in loop.ends
@@ -127,6 +129,6 @@ def _loop(loop: Loop) -> wire.LoopView:
     return wire.LoopView(name=loop.name, kind=loop.kind, ends=(first, second))
 
 
-def _capsule(joint: int, capsule: Capsule) -> wire.CapsuleView:
+def _show_capsule(joint: int, capsule: Capsule) -> wire.CapsuleView:
     start, end = ((float(x), float(y), float(z)) for x, y, z in (capsule.start, capsule.end))
     return wire.CapsuleView(frame=None if joint == BASE else joint, start=start, end=end, radius=float(capsule.radius))

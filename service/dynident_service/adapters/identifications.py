@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
-from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.equations.data import split_friction_tests
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.shapes.shapes import check_choices
 from dynident.identification.study.dependence import parameter_dependence
 from dynident.identification.study.essential import EssentialPath
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
-from dynident.reports.parameter_tables import essential_tables, parameter_table, shape_table
+from dynident.reports.parameter_tables import build_essential_tables, build_parameter_table, build_shape_table
 from dynident.reports.tables import ReportedTable
 from dynident.robot import Robot
-from dynident_service.adapters.answers import known, show_errors, shown
-from dynident_service.adapters.derived import taken
+from dynident_service.adapters.answers import from_view, show_errors, to_view
+from dynident_service.adapters.derived import to_request
 from dynident_service.adapters.tables import show_tables
 from dynident_service.models import identifications as wire
 
 
-def choices_from_request(
+def to_choices(
     request: wire.IdentificationRequest, robot: Robot, recordings: Sequence[Recording] = ()
 ) -> IdentificationChoices:
     """Build the choices of an identification from a body.
@@ -44,8 +44,8 @@ def choices_from_request(
     DynidentError
         Where a choice does not exist, is not available, or does not fit the robot.
     """
-    filters = _preprocessing(request, recordings) if recordings else None
-    choices = taken(request, IdentificationChoices, preprocessing=filters)
+    filters = _choose_preprocessing(request, recordings) if recordings else None
+    choices = to_request(request, IdentificationChoices, preprocessing=filters)
     check_choices(choices.effects, robot)
     return choices
 
@@ -69,13 +69,13 @@ def describe_identification(
     IdentificationResult
         The view.
     """
-    return shown(
+    return to_view(
         wire.IdentificationResult,
         identification,
         residual=show_fit(identification),
         dependence=parameter_dependence(identification).sentences,
         parent_id=parent_id,
-        rungs=[] if parent is None else [_step(step) for step in _between(parent, identification)],
+        rungs=[] if parent is None else [_show_step(step) for step in _list_steps_between(parent, identification)],
         effort_units=[joint.effort_unit for joint in identification.model.robot.joints],
     )
 
@@ -83,20 +83,24 @@ def describe_identification(
 def describe_essential(path: EssentialPath) -> wire.EssentialView:
     """Build the view of a backward elimination with the essential parameters."""
     essential_parameters = [parameter for parameter in path.identification.parameters if parameter.essential]
-    return shown(wire.EssentialView, path, parameters=essential_parameters, tables=show_tables(essential_tables(path)))
+    return to_view(
+        wire.EssentialView, path, parameters=essential_parameters, tables=show_tables(build_essential_tables(path))
+    )
 
 
-def identification_tables(result: wire.IdentificationResult) -> Iterator[ReportedTable]:
+def build_identification_tables(result: wire.IdentificationResult) -> Iterator[ReportedTable]:
     """Yield the tables of parameters and of shape constants of a stored result."""
-    yield parameter_table("Base parameters", [_parameter(parameter) for parameter in result.parameters])
+    yield build_parameter_table("Base parameters", [_restore_parameter(parameter) for parameter in result.parameters])
     if result.shape_constants:
-        yield shape_table([known(ShapeConstant, constant) for constant in result.shape_constants], result.joints)
+        yield build_shape_table(
+            [from_view(ShapeConstant, constant) for constant in result.shape_constants], result.joints
+        )
 
 
-def _parameter(parameter: wire.ParameterView) -> IdentifiedParameter:
+def _restore_parameter(parameter: wire.ParameterView) -> IdentifiedParameter:
     # Models that older versions stored have no judgement; it follows from what they have.
     judgement = parameter.judgement or ("determined" if parameter.well_identified else "uncertain")
-    return known(IdentifiedParameter, parameter, judgement=judgement)
+    return from_view(IdentifiedParameter, parameter, judgement=judgement)
 
 
 def show_fit(identification: Identification) -> wire.ErrorsView:
@@ -104,7 +108,7 @@ def show_fit(identification: Identification) -> wire.ErrorsView:
     return show_errors(identification.fit, identification.fit_moving, identification.noise)
 
 
-def _between(parent: Identification, identification: Identification) -> list[Identification]:
+def _list_steps_between(parent: Identification, identification: Identification) -> list[Identification]:
     """Return the models between `parent` and `identification`, both excluded, in the order they were made."""
     between: list[Identification] = []
     ancestor = identification.step.parent
@@ -114,16 +118,16 @@ def _between(parent: Identification, identification: Identification) -> list[Ide
     return between
 
 
-def _step(identification: Identification) -> wire.StepView:
-    return shown(wire.StepView, identification, residual=show_fit(identification))
+def _show_step(identification: Identification) -> wire.StepView:
+    return to_view(wire.StepView, identification, residual=show_fit(identification))
 
 
-def _preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
+def _choose_preprocessing(request: wire.IdentificationRequest, recordings: Sequence[Recording]) -> Preprocessing | None:
     """Return the filters that a body states; None where all of them are chosen by the identification."""
     stated_filters = request.preprocessing
     filter_values = {} if isinstance(stated_filters, str) else stated_filters.model_dump()
     if all(value == "auto" for value in filter_values.values()):
         return None
     # Tests of friction at constant velocity say nothing about the bandwidth of the motion.
-    motions, _ = motions_and_friction(recordings)
+    motions, _ = split_friction_tests(recordings)
     return preprocessing_from_request(filter_values, motions)

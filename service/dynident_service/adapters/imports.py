@@ -8,14 +8,14 @@ from pathlib import Path
 from dynident.identification.imports import Inspection, inspect_file
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
-from dynident_service.adapters.answers import shown
-from dynident_service.adapters.derived import body, taken
+from dynident_service.adapters.answers import to_view
+from dynident_service.adapters.derived import to_body, to_request
 from dynident_service.models import imports as wire
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata
 
 
-def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
+def inspect_upload(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
     """Inspect an uploaded file and propose metadata for it.
 
     Parameters
@@ -34,7 +34,7 @@ def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: s
     ImportResult
         Guesses, open questions and the proposed metadata.
     """
-    stated_metadata = taken(metadata, RecordingMetadata)
+    stated_metadata = to_request(metadata, RecordingMetadata)
     inspection = inspect_file(source, robot, stated_metadata.rate)
     assert inspection.proposal is not None
     proposed = replace(
@@ -51,7 +51,7 @@ def look_at(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: s
         for question in view.questions
         if question.field.rpartition("/")[2].rstrip("0123456789") not in answered
     ]
-    document = plain(body(MeasurementMetadata, proposed, robot_id=metadata.robot_id))
+    document = to_plain_json(to_body(MeasurementMetadata, proposed, robot_id=metadata.robot_id))
     return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
 
 
@@ -59,15 +59,15 @@ def describe_inspection(inspection: Inspection, sha256: str) -> wire.InspectionV
     """Build the view of an inspection; without a proposal it has no guesses and questions."""
     proposal = inspection.proposal
     questions = [
-        shown(wire.QuestionView, question, choices=question.choices or None)
+        to_view(wire.QuestionView, question, choices=question.choices or None)
         for question in (proposal.questions if proposal else ())
     ]
-    return shown(
+    return to_view(
         wire.InspectionView,
         inspection,
         sha256=sha256,
         guesses=proposal.guesses if proposal else [],
         questions=questions,
         effort_kind=proposal.effort_kind if proposal else "unknown",
-        preview=shown(wire.PreviewView, inspection),
+        preview=to_view(wire.PreviewView, inspection),
     )

@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from dynident.identification import Identification
-from dynident.identification.study.gain import best_of
-from dynident_service.adapters.answers import shown
+from dynident.identification.study.gain import find_best_of_errors
+from dynident_service.adapters.answers import to_view
 from dynident_service.adapters.identifications import show_fit
 from dynident_service.models.common import EffectChoice
 from dynident_service.models.identifications import ErrorsView, IdentificationView, Lineage, Rung, RungDifference
@@ -18,21 +18,21 @@ from dynident_service.models.identifications import ErrorsView, IdentificationVi
 T = TypeVar("T", int, float)
 
 
-def rungs_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
+def build_steps_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
     """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
     rungs: list[Rung] = []
     for view in views:
-        rungs += _on_the_way(view, rungs[-1] if rungs else None)
-        rungs.append(_own_rung(view, rungs[-1] if rungs else None))
-    return marked(rungs)
+        rungs += _build_intermediate_steps(view, rungs[-1] if rungs else None)
+        rungs.append(_build_own_step(view, rungs[-1] if rungs else None))
+    return mark_best_step(rungs)
 
 
-def marked(rungs: Sequence[Rung]) -> list[Rung]:
+def mark_best_step(rungs: Sequence[Rung]) -> list[Rung]:
     """Return a ladder with its best step marked, and the later steps that increase the validation error."""
     totals = [rung.validation.relative_total for rung in rungs if rung.validation is not None]
     known_totals = [total for total in totals if total is not None]
     # Only where every step has a validation error: a step without one could be the best.
-    marks = best_of(known_totals) if len(known_totals) == len(rungs) else None
+    marks = find_best_of_errors(known_totals) if len(known_totals) == len(rungs) else None
     if marks is None:
         return list(rungs)
     return [
@@ -40,7 +40,7 @@ def marked(rungs: Sequence[Rung]) -> list[Rung]:
     ]
 
 
-def _on_the_way(view: IdentificationView, below: Rung | None) -> list[Rung]:
+def _build_intermediate_steps(view: IdentificationView, below: Rung | None) -> list[Rung]:
     """Build the steps between a model and its parent; an extension by several effects has one for each."""
     rungs: list[Rung] = []
     for number, step in enumerate(view.result.rungs if view.result is not None else [], start=1):
@@ -62,7 +62,7 @@ def _on_the_way(view: IdentificationView, below: Rung | None) -> list[Rung]:
     return rungs
 
 
-def _own_rung(view: IdentificationView, below: Rung | None) -> Rung:
+def _build_own_step(view: IdentificationView, below: Rung | None) -> Rung:
     result = view.result
     effects = view.request.effects if result is None else result.effects
     return Rung(
@@ -70,7 +70,7 @@ def _own_rung(view: IdentificationView, below: Rung | None) -> Rung:
         name=view.name,
         parent_id=view.parent_id if below is None else below.id,
         status=view.status,
-        added=_added_last(view, effects, below),
+        added=_last_added(view, effects, below),
         removed=view.removed,
         effects=effects,
         n_parameters=None if result is None else len(result.parameters),
@@ -79,7 +79,7 @@ def _own_rung(view: IdentificationView, below: Rung | None) -> Rung:
     )
 
 
-def _added_last(view: IdentificationView, effects: list[EffectChoice], below: Rung | None) -> list[EffectChoice]:
+def _last_added(view: IdentificationView, effects: list[EffectChoice], below: Rung | None) -> list[EffectChoice]:
     """Return what the last step added, with the shape constants that were found."""
     # The steps below have the first of the requested effects; the rest of the list is new at this step.
     if not view.added or view.result is None or below is None:
@@ -87,7 +87,7 @@ def _added_last(view: IdentificationView, effects: list[EffectChoice], below: Ru
     return effects[len(below.effects) :]
 
 
-def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Lineage:
+def compare_ladders(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Lineage:
     """Compare two ladders.
 
     Parameters
@@ -108,12 +108,12 @@ def beside(own: Sequence[Rung], other: Sequence[Rung], same_data: bool) -> Linea
         items=list(own),
         against=list(other),
         common_ancestor=shared[-1] if shared else None,
-        differences=[_difference(k, a, b) for k, (a, b) in enumerate(zip_longest(own, other), start=1)],
+        differences=[_show_difference(k, a, b) for k, (a, b) in enumerate(zip_longest(own, other), start=1)],
         same_data=same_data,
     )
 
 
-def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
+def _show_difference(number: int, own: Rung | None, other: Rung | None) -> RungDifference:
     fit = (own.residual if own else None, other.residual if other else None)
     held_out = (own.validation if own else None, other.validation if other else None)
     counts = (own.n_parameters if own else None, other.n_parameters if other else None)
@@ -121,29 +121,29 @@ def _difference(number: int, own: Rung | None, other: Rung | None) -> RungDiffer
         rung=number,
         id=own.id if own else None,
         against_id=other.id if other else None,
-        n_parameters=_minus(*counts),
-        residual=_per_joint(*fit),
-        residual_total=_total(*fit),
-        validation=_per_joint(*held_out),
-        validation_total=_total(*held_out),
+        n_parameters=_subtract(*counts),
+        residual=_subtract_per_joint(*fit),
+        residual_total=_subtract_totals(*fit),
+        validation=_subtract_per_joint(*held_out),
+        validation_total=_subtract_totals(*held_out),
     )
 
 
-def _per_joint(own: ErrorsView | None, other: ErrorsView | None) -> list[float | None] | None:
+def _subtract_per_joint(own: ErrorsView | None, other: ErrorsView | None) -> list[float | None] | None:
     if own is None or other is None:
         return None
-    return [_minus(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
+    return [_subtract(a, b) for a, b in zip(own.relative, other.relative, strict=True)]
 
 
-def _total(own: ErrorsView | None, other: ErrorsView | None) -> float | None:
-    return None if own is None or other is None else _minus(own.relative_total, other.relative_total)
+def _subtract_totals(own: ErrorsView | None, other: ErrorsView | None) -> float | None:
+    return None if own is None or other is None else _subtract(own.relative_total, other.relative_total)
 
 
-def _minus(a: T | None, b: T | None) -> T | None:
+def _subtract(a: T | None, b: T | None) -> T | None:
     return None if a is None or b is None else a - b
 
 
-def rungs_of(
+def build_steps(
     identification: Identification, name: str, other_ladder: tuple[Identification, str] | None = None
 ) -> list[Rung]:
     """Build the steps of a ladder from a model in a file.
@@ -164,16 +164,16 @@ def rungs_of(
         The steps, the first model first.
     """
     models = list(identification.ladder())
-    ids = _ids(name, len(models))
+    ids = _step_ids(name, len(models))
     if other_ladder is not None:
         others = list(other_ladder[0].ladder())
         for k, (model, other) in enumerate(zip(models, others, strict=False)):
             # Models in files have no ids: they are the same if their choices and all their values are.
             if model.choices != other.choices or not np.array_equal(model.values, other.values):
                 break
-            ids[k] = _ids(other_ladder[1], len(others))[k]
+            ids[k] = _step_ids(other_ladder[1], len(others))[k]
     rungs = [
-        shown(
+        to_view(
             Rung,
             model,
             id=identifier,
@@ -184,8 +184,8 @@ def rungs_of(
         )
         for k, (identifier, model) in enumerate(zip(ids, models, strict=True))
     ]
-    return marked(rungs)
+    return mark_best_step(rungs)
 
 
-def _ids(name: str, count: int) -> list[str]:
+def _step_ids(name: str, count: int) -> list[str]:
     return [*(f"{name}/{k}" for k in range(1, count)), name]

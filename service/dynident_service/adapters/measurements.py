@@ -15,10 +15,10 @@ from dynident.recordings import (
     phase_shares,
 )
 from dynident.robot import Robot
-from dynident_service.adapters.answers import shown
-from dynident_service.adapters.revisions import metadata_of, show_revision
+from dynident_service.adapters.answers import to_view
+from dynident_service.adapters.revisions import show_revision, to_recording_metadata
 from dynident_service.models import measurements as wire
-from dynident_service.problems import Problem, ProblemField, problem_of
+from dynident_service.problems import Problem, ProblemField, to_problem
 from dynident_service.storage.records import Resource
 
 if TYPE_CHECKING:
@@ -56,14 +56,14 @@ def import_file(
         robot,
         source,
         destination,
-        metadata_of(metadata),
+        to_recording_metadata(metadata),
     )
 
 
 def describe_recording(recording: Recording, checks: Sequence[Check], sha256: str) -> wire.MeasurementResult:
     """Build the view of a recording and its checks."""
     segments = [
-        shown(
+        to_view(
             wire.SegmentView,
             segment,
             end_time=segment.start_time + (segment.length - 1) * recording.period,
@@ -71,13 +71,13 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
         )
         for segment in recording.segments
     ]
-    return shown(
+    return to_view(
         wire.MeasurementResult,
         recording,
         sha256=sha256,
         joints=recording.joint_names,
         segments=segments,
-        phases=shown(wire.PhasesView, phase_shares(recording)),
+        phases=to_view(wire.PhasesView, phase_shares(recording)),
         checks=show_checks(checks),
     )
 
@@ -85,14 +85,14 @@ def describe_recording(recording: Recording, checks: Sequence[Check], sha256: st
 def show_checks(checks: Sequence[Check]) -> list[wire.CheckView]:
     """Build the views of checks, with the revision that cures each where one is known."""
     return [
-        shown(wire.CheckView, check, apply=None if check.apply is None else show_revision(check.apply))
+        to_view(wire.CheckView, check, apply=None if check.apply is None else show_revision(check.apply))
         for check in checks
     ]
 
 
-def problem_with_file(error: RecordingError) -> Problem:
+def describe_file_problem(error: RecordingError) -> Problem:
     """Build the problem document for an unusable file: column, row or time, and all checks."""
-    problem = problem_of(error)
+    problem = to_problem(error)
     # A pointer to metadata starts with "/" and lies below the form field; a column of the file is named as it is.
     pointer = f"/metadata{error.pointer}" if error.pointer.startswith("/") else error.pointer
     field = ProblemField(pointer=pointer, detail=error.detail, row=error.row, time=error.time)
@@ -100,6 +100,6 @@ def problem_with_file(error: RecordingError) -> Problem:
     return problem.model_copy(update={"errors": [field], "checks": checks or None})
 
 
-def recording_of(resource: Resource, objects: ObjectStore) -> Recording:
+def open_stored_recording(resource: Resource, objects: ObjectStore) -> Recording:
     """Open the recording of a stored measurement."""
-    return open_recording(objects.path(resource.objects["recording"].key))
+    return open_recording(objects.fetch_file(resource.objects["recording"].key))

@@ -11,15 +11,15 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.robot import Robot
-from dynident.robot.collision import collision_meshes
-from dynident.robot.mesh_files import matched, mesh_file, placed_below
-from dynident.robot.meshes import surface_of_mesh
+from dynident.robot.collision import list_collision_meshes
+from dynident.robot.mesh_files import find_mesh_file, link_mesh_files, match_mesh_files
+from dynident.robot.meshes import read_surface
 from dynident_service.adapters.geometry import describe_geometry
 from dynident_service.models.geometry import GeometryView
 
 
 @contextmanager
-def mesh_folders(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
+def place_mesh_files(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
     """Place mesh files in a temporary folder under the names that the description gives them.
 
     Parameters
@@ -36,11 +36,11 @@ def mesh_folders(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
         yield ()
         return
     with TemporaryDirectory() as name:
-        placed_below(Path(name), files)
+        link_mesh_files(Path(name), files)
         yield (Path(name),)
 
 
-def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
+def assign_mesh_files(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
     """Assign uploaded files to the meshes of a robot's description, and check that each can be read.
 
     Parameters
@@ -60,34 +60,34 @@ def chosen(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
     DynidentError
         Where the description names no meshes, no file matches, or a file is no mesh.
     """
-    needed = collision_meshes(robot)
+    needed = list_collision_meshes(robot)
     if not needed:
         raise DynidentError(
             "the robot's description names no meshes in its <collision> elements, so none can be sent for it",
             pointer="/files",
             title="No meshes named",
         )
-    files_by_mesh = matched(needed, list(sent))
+    files_by_mesh = match_mesh_files(needed, list(sent))
     if not files_by_mesh:
         raise DynidentError(
             f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
             pointer="/files",
             title="Unknown mesh",
         )
-    with mesh_folders({name: sent[file] for name, file in files_by_mesh.items()}) as folders:
+    with place_mesh_files({name: sent[file] for name, file in files_by_mesh.items()}) as folders:
         for name, file in files_by_mesh.items():
-            placed = mesh_file(name, folders)
+            placed = find_mesh_file(name, folders)
             assert placed is not None
             # Scale and placement do not matter here: reading it is the test.
             try:
-                surface_of_mesh(placed, np.ones(3), np.eye(4))
+                read_surface(placed, np.ones(3), np.eye(4))
             except ValueError as error:
                 detail = f"{file} cannot be read as a mesh: {error}; send STL, OBJ, DAE or PLY"
                 raise DynidentError(detail, pointer="/files", title="Unreadable mesh") from None
     return files_by_mesh
 
 
-def geometry_with(robot: Robot, files: Mapping[str, Path]) -> GeometryView:
+def describe_geometry_with_meshes(robot: Robot, files: Mapping[str, Path]) -> GeometryView:
     """Build the view of a robot's geometry with the files of its meshes, by name."""
-    with mesh_folders(files) as folders:
+    with place_mesh_files(files) as folders:
         return describe_geometry(robot, folders)

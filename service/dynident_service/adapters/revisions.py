@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dynident.recordings import Check, RecordingMetadata, Revision
-from dynident_service.adapters.answers import known
-from dynident_service.adapters.derived import body, taken
+from dynident_service.adapters.answers import from_view
+from dynident_service.adapters.derived import to_body, to_request
 from dynident_service.models import measurements as wire
 from dynident_service.models.revisions import RevisionRequest
 
 
-def metadata_of(metadata: wire.MeasurementMetadata) -> RecordingMetadata:
+def to_recording_metadata(metadata: wire.MeasurementMetadata) -> RecordingMetadata:
     """Convert metadata of a body; `RecordingError` for an impossible window or delay."""
-    return taken(metadata, RecordingMetadata, **metadata.model_dump(include={"payload"}))
+    return to_request(metadata, RecordingMetadata, **metadata.model_dump(include={"payload"}))
 
 
-def revision_of(revision_request: RevisionRequest) -> Revision:
+def to_revision(revision_request: RevisionRequest) -> Revision:
     """Convert a revision of a body."""
-    return taken(revision_request, Revision)
+    return to_request(revision_request, Revision)
 
 
 def show_revision(revision: Revision) -> RevisionRequest:
@@ -26,12 +26,14 @@ def show_revision(revision: Revision) -> RevisionRequest:
     return RevisionRequest.model_validate({name: getattr(revision, name) for name in revision.changes})
 
 
-def revised(metadata: wire.MeasurementMetadata, revision_request: RevisionRequest) -> wire.MeasurementMetadata:
+def apply_revision(metadata: wire.MeasurementMetadata, revision_request: RevisionRequest) -> wire.MeasurementMetadata:
     """Return the metadata of a file after a revision."""
-    after = revision_of(revision_request).of(metadata_of(metadata))
-    return body(wire.MeasurementMetadata, after, robot_id=metadata.robot_id)
+    after = to_revision(revision_request).apply_to(to_recording_metadata(metadata))
+    return to_body(wire.MeasurementMetadata, after, robot_id=metadata.robot_id)
 
 
-def checks_of(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
+def restore_checks(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
     """Restore checks from their views."""
-    return tuple(known(Check, view, apply=None if view.apply is None else revision_of(view.apply)) for view in views)
+    return tuple(
+        from_view(Check, view, apply=None if view.apply is None else to_revision(view.apply)) for view in views
+    )

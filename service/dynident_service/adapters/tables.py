@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynident.reports.tables import ReportedTable
-from dynident_service.adapters.answers import shown
+from dynident_service.adapters.answers import to_view
 from dynident_service.models.tables import Table, TableColumn
 
 
 def show_tables(tables: Iterable[ReportedTable]) -> list[Table]:
     """Build the views of tables."""
-    return [shown(Table, table, columns=_columns(table)) for table in tables]
+    return [to_view(Table, table, columns=_show_columns(table)) for table in tables]
 
 
-def _columns(table: ReportedTable) -> list[TableColumn]:
+def _show_columns(table: ReportedTable) -> list[TableColumn]:
     return [TableColumn(word=word, figures=table.is_figures(k)) for k, word in enumerate(table.columns)]

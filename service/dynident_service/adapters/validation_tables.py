@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from dynident.reports.numbers import number
-from dynident.reports.tables import Cell, ReportedTable, figure, interval, share, shares, words
+from dynident.reports.numbers import format_number
+from dynident.reports.tables import (
+    Cell,
+    ReportedTable,
+    make_interval_cell,
+    make_number_cell,
+    make_percent_cell,
+    make_percent_cells,
+    make_text_cells,
+)
 from dynident.reports.validated import ReportedValidation
-from dynident.validation import Judged
+from dynident.validation import ValidationOutcome
 from dynident_service.models.identifications import ErrorsView
 from dynident_service.models.validations import BootstrapView, FiltersView, MethodView, PayloadView, ValidationResult
 
@@ -23,13 +31,13 @@ TITLES = {
 }
 
 
-def reported(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
+def build_reported_validation(result: ValidationResult, joints: Sequence[str]) -> ReportedValidation:
     """Build the part of a report on a validation: title, verdict and tables."""
-    verdict = Judged(result.verdict, result.reason)
-    return ReportedValidation(TITLES[result.kind], verdict, tuple(tables_of(result, joints)), result.kind)
+    verdict = ValidationOutcome(result.verdict, result.reason)
+    return ReportedValidation(TITLES[result.kind], verdict, tuple(build_validation_tables(result, joints)), result.kind)
 
 
-def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
+def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> Iterator[ReportedTable]:
     """Yield the tables of a validation.
 
     Parameters
@@ -48,24 +56,28 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[Repor
     if result.measurements and result.total is not None:
         rows = [(measurement.name, measurement.errors) for measurement in result.measurements]
         rows += [("all", result.total)] if len(rows) > 1 else []
-        cells = tuple((Cell(name), *_relative(errors, len(joints))) for name, errors in rows)
+        cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
         yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
     if result.worst_posture is not None:
-        posture = tuple((Cell(joint), figure(value)) for joint, value in result.worst_posture.items())
+        posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
         yield ReportedTable(
             f"The worst posture that was found, of {result.postures_tried}", ("joint", "rad or m"), posture
         )
-    yield from _methods(result.methods, joint_columns)
+    yield from _build_method_tables(result.methods, joint_columns)
     if any(simulation.torque is not None for simulation in result.simulations):
         torque_rows = tuple(
-            (Cell(simulation.name), figure(simulation.duration, unit="s"), *_relative(simulation.torque, len(joints)))
+            (
+                Cell(simulation.name),
+                make_number_cell(simulation.duration, unit="s"),
+                *_relative_error_cells(simulation.torque, len(joints)),
+            )
             for simulation in result.simulations
         )
         yield ReportedTable(
             "Simulated against measured torque", ("measurement", "simulated", *joint_columns), torque_rows
         )
         position_rows = tuple(
-            (Cell(simulation.name), *shares(simulation.position_share))
+            (Cell(simulation.name), *make_percent_cells(simulation.position_share))
             for simulation in result.simulations
             if simulation.position_share is not None
         )
@@ -73,20 +85,20 @@ def tables_of(result: ValidationResult, joints: Sequence[str]) -> Iterator[Repor
             title = "How far the simulated positions are from the measured ones, of each joint's range"
             yield ReportedTable(title, ("measurement", *joints), position_rows)
     if result.filters is not None:
-        yield _filters(result.filters)
+        yield _build_filter_table(result.filters)
     if result.bootstrap is not None and result.bootstrap.parameters:
-        yield _bootstrap(result.bootstrap)
+        yield _build_bootstrap_table(result.bootstrap)
     if result.payloads:
-        yield _payloads(result.payloads)
-        yield from (_gains(payload) for payload in result.payloads if payload.gains)
+        yield _build_payload_table(result.payloads)
+        yield from (_build_gain_table(payload) for payload in result.payloads if payload.gains)
 
 
-def _methods(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
+def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
     solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
     if solved_methods:
         best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
         columns = ("method", *joint_columns, "σ apart", "most in", "torque", "± of it", "time")
-        rows = tuple(_method(method, errors, best) for method, errors in solved_methods)
+        rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
         title = "Relative held-out error by method; distance of parameters and torque from the first"
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
@@ -95,44 +107,46 @@ def _methods(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Ite
         yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
 
 
-def _method(method: MethodView, errors: ErrorsView, best: float) -> tuple[Cell, ...]:
-    *joints, total = _relative(errors, 0)
+def _build_method_row(method: MethodView, errors: ErrorsView, best: float) -> tuple[Cell, ...]:
+    *joints, total = _relative_error_cells(errors, 0)
     return (
         Cell(method.method),
         *joints,
         Cell(total.text, total.value, "ok" if total.value == best else None),
-        figure(method.distance_rms, 2),
+        make_number_cell(method.distance_rms, 2),
         Cell(method.farthest or ""),
-        share(method.torque_distance),
-        share(method.torque_deviation),
-        figure(method.seconds, 2, "s"),
+        make_percent_cell(method.torque_distance),
+        make_percent_cell(method.torque_deviation),
+        make_number_cell(method.seconds, 2, "s"),
     )
 
 
-def _filters(filters: FiltersView) -> ReportedTable:
+def _build_filter_table(filters: FiltersView) -> ReportedTable:
     rows = []
     for trial in filters.trials:
         preprocessing = trial.preprocessing
         cutoffs = (
-            "none" if value is None else f"{number(value)} Hz"
+            "none" if value is None else f"{format_number(value)} Hz"
             for value in (preprocessing.position_cutoff, preprocessing.torque_cutoff)
         )
         notes = [note for note, other in (("used", filters.used), ("smallest error", filters.chosen)) if trial == other]
-        cells = words(*cutoffs, str(preprocessing.decimation))
-        rows.append((*cells, *shares([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or "")))
+        cells = make_text_cells(*cutoffs, str(preprocessing.decimation))
+        rows.append(
+            (*cells, *make_percent_cells([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or ""))
+        )
     columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
     title = "What each choice of filters leaves in the parameters, as a share of the torque"
     return ReportedTable(title, columns, tuple(rows), numbers_from=2)
 
 
-def _bootstrap(bootstrap: BootstrapView) -> ReportedTable:
+def _build_bootstrap_table(bootstrap: BootstrapView) -> ReportedTable:
     rows = tuple(
         (
-            *words(parameter.name, parameter.unit),
-            figure(parameter.told, 2),
-            figure(parameter.drawn, 2),
-            figure(parameter.ratio),
-            interval(parameter.expected),
+            *make_text_cells(parameter.name, parameter.unit),
+            make_number_cell(parameter.told, 2),
+            make_number_cell(parameter.drawn, 2),
+            make_number_cell(parameter.ratio),
+            make_interval_cell(parameter.expected),
             Cell("! outside", mark="warning") if parameter.outside else Cell("✓", mark="ok"),
         )
         for parameter in bootstrap.parameters
@@ -141,15 +155,15 @@ def _bootstrap(bootstrap: BootstrapView) -> ReportedTable:
     return ReportedTable("Standard deviations as told, and over draws", columns, rows, numbers_from=2)
 
 
-def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
+def _build_payload_table(payloads: Sequence[PayloadView]) -> ReportedTable:
     rows = tuple(
         (
             Cell(payload.name),
-            figure(payload.stated_mass),
-            figure(payload.mass),
-            interval(payload.interval, "not identifiable"),
-            figure(payload.friction_shared),
-            figure(payload.friction_apart),
+            make_number_cell(payload.stated_mass),
+            make_number_cell(payload.mass),
+            make_interval_cell(payload.interval, "not identifiable"),
+            make_number_cell(payload.friction_shared),
+            make_number_cell(payload.friction_apart),
         )
         for payload in payloads
     )
@@ -157,13 +171,13 @@ def _payloads(payloads: Sequence[PayloadView]) -> ReportedTable:
     return ReportedTable("Mass of the load, kg", columns, rows)
 
 
-def _gains(payload: PayloadView) -> ReportedTable:
+def _build_gain_table(payload: PayloadView) -> ReportedTable:
     rows = tuple(
         (
             Cell(gain.joint),
-            figure(gain.drive_gain),
-            interval(gain.interval),
-            figure(gain.factor),
+            make_number_cell(gain.drive_gain),
+            make_interval_cell(gain.interval),
+            make_number_cell(gain.factor),
             Cell("✓" if gain.identifiable else "no"),
         )
         for gain in payload.gains
@@ -172,5 +186,5 @@ def _gains(payload: PayloadView) -> ReportedTable:
     return ReportedTable(f"Drive gains, if the load in {payload.name} is what it is said to be", columns, rows)
 
 
-def _relative(errors: ErrorsView | None, n: int) -> list[Cell]:
-    return shares([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])
+def _relative_error_cells(errors: ErrorsView | None, n: int) -> list[Cell]:
+    return make_percent_cells([None] * (n + 1) if errors is None else [*errors.relative, errors.relative_total])

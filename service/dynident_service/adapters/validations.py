@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from dynident.kinds import document_of
+from dynident.kinds import kind_to_document
 from dynident.validation import (
     BootstrapValidation,
     FiltersBySimulation,
@@ -17,11 +17,11 @@ from dynident.validation import (
     PayloadValidation,
     SimulationValidation,
     TorqueValidation,
-    together,
+    combine_verdicts,
 )
-from dynident.validation.request import Payload, Stated, Trial, trial_of
-from dynident_service.adapters.answers import show_errors, shown
-from dynident_service.adapters.derived import taken
+from dynident.validation.request import Payload, Stated, Trial, build_trial
+from dynident_service.adapters.answers import show_errors, to_view
+from dynident_service.adapters.derived import to_request
 from dynident_service.models import validations as wire
 
 if TYPE_CHECKING:
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 def trial_from_request(wire_request: wire.ValidationRequest) -> Trial:
     """Build the validation that a body asks for; `DynidentError` for options that its kind does not take."""
-    options: Any = taken(wire_request, Stated)
-    return trial_of(
+    options: Any = to_request(wire_request, Stated)
+    return build_trial(
         wire_request.kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
     )
 
 
-def describe(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
+def describe_validation(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str]) -> wire.ValidationResult:
     """Build the view of a validation's result.
 
     Parameters
@@ -64,52 +64,57 @@ def describe(trial: Trial, outcome: TrialResult, measurement_ids: Sequence[str])
                 )
                 for measurement_id, recording_errors in errors_by_id
             ]
-            return _result(trial, outcome, measurements=measurements)
+            return _build_result(trial, outcome, measurements=measurements)
         case InertiaMatrixValidation():
-            return _inertia_matrix(trial, outcome)
+            return _describe_inertia_matrix(trial, outcome)
         case BootstrapValidation():
             drawn_parameters = [
-                shown(wire.DrawnParameterView, parameter, expected=(parameter.low, parameter.high))
+                to_view(wire.DrawnParameterView, parameter, expected=(parameter.low, parameter.high))
                 for parameter in outcome.parameters
             ]
-            return _result(
-                trial, outcome, parameters=[], bootstrap=shown(wire.BootstrapView, outcome, parameters=drawn_parameters)
+            return _build_result(
+                trial,
+                outcome,
+                parameters=[],
+                bootstrap=to_view(wire.BootstrapView, outcome, parameters=drawn_parameters),
             )
         case MethodsValidation():
-            return _result(trial, outcome, methods=[_method(method, outcome.parameters) for method in outcome.results])
+            return _build_result(
+                trial, outcome, methods=[_show_method(method, outcome.parameters) for method in outcome.results]
+            )
         case FiltersBySimulation():
-            return _result(trial, outcome, filters=_filters(outcome))
+            return _build_result(trial, outcome, filters=_show_filters(outcome))
     # The remaining kinds give one outcome a recording.
     outcomes_by_id = zip(measurement_ids, outcome, strict=True)
     if isinstance(trial, Payload):
         weighed = [
-            _payload(payload, identifier)
+            _show_payload(payload, identifier)
             for identifier, payload in outcomes_by_id
             if isinstance(payload, PayloadValidation)
         ]
-        return _of_several(trial, outcome, payloads=weighed)
+        return _combine_results(trial, outcome, payloads=weighed)
     simulated = [
-        shown(wire.SimulationOnMeasurement, simulation, measurement_id=identifier)
+        to_view(wire.SimulationOnMeasurement, simulation, measurement_id=identifier)
         for identifier, simulation in outcomes_by_id
     ]
     limits = [simulation.limit for simulation in outcome if isinstance(simulation, SimulationValidation)]
-    return _of_several(trial, outcome, simulations=simulated, limit=limits[0] if limits else None)
+    return _combine_results(trial, outcome, simulations=simulated, limit=limits[0] if limits else None)
 
 
-def _result(trial: Trial, outcome: object, **more: object) -> wire.ValidationResult:
-    return shown(wire.ValidationResult, outcome, kind=trial.name, **more)
+def _build_result(trial: Trial, outcome: object, **more: object) -> wire.ValidationResult:
+    return to_view(wire.ValidationResult, outcome, kind=trial.name, **more)
 
 
-def _of_several(
+def _combine_results(
     trial: Trial, outcomes: Sequence[PayloadValidation | SimulationValidation], **more: object
 ) -> wire.ValidationResult:
-    verdict = together([(outcome.name, outcome.judged) for outcome in outcomes])
-    return _result(trial, None, verdict=verdict.verdict, reason=verdict.reason, **more)
+    verdict = combine_verdicts([(outcome.name, outcome.judged) for outcome in outcomes])
+    return _build_result(trial, None, verdict=verdict.verdict, reason=verdict.reason, **more)
 
 
-def _inertia_matrix(trial: Trial, outcome: InertiaMatrixValidation) -> wire.ValidationResult:
+def _describe_inertia_matrix(trial: Trial, outcome: InertiaMatrixValidation) -> wire.ValidationResult:
     value, posture = outcome.smallest_eigenvalue, outcome.posture
-    return _result(
+    return _build_result(
         trial,
         outcome,
         inertia_matrix_positive_definite=None if value is None else value > 0,
@@ -119,30 +124,30 @@ def _inertia_matrix(trial: Trial, outcome: InertiaMatrixValidation) -> wire.Vali
     )
 
 
-def _method(method: MethodResult, names: Sequence[str]) -> wire.MethodView:
-    return shown(
+def _show_method(method: MethodResult, names: Sequence[str]) -> wire.MethodView:
+    return to_view(
         wire.MethodView,
         method,
-        estimator=document_of(method.method.estimator),
+        estimator=kind_to_document(method.method.estimator),
         problem=method.problem or None,
         farthest=None if method.farthest is None else names[method.farthest],
     )
 
 
-def _filters(outcome: FiltersBySimulation) -> wire.FiltersView:
-    return shown(
+def _show_filters(outcome: FiltersBySimulation) -> wire.FiltersView:
+    return to_view(
         wire.FiltersView,
         outcome,
-        used=_trial(outcome.used),
-        chosen=_trial(outcome.chosen),
-        trials=[_trial(trial) for trial in outcome.trials],
+        used=_show_trial(outcome.used),
+        chosen=_show_trial(outcome.chosen),
+        trials=[_show_trial(trial) for trial in outcome.trials],
     )
 
 
-def _trial(trial: FilterTrial) -> wire.FilterTrialView:
-    return shown(wire.FilterTrialView, trial, worst=trial.worst or None, problem=trial.problem or None)
+def _show_trial(trial: FilterTrial) -> wire.FilterTrialView:
+    return to_view(wire.FilterTrialView, trial, worst=trial.worst or None, problem=trial.problem or None)
 
 
-def _payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
-    gains = [] if payload.gains is None else [shown(wire.DriveGainView, gain) for gain in payload.gains.each]
-    return shown(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)
+def _show_payload(payload: PayloadValidation, measurement_id: str) -> wire.PayloadView:
+    gains = [] if payload.gains is None else [to_view(wire.DriveGainView, gain) for gain in payload.gains.each]
+    return to_view(wire.PayloadView, payload, measurement_id=measurement_id, gains=gains)

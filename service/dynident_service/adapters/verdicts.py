@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from dynident.recordings import Recording
-from dynident.recordings.revisions import after
+from dynident.recordings.revisions import adapt_revision
 from dynident.verdict import ModelVerdict, Stop
-from dynident_service.adapters.answers import shown
-from dynident_service.adapters.revisions import metadata_of, show_revision
+from dynident_service.adapters.answers import to_view
+from dynident_service.adapters.revisions import show_revision, to_recording_metadata
 from dynident_service.models import verdicts as wire
 from dynident_service.models.measurements import MeasurementMetadata
 
@@ -20,7 +20,7 @@ class SeenMeasurement:
 
     id: str
     recording: Recording
-    said: MeasurementMetadata
+    metadata: MeasurementMetadata
 
 
 def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] = ()) -> wire.VerdictView:
@@ -39,29 +39,29 @@ def show_verdict(verdict: ModelVerdict, measurements: Sequence[SeenMeasurement] 
         The view.
     """
     by_name = {measurement.recording.name: measurement for measurement in measurements}
-    stop = None if verdict.stop is None else _stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
+    stop = None if verdict.stop is None else _show_stop(verdict.stop, by_name.get(verdict.stop.recording or ""))
     common = [
-        shown(
+        to_view(
             wire.CommonView,
             overlap,
-            held_out_id=_id(by_name, overlap.held_out),
-            fitted_id=_id(by_name, overlap.fitted),
+            held_out_id=_measurement_id(by_name, overlap.held_out),
+            fitted_id=_measurement_id(by_name, overlap.fitted),
             detail=str(overlap),
         )
         for overlap in verdict.common
     ]
-    return shown(wire.VerdictView, verdict, stop=stop, common=common)
+    return to_view(wire.VerdictView, verdict, stop=stop, common=common)
 
 
-def _id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:
+def _measurement_id(measurements: Mapping[str, SeenMeasurement], name: str) -> str:
     return measurements[name].id if name in measurements else name
 
 
-def _stop(stop: Stop, measurement: SeenMeasurement | None) -> wire.StopView:
+def _show_stop(stop: Stop, measurement: SeenMeasurement | None) -> wire.StopView:
     cure = stop.apply
     if cure is not None and measurement is not None:
         # The cure refers to the recording as it was read. The revision has to change what was stated about the file.
-        cure = after(cure, metadata_of(measurement.said), measurement.recording.joint_names)
+        cure = adapt_revision(cure, to_recording_metadata(measurement.metadata), measurement.recording.joint_names)
     return wire.StopView(
         cause=stop.cause,
         measurement_id=stop.recording if measurement is None else measurement.id,

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import typer
 
 from dynident.errors import Cancelled, DynidentError
-from dynident.extras import install_hint
+from dynident.extras import format_install_hint
 from dynident.version import __version__
-from dynident_service.cli.asked import with_options
-from dynident_service.cli.failures import CANCELLED, MISUSED, tell_failure
+from dynident_service.cli.asked import spread_options
+from dynident_service.cli.failures import EXIT_CANCELLED, EXIT_MISUSED, print_error
 from dynident_service.cli.files import check_inputs
 
 _COMMANDS = (
@@ -42,37 +42,37 @@ def _root(
     """Take the options that stand before the command."""
 
 
-def _guarded(command: Callable[..., None]) -> Callable[..., None]:
+def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Wrap a command: print errors that the user can mend as messages, and end quietly on Ctrl-C.
 
     Other exceptions are bugs and keep their traceback.
     """
 
     @functools.wraps(command)
-    def guarded(*arguments: Any, **options: Any) -> None:
+    def run_command(*arguments: Any, **options: Any) -> None:
         try:
             # Missing files are reported before the command imports anything that takes seconds.
             check_inputs(command, options)
             command(*arguments, **options)
         except DynidentError as error:
-            tell_failure(error, bool(options.get("as_json")))
-            raise typer.Exit(MISUSED) from error
+            print_error(error, bool(options.get("as_json")))
+            raise typer.Exit(EXIT_MISUSED) from error
         except ModuleNotFoundError as missing:
             # A missing module of dynident itself is a bug. Any other belongs to an optional dependency, whose extra
             # the message names.
             if (missing.name or "").startswith("dynident"):
                 raise
-            detail = f"this needs the package {missing.name}; {install_hint(missing.name or '')}"
-            tell_failure(DynidentError(detail, title="Not installed"), as_json=False)
-            raise typer.Exit(MISUSED) from missing
+            detail = f"this needs the package {missing.name}; {format_install_hint(missing.name or '')}"
+            print_error(DynidentError(detail, title="Not installed"), as_json=False)
+            raise typer.Exit(EXIT_MISUSED) from missing
         except (KeyboardInterrupt, Cancelled):
             print("dynident: cancelled", file=sys.stderr)
-            raise typer.Exit(CANCELLED) from None
+            raise typer.Exit(EXIT_CANCELLED) from None
 
-    return guarded
+    return run_command
 
 
-def program(typed: str | None = None) -> typer.Typer:
+def create_application(typed: str | None = None) -> typer.Typer:
     """Build the command line.
 
     Parameters
@@ -100,7 +100,7 @@ def program(typed: str | None = None) -> typer.Typer:
     for command_name in command_names:
         module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(command_name, command_name)}")
         # `with_options` gives the command the signature that typer reads; `_guarded`, around it, keeps that.
-        application.command()(_guarded(with_options(getattr(module, command_name))))
+        application.command()(handle_errors(spread_options(getattr(module, command_name))))
     return application
 
 
@@ -109,4 +109,4 @@ def __getattr__(name: str) -> typer.Typer:
     # Lazily: whoever imports `program` from here does not pay for importing every command.
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return program()
+    return create_application()

@@ -7,13 +7,13 @@ import sys
 
 from dynident.errors import DynidentError
 
-MISUSED = 2
+EXIT_MISUSED = 2
 """Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
-CANCELLED = 130
+EXIT_CANCELLED = 130
 """Exit code after Ctrl-C: 128 plus the number of SIGINT, as shells have it."""
 
 
-def tell_failure(error: DynidentError, as_json: bool) -> None:
+def print_error(error: DynidentError, as_json: bool) -> None:
     """Print what is wrong, where, and how to mend it.
 
     Parameters
@@ -33,14 +33,14 @@ def tell_failure(error: DynidentError, as_json: bool) -> None:
     for check in checks:
         print(f"  also {check.name.replace('_', ' ')}: {check.detail}", file=sys.stderr)
     if as_json:
-        print(json.dumps(_problem(error), indent=2))
+        print(json.dumps(_problem_document(error), indent=2))
 
 
-def _problem(error: DynidentError) -> dict[str, object]:
+def _problem_document(error: DynidentError) -> dict[str, object]:
     from dynident.recordings import RecordingError
-    from dynident_service.adapters.measurements import problem_with_file
-    from dynident_service.problems import problem_of
+    from dynident_service.adapters.measurements import describe_file_problem
+    from dynident_service.problems import to_problem
 
-    problem = problem_with_file(error) if isinstance(error, RecordingError) else problem_of(error)
+    problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
     document: dict[str, object] = problem.model_dump(exclude_none=True)
     return document

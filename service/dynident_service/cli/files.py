@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
-from dynident.recordings.names import parts_of
+from dynident.recordings.names import split_path
 
 
 @dataclass(frozen=True)
-class LookedFor:
+class InputCheck:
     """Marker in the annotation of an option: what the option names has to be there.
 
     Parameters
@@ -46,12 +46,12 @@ def check_inputs(command: Callable[..., None], options: Mapping[str, object]) ->
     for name, hint in get_type_hints(command, include_extras=True).items():
         if get_origin(hint) is Annotated:
             for marker in hint.__metadata__:
-                if isinstance(marker, LookedFor):
-                    for value in _values(options.get(name)):
+                if isinstance(marker, InputCheck):
+                    for value in _iterate_values(options.get(name)):
                         marker.check(value)
 
 
-def _values(option: Any) -> Iterator[Any]:
+def _iterate_values(option: Any) -> Iterator[Any]:
     if isinstance(option, (list, tuple)):
         yield from option
     elif option is not None:
@@ -61,14 +61,14 @@ def _values(option: Any) -> Iterator[Any]:
 def check_readable(path: Path) -> None:
     """Raise `DynidentError` where a file is missing or may not be read."""
     # Files that are one recording are given together, as q.csv+dq.csv+tau.csv.
-    for part in parts_of(path):
+    for part in split_path(path):
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
         if not os.access(part, os.R_OK):
             raise DynidentError(f"{part} may not be read", pointer=str(path), title="Unreadable file")
 
 
-def document_of(path: Path) -> Mapping[str, object]:
+def read_json_object(path: Path) -> Mapping[str, object]:
     """Read a JSON object from a file; `DynidentError` where the file holds none."""
     try:
         document = json.loads(read_text(path))
@@ -88,7 +88,7 @@ def read_text(path: Path) -> str:
         raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file atomically: it appears complete, or not at all."""
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
@@ -116,21 +116,21 @@ def check_folder(path: Path) -> None:
 
 def check_robot(text: str) -> None:
     """Raise `DynidentError` where a text names neither a file nor a well-known arm."""
-    if not Path(text).is_file() and text not in known_arms():
+    if not Path(text).is_file() and text not in list_known_arms():
         raise DynidentError(
-            f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(known_arms())}",
+            f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(list_known_arms())}",
             pointer="ROBOT",
             title="Unknown robot",
         )
 
 
-def known_arms() -> list[str]:
+def list_known_arms() -> list[str]:
     """Return the names of the well-known arms, sorted."""
     # The names of the files are enough: importing `dynident.robot` would take longer than most commands.
     names = (entry.name for entry in (files("dynident") / "robot" / "library").iterdir())
     return sorted(name.removesuffix(".json") for name in names if name.endswith(".json"))
 
 
-TO_READ = LookedFor(check_readable)
-FOLDER_TO_READ = LookedFor(check_folder)
-A_ROBOT = LookedFor(check_robot)
+READABLE_FILE = InputCheck(check_readable)
+READABLE_FOLDER = InputCheck(check_folder)
+KNOWN_ROBOT = InputCheck(check_robot)

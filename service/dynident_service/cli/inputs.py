@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from dynident.desk.robots import load_robot
-from dynident.desk.robots import with_gains as set_gains
+from dynident.desk.robots import set_drive_gains as set_gains
 from dynident.effects import EffectChoice
-from dynident.effects.written import written_effects
+from dynident.effects.written import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
 from dynident.identification.shapes.shapes import check_choices
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
-from dynident.recordings.names import unique_names
+from dynident.recordings.names import make_unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
-from dynident_service.cli.files import check_readable, check_robot, document_of
-from dynident_service.cli.metadata import Answers, as_proposed, read_metadata
-from dynident_service.cli.options import Beside, TimedReading
-from dynident_service.cli.terminal import progress_bar
+from dynident_service.cli.files import check_readable, check_robot, read_json_object
+from dynident_service.cli.metadata import StatedAnswers, accept_proposal, read_metadata
+from dynident_service.cli.options import RobotAdditions, TimedReading
+from dynident_service.cli.terminal import show_progress_bar
 
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
@@ -50,20 +50,20 @@ _REWORDED = (
 )
 
 
-_NOTHING_BESIDE = Beside()
+_NOTHING_BESIDE = RobotAdditions()
 
 
 @dataclass(frozen=True, eq=False)
-class Loaded:
+class LoadedRecording:
     """A checked recording with its checks, its file, and its metadata."""
 
     recording: Recording
     checks: tuple[Check, ...]
     path: Path
-    said: RecordingMetadata
+    metadata: RecordingMetadata
 
 
-def robot_of(text: str, additions: Beside = _NOTHING_BESIDE) -> Robot:
+def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) -> Robot:
     """Load the robot that an argument names.
 
     Parameters
@@ -84,25 +84,25 @@ def robot_of(text: str, additions: Beside = _NOTHING_BESIDE) -> Robot:
         Where there is no such robot, or an option does not fit it.
     """
     check_robot(text)
-    upright = parsing.vector(additions.gravity, "--gravity") if additions.gravity else None
-    robot = load_robot(text, locked_joints=parsing.locks(additions.lock), gravity=upright)
+    upright = parsing.parse_vector(additions.gravity, "--gravity") if additions.gravity else None
+    robot = load_robot(text, locked_joints=parsing.parse_locks(additions.lock), gravity=upright)
     return with_gains(robot, additions.drive_gains)
 
 
 def with_gains(robot: Robot, gains: str) -> Robot:
     """Return the robot with the drive gains of `--drive-gains`; the same robot where none are given."""
-    return set_gains(robot, parsing.drive_gains(gains, robot.joint_names)) if gains else robot
+    return set_gains(robot, parsing.parse_drive_gains(gains, robot.joint_names)) if gains else robot
 
 
 @contextmanager
-def loaded(
+def load_recordings(
     paths: Sequence[Path],
     robot: Robot,
     reading: TimedReading,
     progress: Progress,
     others: Sequence[Path] = (),
     friction: Collection[Path] = (),
-) -> Iterator[tuple[list[Loaded], list[Loaded]]]:
+) -> Iterator[tuple[list[LoadedRecording], list[LoadedRecording]]]:
     """Read and check measurement files.
 
     The recordings are stored in a temporary folder, which is removed when the context ends.
@@ -128,18 +128,20 @@ def loaded(
         The recordings of `paths` and of `others`, each with its checks.
     """
     everything = [*paths, *others]
-    names = unique_names(everything)
-    windows = parsing.windows_of(reading.windows, names, _neighbours(everything))
-    columns, units = parsing.pairs(reading.columns, "--columns"), parsing.pairs(reading.units, "--units")
+    names = make_unique_names(everything)
+    windows = parsing.parse_windows(reading.windows, names, _list_neighbours(everything))
+    columns, units = parsing.parse_pairs(reading.columns, "--columns"), parsing.parse_pairs(reading.units, "--units")
     metadata_by_name = read_metadata(reading.metadata, names)
-    answers = Answers(columns, units, reading.accept, reading.cure)
+    answers = StatedAnswers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
         measurements = []
         for index, (path, name) in enumerate(zip(everything, names, strict=True)):
             base_metadata = metadata_by_name.get(name)
             if base_metadata is None:
                 base_metadata = (
-                    _proposed(path, robot, answers, reading.rate) if reading.as_proposed else RecordingMetadata()
+                    _propose_metadata(path, robot, answers, reading.rate)
+                    if reading.as_proposed
+                    else RecordingMetadata()
                 )
             # Options win over a metadata file, key by key for columns and units.
             metadata = replace(
@@ -153,10 +155,10 @@ def loaded(
                 accept=tuple(reading.accept),
                 skip=(*base_metadata.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
-            share = part(progress, index / len(everything), (index + 1) / len(everything))
+            share = scale_progress(progress, index / len(everything), (index + 1) / len(everything))
             try:
                 measurements.append(
-                    _load(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure)
+                    _load_recording(path, Path(folder) / f"{index}.parquet", robot, metadata, share, cure=reading.cure)
                 )
             except RecordingError as error:
                 # Only where columns can still be proposed: neither stated in a file nor proposed already.
@@ -166,24 +168,24 @@ def loaded(
         yield measurements[: len(paths)], measurements[len(paths) :]
 
 
-def _neighbours(paths: Sequence[Path]) -> set[str]:
+def _list_neighbours(paths: Sequence[Path]) -> set[str]:
     """Return the names of files in the same folders: windows may name them, as commands of a study share options."""
     folders = {path.parent for path in paths if path.parent.is_dir()}
     return {file.stem for folder in folders for file in folder.iterdir() if file.is_file()}
 
 
-def _proposed(path: Path, robot: Robot, answers: Answers, rate: float | None) -> RecordingMetadata:
+def _propose_metadata(path: Path, robot: Robot, answers: StatedAnswers, rate: float | None) -> RecordingMetadata:
     from dynident.identification.imports import inspect_file
 
     check_readable(path)
     # Currents are no open question where the robot knows what torque they mean.
     has_gains = all(drive.gain is not None for drive in robot.drives)
-    return as_proposed(path, inspect_file(path, robot, rate), has_gains=has_gains, answers=answers)
+    return accept_proposal(path, inspect_file(path, robot, rate), has_gains=has_gains, answers=answers)
 
 
-def _load(
+def _load_recording(
     path: Path, destination: Path, robot: Robot, metadata: RecordingMetadata, progress: Progress, *, cure: bool
-) -> Loaded:
+) -> LoadedRecording:
     check_readable(path)
     try:
         imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
@@ -191,27 +193,31 @@ def _load(
         if not cure and any(check.status == "error" and check.apply is not None for check in error.checks):
             error.detail += " Or have it put right: --cure."
         # The library knows columns, rows and times, but not which of the files it is.
-        error.detail = f"{path.name}: {_reworded(error.detail, metadata.name)}"
-        error.checks = tuple(replace(check, detail=_reworded(check.detail, metadata.name)) for check in error.checks)
+        error.detail = f"{path.name}: {_reword_for_options(error.detail, metadata.name)}"
+        error.checks = tuple(
+            replace(check, detail=_reword_for_options(check.detail, metadata.name)) for check in error.checks
+        )
         raise
-    checks = tuple(replace(check, detail=_reworded(check.detail, imported.metadata.name)) for check in imported.checks)
-    return Loaded(imported.recording, checks, path, imported.metadata)
+    checks = tuple(
+        replace(check, detail=_reword_for_options(check.detail, imported.metadata.name)) for check in imported.checks
+    )
+    return LoadedRecording(imported.recording, checks, path, imported.metadata)
 
 
-def _reworded(detail: str, name: str) -> str:
+def _reword_for_options(detail: str, name: str) -> str:
     """Rewrite a sentence about the recording of that name: options in place of fields of the contract."""
     for pattern, words in _REWORDED:
         detail = pattern.sub(words.replace("{name}", name), detail)
     return detail
 
 
-def recordings_of(measurements: Sequence[Loaded]) -> list[Recording]:
+def extract_recordings(measurements: Sequence[LoadedRecording]) -> list[Recording]:
     """Return the recordings of loaded files."""
     return [item.recording for item in measurements]
 
 
 @dataclass(frozen=True, eq=False)
-class Read:
+class CommandInputs:
     """The recordings that a command has read.
 
     Attributes
@@ -224,23 +230,23 @@ class Read:
         Reports progress on the part of the bar that reading has left.
     """
 
-    given: list[Loaded]
-    others: list[Loaded]
+    loaded: list[LoadedRecording]
+    others: list[LoadedRecording]
     progress: Progress
 
     @property
     def recordings(self) -> list[Recording]:
         """Recordings that the command is about."""
-        return recordings_of(self.given)
+        return extract_recordings(self.loaded)
 
     @property
     def other_recordings(self) -> list[Recording]:
         """Recordings of the further files."""
-        return recordings_of(self.others)
+        return extract_recordings(self.others)
 
 
 @contextmanager
-def read(
+def read_recordings(
     title: str,
     paths: Sequence[Path],
     robot: Robot,
@@ -249,7 +255,7 @@ def read(
     friction: Collection[Path] = (),
     *,
     share: float = 0.5,
-) -> Iterator[Read]:
+) -> Iterator[CommandInputs]:
     """Read and check measurement files as `loaded` does, with a progress bar.
 
     Parameters
@@ -265,28 +271,28 @@ def read(
         The recordings and the rest of the progress bar.
     """
     with (
-        progress_bar(title) as progress,
-        loaded(paths, robot, reading, part(progress, 0.0, share), others, friction) as (
+        show_progress_bar(title) as progress,
+        load_recordings(paths, robot, reading, scale_progress(progress, 0.0, share), others, friction) as (
             measurements,
             other_measurements,
         ),
     ):
-        yield Read(measurements, other_measurements, part(progress, share, 1.0))
+        yield CommandInputs(measurements, other_measurements, scale_progress(progress, share, 1.0))
 
 
-def effects_of(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
+def read_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectChoice, ...]:
     """Parse effects and check that they fit the robot."""
-    choices = named_effects(texts)
+    choices = parse_unchecked_effects(texts)
     check_choices(choices, robot)
     return choices
 
 
-def named_effects(texts: Sequence[str]) -> tuple[EffectChoice, ...]:
+def parse_unchecked_effects(texts: Sequence[str]) -> tuple[EffectChoice, ...]:
     """Parse effects without checking them against a robot."""
-    return written_effects(texts, "--effects")
+    return parse_effects(texts, "--effects")
 
 
-def model_of(path: Path) -> Identification:
+def load_model(path: Path) -> Identification:
     """Read an identified model from a file; `DynidentError` where it holds none."""
     check_readable(path)
     try:
@@ -296,14 +302,14 @@ def model_of(path: Path) -> Identification:
         raise
 
 
-def stored_diagnosis(path: Path) -> AdvisedDiagnosis:
+def load_diagnosis(path: Path) -> AdvisedDiagnosis:
     """Read a diagnosis that `dynident diagnose --out` wrote; `DynidentError` where the file holds none."""
     from pydantic import ValidationError
 
-    from dynident_service.adapters.diagnoses import diagnosis_of
+    from dynident_service.adapters.diagnoses import restore_diagnosis
 
     try:
-        return diagnosis_of(document_of(path))
+        return restore_diagnosis(read_json_object(path))
     except ValidationError as error:
         first = error.errors()[0]
         raise DynidentError(

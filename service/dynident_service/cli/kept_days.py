@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from dynident.diagnosis.series import Day, Measure, free_name, measured, resumed, what_may_change
+from dynident.diagnosis.series import Day, Measure, build_measure, find_free_name, load_days, reduce_day
 from dynident.identification import Identification
-from dynident.progress import Progress, part
-from dynident.recordings.digest import digest_of
-from dynident_service.cli.inputs import loaded
+from dynident.progress import Progress, scale_progress
+from dynident.recordings.digest import compute_digest
+from dynident_service.cli.inputs import load_recordings
 from dynident_service.cli.options import Reading
 
 
-def days_of(
+def load_continued_days(
     identification: Identification,
     paths: Sequence[Path],
     reading: Reading,
@@ -45,20 +45,24 @@ def days_of(
     robot = identification.model.robot
     days: tuple[Day, ...] = ()
     content = keep.read_bytes() if keep is not None and keep.exists() else None
-    with loaded(paths, robot, reading, part(progress, 0.0, 0.6)) as (measurements, _):
+    with load_recordings(paths, robot, reading, scale_progress(progress, 0.0, 0.6)) as (measurements, _):
         recordings = [item.recording for item in measurements]
         if content is None:
             # The first files decide whether temperature is a regressor: all later days have to be comparable.
             warm = all(recording.has_temperature for recording in recordings)
-            measure = what_may_change(identification, with_temperature=warm)
+            measure = build_measure(identification, with_temperature=warm)
         else:
-            measure, days = resumed(identification, content)
+            measure, days = load_days(identification, content)
         all_days = list(days)
-        sources = [digest_of(path) for path in paths]
+        sources = [compute_digest(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
             # A file that is stored already is known by its hash, whatever it is called now.
             if any(day.source == source for day in all_days):
                 continue
-            day_progress = part(progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths))
-            all_days.append(measured(measure, free_name(recording.name, all_days), [recording], day_progress, source))
+            day_progress = scale_progress(
+                progress, 0.6 + 0.4 * number / len(paths), 0.6 + 0.4 * (number + 1) / len(paths)
+            )
+            all_days.append(
+                reduce_day(measure, find_free_name(recording.name, all_days), [recording], day_progress, source)
+            )
     return measure, tuple(all_days)

@@ -10,17 +10,17 @@ from typing import Any, get_args
 from dynident.errors import DynidentError
 from dynident.identification.imports import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
-from dynident_service.cli.files import document_of
+from dynident_service.cli.files import read_json_object
 
 NEEDED_FOR_GAINS = "drives"
 """The question that asks for drive gains, which belong to the robot and not to the file."""
-_BESIDE = ("questions", "name", "format")
+_IGNORED_KEYS = ("questions", "name", "format")
 """Keys of such a file that are no metadata."""
-_ELSEWHERE = ("name", "format", "role", "accept")
+_OTHER_SOURCES = ("name", "format", "role", "accept")
 """Metadata that the file itself tells, or that have options or commands of their own."""
 
 
-def proposed(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
+def proposal_document(inspection: Inspection, rate: float | None = None) -> dict[str, object]:
     """Return the proposed metadata as a JSON object, with the open questions."""
     assert inspection.proposal is not None
     return {
@@ -37,7 +37,7 @@ def proposed(inspection: Inspection, rate: float | None = None) -> dict[str, obj
 
 
 @dataclass(frozen=True)
-class Answers:
+class StatedAnswers:
     """Options that answer questions of a proposal: columns, units, checks to accept, and whether to cure."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -45,10 +45,10 @@ class Answers:
     accept: Sequence[str] = ()
     cure: bool = False
 
-    def answer(self, question: Question) -> bool:
+    def is_answered(self, question: Question) -> bool:
         """Tell whether these options answer a question."""
         if question.field in ("effort_kind", "units/tau") and any(
-            _kind(signal) == "current" for signal in self.columns
+            _signal_kind(signal) == "current" for signal in self.columns
         ):
             # Drive gains turn currents into torques; whether their size is plausible is checked when they are read.
             return True
@@ -59,18 +59,18 @@ class Answers:
         if about == "effort_kind":
             # Without choices no unit makes the columns a torque, so only other columns are an answer.
             answered_signals = (*self.columns, *self.units) if question.choices else tuple(self.columns)
-            return any(_kind(signal) in ("tau", "current") for signal in answered_signals)
+            return any(_signal_kind(signal) in ("tau", "current") for signal in answered_signals)
         answered = {"columns": self.columns, "units": self.units}.get(about, {})
-        return any(not key or _kind(signal) == _kind(key) for signal in answered)
+        return any(not key or _signal_kind(signal) == _signal_kind(key) for signal in answered)
 
 
-def _kind(key: str) -> str:
+def _signal_kind(key: str) -> str:
     """Return the kind of signal that a key names: "tau" for tau2 and for tau_elbow."""
     return key.partition("_")[0].rstrip("0123456789")
 
 
-def as_proposed(
-    path: Path, inspection: Inspection, *, has_gains: bool, answers: Answers | None = None
+def accept_proposal(
+    path: Path, inspection: Inspection, *, has_gains: bool, answers: StatedAnswers | None = None
 ) -> RecordingMetadata:
     """Accept proposed metadata as they are.
 
@@ -96,11 +96,11 @@ def as_proposed(
         Where a question is open: to accept the proposal would be a guess.
     """
     assert inspection.proposal is not None
-    stated_answers = answers or Answers()
+    stated_answers = answers or StatedAnswers()
     open_questions = [
         question
         for question in inspection.proposal.questions
-        if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.answer(question)
+        if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.is_answered(question)
     ]
     if open_questions:
         question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
@@ -116,8 +116,8 @@ def as_proposed(
     proposal = inspection.proposal
     columns = dict(proposal.columns)
     # The user says that the effort columns are currents: the proposed torque columns would contradict that.
-    if any(_kind(signal) == "current" for signal in stated_answers.columns):
-        columns = {ours: theirs for ours, theirs in columns.items() if _kind(ours) != "tau"}
+    if any(_signal_kind(signal) == "current" for signal in stated_answers.columns):
+        columns = {ours: theirs for ours, theirs in columns.items() if _signal_kind(ours) != "tau"}
     return RecordingMetadata(columns=columns, units=proposal.units, effort_kind=proposal.effort_kind)
 
 
@@ -146,25 +146,25 @@ def read_metadata(texts: Sequence[str], names: Sequence[str]) -> dict[str, Recor
         name, sign, path = text.partition("=")
         # A path may hold "=" itself: only the name of a recording before it makes it NAME=FILE.
         if sign and name in names:
-            metadata_by_name[name] = _read(Path(path))
+            metadata_by_name[name] = _read_metadata_file(Path(path))
         else:
-            metadata_by_name |= dict.fromkeys(names, _read(Path(text)))
+            metadata_by_name |= dict.fromkeys(names, _read_metadata_file(Path(text)))
     return metadata_by_name
 
 
-def _read(path: Path) -> RecordingMetadata:
+def _read_metadata_file(path: Path) -> RecordingMetadata:
     # Imported here: most calls have no metadata file and need not wait for the models of the contract.
     from pydantic import ValidationError
 
-    from dynident_service.adapters.revisions import metadata_of
+    from dynident_service.adapters.revisions import to_recording_metadata
     from dynident_service.models.measurements import MeasurementMetadata
 
-    document = document_of(path)
+    document = read_json_object(path)
     field_names = [
-        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _ELSEWHERE
+        metadata_field.name for metadata_field in fields(RecordingMetadata) if metadata_field.name not in _OTHER_SOURCES
     ]
-    if not set(document) <= {*field_names, *_BESIDE}:
-        allowed = ", ".join((*field_names, *_BESIDE))
+    if not set(document) <= {*field_names, *_IGNORED_KEYS}:
+        allowed = ", ".join((*field_names, *_IGNORED_KEYS))
         raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
     questions: Any = document.get("questions") or ()
     open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
@@ -185,7 +185,7 @@ def _read(path: Path) -> RecordingMetadata:
         # Null means that the field is not stated.
         values = {name: document[name] for name in field_names if document.get(name) is not None}
         # The model of the contract checks types and ranges; a robot and a name are mandatory there, but unused here.
-        return metadata_of(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
+        return to_recording_metadata(MeasurementMetadata.model_validate({"robot_id": "-", "name": "-", **values}))
     except ValidationError as error:
         first = error.errors()[0]
         place = "/".join(map(str, first["loc"]))

@@ -12,41 +12,41 @@ from typing import Annotated, get_args
 import typer
 
 from dynident.recordings.stated import ConditioningStep
-from dynident_service.cli.files import A_ROBOT, TO_READ, known_arms
+from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE, list_known_arms
 
 
-def several(*names: str, metavar: str, help: str) -> object:
+def repeatable_option(*names: str, metavar: str, help: str) -> object:
     """Return an option that may be repeated; its default is an empty list."""
     return typer.Option(*names, metavar=metavar, help=help, default_factory=list, show_default=False)
 
 
-def several_files(*names: str, help: str) -> object:
+def repeatable_file_option(*names: str, help: str) -> object:
     """Return an option that names a file and may be repeated."""
-    return several(*names, metavar="FILE", help=help)
+    return repeatable_option(*names, metavar="FILE", help=help)
 
 
-def of_file(*names: str, help: str) -> object:
+def file_option(*names: str, help: str) -> object:
     """Return an option that names a file, or several where its type is a list."""
     return typer.Option(*names, metavar="FILE", help=help, show_default=False)
 
 
-SomeFile = Annotated[Path | None, TO_READ]
-SomeFiles = Annotated[list[Path] | None, TO_READ]
+SomeFile = Annotated[Path | None, READABLE_FILE]
+SomeFiles = Annotated[list[Path] | None, READABLE_FILE]
 RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
         help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a JSON "
         "file (a modified table, or a robot as the service takes it), or "
-        f"a well-known arm: {', '.join(known_arms())}.",
+        f"a well-known arm: {', '.join(list_known_arms())}.",
         show_default=False,
     ),
-    A_ROBOT,
+    KNOWN_ROBOT,
 ]
 ModelArgument = Annotated[
     Path,
     typer.Argument(metavar="MODEL", help="A model that `dynident identify --out` wrote.", show_default=False),
-    TO_READ,
+    READABLE_FILE,
 ]
 Measurements = Annotated[
     list[Path],
@@ -56,17 +56,17 @@ Measurements = Annotated[
         "HDF5, bags, MCAP. Files that are one recording are given together: q.csv+dq.csv+tau.csv.",
         show_default=False,
     ),
-    TO_READ,
+    READABLE_FILE,
 ]
 Validation = Annotated[
     list[Path],
-    several_files("--validation", "-v", help="Measurement that no parameter sees; may be repeated."),
-    TO_READ,
+    repeatable_file_option("--validation", "-v", help="Measurement that no parameter sees; may be repeated."),
+    READABLE_FILE,
 ]
 
 
 @dataclass(frozen=True)
-class Beside:
+class RobotAdditions:
     """What the description of a robot does not state: drive gains, locked joints, gravity."""
 
     drive_gains: Annotated[
@@ -108,7 +108,7 @@ class TimedReading:
 
     columns: Annotated[
         list[str],
-        several(
+        repeatable_option(
             "--columns",
             metavar="OURS=THEIRS,…",
             help="Columns with other names: q1=shoulder,tau1=torque_a; or a JSON object.",
@@ -116,11 +116,11 @@ class TimedReading:
     ] = field(default_factory=list)
     units: Annotated[
         list[str],
-        several("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
+        repeatable_option("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
     ] = field(default_factory=list)
     windows: Annotated[
         list[str],
-        several(
+        repeatable_option(
             "--windows",
             metavar="[NAME=]FROM:TO,…",
             help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
@@ -128,11 +128,13 @@ class TimedReading:
     ] = field(default_factory=list)
     accept: Annotated[
         list[str],
-        several("--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."),
+        repeatable_option(
+            "--accept", metavar="CHECK", help="Treat the errors of this check as warnings; may be repeated."
+        ),
     ] = field(default_factory=list)
     skip: Annotated[
         list[str],
-        several(
+        repeatable_option(
             "--skip",
             metavar="STEP",
             help=f"Do not put right what looks wrong: {', '.join(get_args(ConditioningStep))}; may be repeated.",
@@ -140,7 +142,7 @@ class TimedReading:
     ] = field(default_factory=list)
     metadata: Annotated[
         list[str],
-        several(
+        repeatable_option(
             "--metadata",
             metavar="[NAME=]FILE",
             help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report "
@@ -174,12 +176,12 @@ class Reading(TimedReading):
 
 
 @dataclass(frozen=True)
-class RobotReading(Beside, Reading):
+class RobotReading(RobotAdditions, Reading):
     """What the robot's description does not state, and how measurement files are read."""
 
 
 @dataclass(frozen=True)
-class RobotTimedReading(Beside, TimedReading):
+class RobotTimedReading(RobotAdditions, TimedReading):
     """The same for commands whose `--rate` means something else, such as the rate of a design."""
 
 
@@ -187,7 +189,7 @@ Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="W
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
 Effects = Annotated[
     list[str],
-    several(
+    repeatable_option(
         "--effects",
         metavar="EFFECT,…",
         help="Effects of the catalogue: `default,offset` or `stribeck@joint1+joint2:vs=0.05`; `default` stands for "
@@ -198,7 +200,7 @@ Seed = Annotated[int, typer.Option("--seed", help="The same seed gives the same 
 
 
 @dataclass(frozen=True)
-class Result:
+class OutputOptions:
     """Where a result goes: into a file, and as JSON to stdout."""
 
     out: Out = None

@@ -11,7 +11,7 @@ from dynident.errors import DynidentError
 Window = tuple[float, float]
 
 
-def pairs(texts: Sequence[str], option: str) -> dict[str, str]:
+def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     """Parse pairs of `name=value`.
 
     Parameters
@@ -35,30 +35,30 @@ def pairs(texts: Sequence[str], option: str) -> dict[str, str]:
     for text in texts:
         # A JSON object is for names or values that hold commas or equals signs.
         if text.lstrip().startswith("{"):
-            parsed |= _json_pairs(text, option)
+            parsed |= _parse_json_pairs(text, option)
             continue
-        for item in _items(text):
+        for item in _split_items(text):
             name, sign, value = item.partition("=")
             if not sign or not name.strip() or not value.strip():
-                raise _misread(option, item, "name=value")
+                raise _unreadable_error(option, item, "name=value")
             parsed[name.strip()] = value.strip()
     return parsed
 
 
-def numbers(text: str, option: str) -> list[float]:
+def parse_numbers(text: str, option: str) -> list[float]:
     """Parse numbers with commas between."""
-    return [number(item, option) for item in _items(text)]
+    return [parse_number(item, option) for item in _split_items(text)]
 
 
-def number(text: str, option: str) -> float:
+def parse_number(text: str, option: str) -> float:
     """Parse a number; `DynidentError` where the text is none."""
     try:
         return float(text)
     except ValueError:
-        raise _misread(option, text, "a number") from None
+        raise _unreadable_error(option, text, "a number") from None
 
 
-def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
+def parse_drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
     """Parse drive gains [12.17].
 
     Parameters
@@ -79,7 +79,7 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
         Where the count or a joint is wrong.
     """
     if "=" not in text:
-        values = numbers(text, "--drive-gains")
+        values = parse_numbers(text, "--drive-gains")
         if len(values) != len(joint_names):
             raise DynidentError(
                 f"{len(values)} drive gains for {len(joint_names)} joints ({', '.join(joint_names)}); give one each "
@@ -87,7 +87,7 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
                 pointer="--drive-gains",
             )
         return dict(zip(joint_names, values, strict=True))
-    gains = {name: number(value, "--drive-gains") for name, value in pairs([text], "--drive-gains").items()}
+    gains = {name: parse_number(value, "--drive-gains") for name, value in parse_pairs([text], "--drive-gains").items()}
     for name in gains:
         if name not in joint_names:
             raise DynidentError(
@@ -96,24 +96,24 @@ def drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]:
     return gains
 
 
-def locks(text: str) -> dict[str, float]:
+def parse_locks(text: str) -> dict[str, float]:
     """Parse positions to lock joints at, rad or m: `joint=position`, or `joint` alone for 0."""
     positions: dict[str, float] = {}
-    for item in _items(text):
+    for item in _split_items(text):
         joint, sign, position = item.partition("=")
-        positions[joint.strip()] = number(position, "--lock") if sign else 0.0
+        positions[joint.strip()] = parse_number(position, "--lock") if sign else 0.0
     return positions
 
 
-def vector(text: str, option: str) -> tuple[float, float, float]:
+def parse_vector(text: str, option: str) -> tuple[float, float, float]:
     """Parse three numbers with commas between."""
-    values = numbers(text, option)
+    values = parse_numbers(text, option)
     if len(values) != 3:
         raise DynidentError(f"{text!r} has {len(values)} numbers; expected three", pointer=option)
     return values[0], values[1], values[2]
 
 
-def windows_of(
+def parse_windows(
     texts: Sequence[str], names: Sequence[str], neighbours: Collection[str] = ()
 ) -> dict[str, tuple[Window, ...]]:
     """Parse windows of time.
@@ -142,7 +142,7 @@ def windows_of(
     windows_by_name: dict[str, tuple[Window, ...]] = {}
     for text in texts:
         targets = list(names)
-        for item in _items(text):
+        for item in _split_items(text):
             # From the right: the name of a file may hold "=", a window does not.
             name, sign, rest = item.rpartition("=")
             if sign and name not in names and name not in neighbours:
@@ -151,13 +151,13 @@ def windows_of(
                 )
             targets = [name] if sign else targets
             for target in targets:
-                windows_by_name[target] = (*windows_by_name.get(target, ()), _window(rest))
+                windows_by_name[target] = (*windows_by_name.get(target, ()), _parse_window(rest))
     for name, windows in windows_by_name.items():
-        _check_apart(name, windows)
+        _check_no_overlap(name, windows)
     return {name: windows for name, windows in windows_by_name.items() if name in names}
 
 
-def _check_apart(name: str, windows: Sequence[Window]) -> None:
+def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
     """Refuse windows that overlap; most likely each was meant for a file of its own."""
     in_time = sorted(windows)
     for first, second in pairwise(in_time):
@@ -169,37 +169,37 @@ def _check_apart(name: str, windows: Sequence[Window]) -> None:
             )
 
 
-def preprocessing_request(text: str) -> Mapping[str, object] | str:
+def parse_preprocessing(text: str) -> Mapping[str, object] | str:
     """Parse `auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` means no filter."""
     if text.strip() == "auto":
         return "auto"
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
     return {
-        name: words[value] if value in words else number(value, f"--preprocessing {name}")
-        for name, value in pairs([text], "--preprocessing").items()
+        name: words[value] if value in words else parse_number(value, f"--preprocessing {name}")
+        for name, value in parse_pairs([text], "--preprocessing").items()
     }
 
 
-def _items(text: str) -> list[str]:
+def _split_items(text: str) -> list[str]:
     return [item.strip() for item in text.split(",") if item.strip()]
 
 
-def _window(text: str) -> Window:
+def _parse_window(text: str) -> Window:
     first, sign, last = text.partition(":")
     if not sign:
-        raise _misread("--windows", text, "from:to in seconds of t")
-    return number(first, "--windows"), number(last, "--windows")
+        raise _unreadable_error("--windows", text, "from:to in seconds of t")
+    return parse_number(first, "--windows"), parse_number(last, "--windows")
 
 
-def _json_pairs(text: str, option: str) -> dict[str, str]:
+def _parse_json_pairs(text: str, option: str) -> dict[str, str]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise DynidentError(f"this is no JSON object: {error}", pointer=option) from error
     if not isinstance(document, dict):
-        raise _misread(option, text, "a JSON object")
+        raise _unreadable_error(option, text, "a JSON object")
     return {str(key): str(value) for key, value in document.items()}
 
 
-def _misread(option: str, text: str, expected: str) -> DynidentError:
+def _unreadable_error(option: str, text: str, expected: str) -> DynidentError:
     return DynidentError(f"cannot read {text!r}; write {expected}", pointer=option, title="Unusable option")

@@ -6,22 +6,32 @@ from collections.abc import Sequence
 
 from dynident.diagnosis import compare
 from dynident.identification import Identification
-from dynident.progress import Progress, part
-from dynident.recordings.digest import digest_of
-from dynident.reports import ReportedRun
-from dynident_service.cli.inputs import Loaded
+from dynident.progress import Progress, scale_progress
+from dynident.recordings.digest import compute_digest
+from dynident.reports import ReportedRecording
+from dynident_service.cli.inputs import LoadedRecording
 
 
-def reported_runs(
-    identification: Identification, training: Sequence[Loaded], held_out: Sequence[Loaded], progress: Progress
-) -> list[ReportedRun]:
+def build_reported_runs(
+    identification: Identification,
+    training: Sequence[LoadedRecording],
+    held_out: Sequence[LoadedRecording],
+    progress: Progress,
+) -> list[ReportedRecording]:
     """Compare each recording with the model's prediction, for the report."""
     everything = [(item, False) for item in training] + [(item, True) for item in held_out]
     runs = []
     for index, (item, is_held_out) in enumerate(everything):
-        share = part(progress, index / len(everything), (index + 1) / len(everything))
+        share = scale_progress(progress, index / len(everything), (index + 1) / len(everything))
         compared = compare(identification, item.recording, share)
         runs.append(
-            ReportedRun(item.recording, compared, is_held_out, item.checks, sha256=digest_of(item.path), said=item.said)
+            ReportedRecording(
+                item.recording,
+                compared,
+                is_held_out,
+                item.checks,
+                sha256=compute_digest(item.path),
+                stated_metadata=item.metadata,
+            )
         )
     return runs

@@ -6,8 +6,8 @@ from rich.console import Console
 
 from dynident.reports.tables import ReportedTable
 from dynident.robot import Robot
-from dynident_service.adapters.validation_tables import tables_of
-from dynident_service.cli.terminal import table
+from dynident_service.adapters.validation_tables import build_validation_tables
+from dynident_service.cli.terminal import build_table
 from dynident_service.models.validations import ValidationResult
 
 _MARKS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
@@ -18,12 +18,12 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     """Print the tables of a validation, its verdict, and the reason."""
     names = robot.joint_names
     by_number = {name: str(number) for number, name in enumerate(names, start=1)}
-    for reported_table in tables_of(result, names):
+    for reported_table in build_validation_tables(result, names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
-        short = by_number if _width(reported_table) > console.width else {}
+        short = by_number if _table_width(reported_table) > console.width else {}
         columns = [short.get(column, column) for column in reported_table.columns]
         console.print(
-            table(reported_table.title, columns, reported_table.texts, right_from=reported_table.numbers_from)
+            build_table(reported_table.title, columns, reported_table.texts, right_from=reported_table.numbers_from)
         )
         if columns != list(reported_table.columns):
             console.print(f"  Joints: {', '.join(f'{by_number[name]} {name}' for name in names)}.")
@@ -31,7 +31,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     console.print(result.reason)
 
 
-def _width(reported_table: ReportedTable) -> int:
+def _table_width(reported_table: ReportedTable) -> int:
     """Return the width of a table in characters, with nothing wrapped."""
     lines = [reported_table.columns, *reported_table.texts]
     return sum(max(len(line[k]) for line in lines) + 2 for k in range(len(reported_table.columns)))

@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 
 from dynident.diagnosis import Comparison
 from dynident.diagnosis.series import Series
-from dynident.encoding import encodable, encode_text
+from dynident.encoding import encode_text, escape_surrogates
 from dynident.errors import DynidentError
 from dynident.excitation import Design, design_table
-from dynident.excitation.formats.ros2 import joint_trajectory
-from dynident.recordings.arrow import csv_of, named_columns
+from dynident.excitation.formats.ros2 import format_joint_trajectory
+from dynident.recordings.arrow import table_from_arrays, to_csv
 from dynident.recordings.phases import Phase
-from dynident_service.cli.files import write_whole
+from dynident_service.cli.files import write_atomically
 
 ENDINGS = (".csv", ".parquet")
 TRAJECTORY_ENDINGS = (*ENDINGS, ".yaml")
@@ -46,9 +46,9 @@ def write_table(table: pa.Table, path: Path) -> None:
     if path.suffix == ".parquet":
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink)
-        write_whole(path, sink.getvalue().to_pybytes())
+        write_atomically(path, sink.getvalue().to_pybytes())
     else:
-        write_whole(path, csv_of(table))
+        write_atomically(path, to_csv(table))
 
 
 def write_trajectory(design: Design, path: Path) -> None:
@@ -62,13 +62,13 @@ def write_trajectory(design: Design, path: Path) -> None:
         .csv or .parquet: a table of t, q_<joint>…, dq_<joint>…, ddq_<joint>…; .yaml: a message for ROS 2.
     """
     if path.suffix == ".yaml":
-        lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
-        write_whole(path, encode_text("".join(lines)))
+        lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
+        write_atomically(path, encode_text("".join(lines)))
     else:
         write_table(design_table(design), path)
 
 
-def comparison_table(comparison: Comparison) -> pa.Table:
+def build_comparison_table(comparison: Comparison) -> pa.Table:
     """Build the table of a comparison.
 
     Its columns are t, segment, and for every joint measured_, predicted_, lower_, upper_, residual_, band_, q_, dq_,
@@ -83,18 +83,18 @@ def comparison_table(comparison: Comparison) -> pa.Table:
             columns[f"{signal}_{joint}"] = np.ascontiguousarray(values[:, index])
     for index, joint in enumerate(comparison.joint_names):
         columns[f"phase_{joint}"] = _PHASES[comparison.phase[:, index]]
-    return named_columns(columns)
+    return table_from_arrays(columns)
 
 
-def courses_table(series: Series) -> pa.Table:
+def build_courses_table(series: Series) -> pa.Table:
     """Build a table with one row a parameter and day: parameter, effect, joint, unit, day, value, 95 % interval."""
     rows = [
         {
-            "parameter": encodable(course.parameter),
+            "parameter": escape_surrogates(course.parameter),
             "effect": course.effect,
-            "joint": encodable(course.joint),
+            "joint": escape_surrogates(course.joint),
             "unit": course.unit,
-            "day": encodable(day),
+            "day": escape_surrogates(day),
             "value": float(course.values[k]),
             "lower": float(course.intervals[k, 0]),
             "upper": float(course.intervals[k, 1]),

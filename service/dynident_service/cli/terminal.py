@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dynident.progress import Progress as Report
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -24,12 +24,12 @@ _MESSAGE = 40
 _WIDE = 120
 
 
-def out() -> Console:
+def result_console() -> Console:
     """The console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
     return Console(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
 
 
-def err() -> Console:
+def message_console() -> Console:
     """The console for everything else."""
     return Console(file=sys.stderr, markup=False, highlight=False)
 
@@ -40,11 +40,11 @@ def print_json(document: Mapping[str, object]) -> None:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Report]:
+def show_progress_bar(title: str) -> Iterator[Report]:
     """A progress bar on stderr, where that is a terminal; leaves nothing behind."""
-    console = err()
+    console = message_console()
     if not console.is_terminal:
-        yield silent
+        yield ignore_progress
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -69,7 +69,7 @@ def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
     """Print tables as they are shown elsewhere."""
     for reported_table in tables:
         console.print(
-            table(
+            build_table(
                 reported_table.title,
                 reported_table.columns,
                 reported_table.texts,
@@ -78,7 +78,7 @@ def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
         )
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
+def build_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
     """A plain table; columns from the number `right_from` on hold figures."""
     rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dynident.asking import Named
+from dynident.asking import NamedValues
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.identification.choices import STEPS
@@ -16,15 +16,15 @@ from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, ST
 from dynident.progress import Progress
 from dynident.recordings import Recording
 from dynident.validation import Method
-from dynident.validation.request import Methods, Trial, Tried
-from dynident_service.adapters.validations import describe
+from dynident.validation.request import Methods, Trial, ValidationData
+from dynident_service.adapters.validations import describe_validation
 from dynident_service.cli.files import read_text
 from dynident_service.models.validations import ValidationResult
 
 _TITLE = "Unusable option"
 
 
-def stored_validation(path: Path) -> ValidationResult:
+def load_validation(path: Path) -> ValidationResult:
     """Read what `dynident validate --out` wrote.
 
     Raises
@@ -39,7 +39,7 @@ def stored_validation(path: Path) -> ValidationResult:
         raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
 
 
-def check(trial: Trial, n_measurements: int, n_held_out: int) -> None:
+def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -> None:
     """Raise `DynidentError` where measurements are missing, or stand there that the kind does not take."""
     kind = trial.name
     if trial.of_model_alone and n_measurements:
@@ -54,7 +54,7 @@ def check(trial: Trial, n_measurements: int, n_held_out: int) -> None:
         raise DynidentError(f"{kind} takes no --validation", pointer="--validation", title=_TITLE)
 
 
-def run(
+def run_validation(
     identification: Identification,
     trial: Trial,
     recordings: Sequence[Recording],
@@ -64,11 +64,11 @@ def run(
     """Make the validation that was asked for."""
     # Methods are tried on what was held out; what is given first is what they learn from.
     tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
-    outcome = trial.judge(Tried(identification, tested, others, progress))
-    return describe(trial, outcome, [recording.name for recording in tested])
+    outcome = trial.judge(ValidationData(identification, tested, others, progress))
+    return describe_validation(trial, outcome, [recording.name for recording in tested])
 
 
-def methods_of(arguments: list[str]) -> tuple[Method, ...] | None:
+def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:
     """Methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`, `sequential/ols`, ….
 
     Raises
@@ -77,10 +77,10 @@ def methods_of(arguments: list[str]) -> tuple[Method, ...] | None:
         With the word that is none of these.
     """
     texts = [item.strip() for text in arguments for item in text.split(",") if item.strip()]
-    return tuple(_method(text) for text in texts) or None
+    return tuple(_parse_method(text) for text in texts) or None
 
 
-def _method(text: str) -> Method:
+def _parse_method(text: str) -> Method:
     words_by_kind: dict[str, Any] = {}
     for word in text.split("/"):
         kind = next((name for name, words in _KINDS.items() if word in words.names), None)
@@ -98,7 +98,7 @@ def _method(text: str) -> Method:
     return Method(**words_by_kind)
 
 
-_KINDS: dict[str, Named] = {
+_KINDS: dict[str, NamedValues] = {
     "model": MODELS,
     "strategy": STRATEGIES,
     "steps": STEPS,

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 from scipy.interpolate import CubicSpline
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
-from dynident.effects.written import effect_parts, effect_texts
+from dynident.effects import get_effect
+from dynident.effects.written import parse_effect, split_effects
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.progress import Progress
@@ -25,13 +25,13 @@ _TITLE = "Unusable trajectory"
 _RANDOM = TrajectoryRequest(sampling_rate=200.0)
 
 
-def acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
+def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
     """Effects of a virtual robot as they were written."""
     acting = []
-    for index, text in enumerate(effect_texts(texts)):
-        name, joints, values = effect_parts(text, "--effects")
+    for index, text in enumerate(split_effects(texts)):
+        name, joints, values = parse_effect(text, "--effects")
         run = values.pop("run", None)
-        shapes = {spec.name for spec in effect_by_id(name, f"/effects/{index}").shapes}
+        shapes = {spec.name for spec in get_effect(name, f"/effects/{index}").shapes}
         acting.append(
             ActingEffect(
                 name,
@@ -44,25 +44,25 @@ def acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
     return tuple(acting)
 
 
-def reference_of(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
+def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
     """The motion in a file, or a random one within the robot's limits."""
     if path is None:
         request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
         design = design_experiment(robot, request, progress)
         return Reference(design.t, design.q, design.dq, design.ddq)
-    table = _read(path)
-    t, q = _column(table, "t", path), _signal(table, "q", robot, path)
+    table = _read_table(path)
+    t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
     if len(t) < 4 or not np.all(np.diff(t) > 0):
         raise DynidentError("t has to increase, over four rows at least", pointer=f"{path}: t", title=_TITLE)
     spline = CubicSpline(t, q)
     derivatives = []
     for order, kind in enumerate(("dq", "ddq"), start=1):
         present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
-        derivatives.append(_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
+        derivatives.append(_read_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
     return Reference(t, q, *derivatives)
 
 
-def _read(path: Path) -> pa.Table:
+def _read_table(path: Path) -> pa.Table:
     check_readable(path)
     try:
         return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
@@ -70,11 +70,11 @@ def _read(path: Path) -> pa.Table:
         raise DynidentError(f"{path.name} cannot be read: {error}", pointer=str(path), title=_TITLE) from error
 
 
-def _signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
-    return np.column_stack([_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
+def _read_signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
+    return np.column_stack([_read_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
 
 
-def _column(table: pa.Table, name: str, path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _read_column(table: pa.Table, name: str, path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     if name not in table.column_names:
         raise DynidentError(
             f"{path.name} has no column {name}; it has: {', '.join(table.column_names)}",

@@ -11,21 +11,21 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis import Comparison, Diagnosis, compare, examine
 from dynident.excitation import Design
 from dynident.identification import Identification, extend, identify
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.reports import html_report
 from dynident.robot import Robot
-from dynident_service.cli.inputs import Loaded, loaded, recordings_of
+from dynident_service.cli.inputs import LoadedRecording, extract_recordings, load_recordings
 from dynident_service.cli.options import Reading
-from dynident_service.cli.reporting import reported_runs
+from dynident_service.cli.reporting import build_reported_runs
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
     """The results of all steps; `ladder` holds the models from the first to the last."""
 
-    training: tuple[Loaded, ...]
-    held_out: tuple[Loaded, ...]
+    training: tuple[LoadedRecording, ...]
+    held_out: tuple[LoadedRecording, ...]
     comparison: Comparison
     diagnosis: AdvisedDiagnosis
     ladder: tuple[Identification, ...]
@@ -41,7 +41,7 @@ class Analysis:
         """The model with everything that the diagnosis recommends."""
         return self.ladder[-1]
 
-    def over_floor(self, model: Identification) -> FloatArray:
+    def compute_floor_ratio(self, model: Identification) -> FloatArray:
         """Return the held-out residual of a model over the noise floor, joint by joint, where joints move.
 
         Parameters
@@ -58,7 +58,7 @@ class Analysis:
         return moving.rms / self.diagnosis.noise_floor
 
 
-def analyse(
+def analyse_recordings(
     robot: Robot,
     training: Sequence[Path],
     held_out: Sequence[Path],
@@ -81,19 +81,22 @@ def analyse(
     -------
     Analysis
     """
-    with loaded(training, robot, Reading(), part(progress, 0.0, 0.1), held_out) as (training_data, held_out_data):
-        recordings, validation = recordings_of(training_data), recordings_of(held_out_data)
-        first = identify(robot, recordings, validation, progress=part(progress, 0.1, 0.2))
+    with load_recordings(training, robot, Reading(), scale_progress(progress, 0.0, 0.1), held_out) as (
+        training_data,
+        held_out_data,
+    ):
+        recordings, validation = extract_recordings(training_data), extract_recordings(held_out_data)
+        first = identify(robot, recordings, validation, progress=scale_progress(progress, 0.1, 0.2))
         comparison = compare(first, validation[0])
-        diagnosis = advise(examine(first, recordings, progress=part(progress, 0.2, 0.7)))
-        ladder = _ladder(first, diagnosis, recordings, validation, part(progress, 0.7, 0.85))
-        runs = reported_runs(ladder[-1], training_data, held_out_data, part(progress, 0.85, 0.9))
+        diagnosis = advise(examine(first, recordings, progress=scale_progress(progress, 0.2, 0.7)))
+        ladder = _build_ladder(first, diagnosis, recordings, validation, scale_progress(progress, 0.7, 0.85))
+        runs = build_reported_runs(ladder[-1], training_data, held_out_data, scale_progress(progress, 0.85, 0.9))
         progress(0.9, "writing the report")
         report = html_report(ladder[-1], runs, diagnosis=diagnosis, design=design, title=f"Demonstration: {robot.name}")
         return Analysis(tuple(training_data), tuple(held_out_data), comparison, diagnosis, tuple(ladder), report)
 
 
-def _ladder(
+def _build_ladder(
     first: Identification,
     diagnosis: Diagnosis,
     recordings: Sequence[Recording],

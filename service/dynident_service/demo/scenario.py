@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Effect, effect_by_id
+from dynident.effects import Effect, get_effect
 from dynident.errors import DynidentError
 from dynident.excitation import TrajectoryRequest
 from dynident.robot import Limits, Robot
-from dynident.simulation import TrueEffect, typical_drive
-from dynident_service.demo.hiding import hideable
+from dynident.simulation import TrueEffect, list_drive_effects
+from dynident_service.demo.hiding import find_hideable_effects
 
 NOTHING = "none"
 # An arm in its cell turns no joint further than this from its middle.
@@ -21,12 +21,12 @@ _RANGE = 2.5
 # Effects that are in one recording alone: a load that was taken up for the second, a contact during the first.
 _LATER_RUN, _FIRST_RUN = "run2", "run1"
 # s between the runs where friction drifts: what the arm does meanwhile is not recorded.
-_BETWEEN = 1500.0
+_RUN_INTERVAL = 1500.0
 _THIRD_RUN = "run3"
 # degC in the cell, and of a joint that works for long; time constant between them in s.
-_COLD, _WARM, _SLOWLY = 20.0, 45.0, 1200.0
+_COLD, _WARM, _WARMING_TIME = 20.0, 45.0, 1200.0
 # s of rest before the third run.
-_REST = 1400.0
+_REST_DURATION = 1400.0
 _DESIGN_RATE = 200.0
 # s in each point of a motion from point to point.
 _DWELL = (0.1, 0.6)
@@ -84,7 +84,7 @@ class Plan:
     courses: tuple[Course, ...]
     rate: float = 500.0
 
-    def through_a_session(self) -> Plan:
+    def add_third_recording(self) -> Plan:
         """Return the plan with one more fast recording.
 
         Two moments do not tell a drift with time from a drift with temperature; three do.
@@ -135,7 +135,7 @@ class Scenario:
     seed: int
 
     @classmethod
-    def of(cls, robot: Robot, effect: str, joint: str, seed: int, quick: bool) -> Scenario:
+    def draw(cls, robot: Robot, effect: str, joint: str, seed: int, quick: bool) -> Scenario:
         """Draw a robot at random and hide an effect in it.
 
         Parameters
@@ -165,14 +165,14 @@ class Scenario:
         rng = np.random.default_rng(seed)
         # One factor a link scales its mass, moments and inertia alike: the link stays physically possible.
         links = 1.0 + rng.uniform(-_LINK_SPREAD, _LINK_SPREAD, (robot.n, 1))
-        drive = tuple(_scaled(drive_effect, rng, _DRIVE_SPREAD) for drive_effect in typical_drive(robot))
-        possible = [] if effect == NOTHING else hideable(robot, effect, joint)
-        hidden = _scaled(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
+        drive = tuple(_scale_effect(drive_effect, rng, _DRIVE_SPREAD) for drive_effect in list_drive_effects(robot))
+        possible = [] if effect == NOTHING else find_hideable_effects(robot, effect, joint)
+        hidden = _scale_effect(possible[int(rng.integers(len(possible)))], rng, _HIDDEN_SPREAD) if possible else None
         if hidden is not None:
-            hidden = replace(hidden, runs=_runs_of(effect_by_id(hidden.effect)))
+            hidden = replace(hidden, runs=_get_runs(get_effect(hidden.effect)))
         plan = SHORT if quick else LONG
-        if hidden is not None and _drifts(hidden):
-            plan = plan.through_a_session()
+        if hidden is not None and _is_drifting(hidden):
+            plan = plan.add_third_recording()
         return cls(robot, robot.inertias * links, drive, hidden, plan, seed)
 
     @property
@@ -180,21 +180,21 @@ class Scenario:
         """All effects that act on the robot besides its links."""
         return self.drive if self.hidden is None else (*self.drive, self.hidden)
 
-    def begins(self, course: Course) -> float:
+    def start_time(self, course: Course) -> float:
         """Return the time of the session at which a course begins, s.
 
         Without a drift every course is a session of its own and begins at 0.
         """
-        if self.hidden is None or not _drifts(self.hidden):
+        if self.hidden is None or not _is_drifting(self.hidden):
             return 0.0
-        return _BETWEEN * self.plan.courses.index(course)
+        return _RUN_INTERVAL * self.plan.courses.index(course)
 
     @property
     def warms_up(self) -> bool:
         """Whether the joints' temperature is recorded."""
-        return self.hidden is not None and effect_by_id(self.hidden.effect).needs_temperature
+        return self.hidden is not None and get_effect(self.hidden.effect).needs_temperature
 
-    def temperature(self, t: FloatArray) -> FloatArray:
+    def compute_temperature(self, t: FloatArray) -> FloatArray:
         """Return the temperature of the joints over time.
 
         The arm works until the second recording is over, rests until the third, and works again. So what depends on the
@@ -210,17 +210,17 @@ class Scenario:
         (m,) array
             degC
         """
-        third = next(self.begins(course) for course in self.plan.courses if course.name == _THIRD_RUN)
-        parts = ((0.0, third - _REST, _WARM), (third - _REST, third, _COLD), (third, np.inf, _WARM))
+        third = next(self.start_time(course) for course in self.plan.courses if course.name == _THIRD_RUN)
+        parts = ((0.0, third - _REST_DURATION, _WARM), (third - _REST_DURATION, third, _COLD), (third, np.inf, _WARM))
         part_start, values = _COLD, np.full(len(t), _COLD)
         for begins, ends, goal in parts:
             in_part = (t >= begins) & (t < ends)
             # Each part approaches its own goal exponentially from where the part before it ended.
-            values[in_part] = goal + (part_start - goal) * np.exp((begins - t[in_part]) / _SLOWLY)
-            part_start = goal + (part_start - goal) * float(np.exp((begins - ends) / _SLOWLY))
+            values[in_part] = goal + (part_start - goal) * np.exp((begins - t[in_part]) / _WARMING_TIME)
+            part_start = goal + (part_start - goal) * float(np.exp((begins - ends) / _WARMING_TIME))
         return values
 
-    def limits(self, course: Course) -> dict[str, Limits]:
+    def compute_limits(self, course: Course) -> dict[str, Limits]:
         """Return the joint limits of an arm that stands in a cell, at the speed of a course."""
         limits = {}
         for joint in self.robot.joints:
@@ -235,19 +235,19 @@ class Scenario:
         return limits
 
 
-def _runs_of(effect: Effect) -> tuple[str, ...]:
+def _get_runs(effect: Effect) -> tuple[str, ...]:
     """Return the recordings that a hidden effect is in; none named: all."""
     if effect.in_some_runs:
         return (_LATER_RUN,)
     return (_FIRST_RUN,) if effect.is_transient else ()
 
 
-def _drifts(effect: TrueEffect) -> bool:
+def _is_drifting(effect: TrueEffect) -> bool:
     """Return whether an effect changes in the course of a session."""
-    effect_class = effect_by_id(effect.effect)
+    effect_class = get_effect(effect.effect)
     return effect_class.needs_temperature or effect_class.needs_session
 
 
-def _scaled(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:
+def _scale_effect(effect: TrueEffect, rng: np.random.Generator, spread: float) -> TrueEffect:
     factor = 1.0 + float(rng.uniform(-spread, spread))
     return replace(effect, values=tuple((name, factor * value) for name, value in effect.values))

@@ -11,10 +11,10 @@ from typing import Any
 
 from dynident.errors import DynidentError
 from dynident_service import traces
-from dynident_service.jobs.confinement import UNLIMITED, Limits, is_out_of_memory
-from dynident_service.logs import current_request, working_on
-from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
-from dynident_service.storage.space import is_full
+from dynident_service.jobs.confinement import UNLIMITED, ComputationLimits, is_out_of_memory
+from dynident_service.logs import get_current_request, set_log_context
+from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
+from dynident_service.storage.space import is_disk_full
 
 log = logging.getLogger("dynident.job")
 
@@ -25,11 +25,11 @@ class Call:
 
     function: str
     arguments: Mapping[str, Any]
-    request_id: str | None = field(default_factory=current_request)
-    trace: str | None = field(default_factory=traces.current)
+    request_id: str | None = field(default_factory=get_current_request)
+    trace: str | None = field(default_factory=traces.get_current_span)
     of_a_job: bool = False
     """Whether a job needs the answer. The child then runs at the low priority of a job, as no request waits for it."""
-    limits: Limits = UNLIMITED
+    limits: ComputationLimits = UNLIMITED
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,23 @@ class Answer:
     problem: Problem | None = None
 
 
-def answer(call: Call, peak_memory: int) -> Answer:
+def answer_call(call: Call, peak_memory: int) -> Answer:
     """Do a call, and turn every exception into a problem."""
-    with working_on(None, call.request_id), traces.going_on(f"compute {call.function}", call.trace):
-        return _answer(call, peak_memory)
+    with set_log_context(None, call.request_id), traces.trace_task(f"compute {call.function}", call.trace):
+        return _run_call(call, peak_memory)
 
 
-def answer_readiness() -> bool:
+def confirm_readiness() -> bool:
     """Return True: the service calls this to see whether a child process would answer a request."""
     return True
 
 
-def _answer(call: Call, peak_memory: int) -> Answer:
+def _run_call(call: Call, peak_memory: int) -> Answer:
     module, _, name = call.function.partition(":")
     try:
         value = getattr(importlib.import_module(module), name)(**call.arguments)
     except (DynidentError, ProblemError) as error:
-        return Answer(peak_memory, problem=problem_of(error))
+        return Answer(peak_memory, problem=to_problem(error))
     except Exception as error:
         if is_out_of_memory(error):
             detail = "What was sent needs more memory than a request may take; send less at a time."
@@ -71,7 +71,7 @@ def _answer(call: Call, peak_memory: int) -> Answer:
         if isinstance(error, OSError) and error.errno == errno.EFBIG:
             detail = "What would be written of this is larger than a request may write; ask for less at a time."
             return Answer(peak_memory, problem=make_problem(413, detail, title="Answer too large"))
-        if is_full(error):
+        if is_disk_full(error):
             return Answer(peak_memory, problem=make_problem(507, "The disk of the service is full.", title="Disk full"))
         log.exception("the call of %s failed unexpectedly", call.function)
         return Answer(peak_memory, problem=make_problem(500, "The service failed unexpectedly; its log says where."))

@@ -24,22 +24,22 @@ from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
 from dynident_service import traces
-from dynident_service.jobs.calls import Answer, Call, answer
-from dynident_service.jobs.checkpoints import KeptCheckpoints
+from dynident_service.jobs.calls import Answer, Call, answer_call
+from dynident_service.jobs.checkpoints import JobCheckpoints
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.sharing import sharing
-from dynident_service.jobs.work import PATIENCE, JobFunction, Memory, Outcome, Place, Task
-from dynident_service.logs import working_on
-from dynident_service.problems import Problem, ProblemError, make_problem, problem_of
+from dynident_service.jobs.sharing import share_with_workers
+from dynident_service.jobs.work import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
+from dynident_service.logs import set_log_context
+from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
 from dynident_service.settings import LogSettings
-from dynident_service.storage.checkpoints import Checkpointing
+from dynident_service.storage.checkpoints import CheckpointStore
 from dynident_service.storage.database import Database
-from dynident_service.storage.inserting import insert_one, own, rest
-from dynident_service.storage.ledger import Ledger, LostClaim
+from dynident_service.storage.inserting import insert_dependencies, insert_objects, insert_resource
+from dynident_service.storage.ledger import JobQueue, LostClaim
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import INFRASTRUCTURE, patiently, reason_of
+from dynident_service.storage.patience import INFRASTRUCTURE_ERRORS, describe_error, retry_while_away
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.space import is_full
+from dynident_service.storage.space import is_disk_full
 from dynident_service.storage.tables import ResourceRow
 from dynident_service.storage.turns import Claim
 
@@ -55,17 +55,17 @@ STANDS_BACK = 5
 """Niceness added for a process that a request waits for, relative to the process that answers; a job gets it twice."""
 REST = 1.0
 """Seconds before a job is given back after a failure of the infrastructure, so that it does not return at once."""
-End = Callable[[Ledger], None]
+End = Callable[[JobQueue], None]
 """Writes the end of a job into the queue."""
 log = logging.getLogger("dynident.job")
 
 
 @dataclass(frozen=True)
-class Order:
+class JobOrder:
     """Message of the supervisor: a job, and where its data is."""
 
     claim: Claim
-    place: Place
+    place: JobEnvironment
 
 
 @dataclass(frozen=True)
@@ -91,18 +91,18 @@ class Receipt:
     trouble: str = ""
 
 
-class Workshop:
+class JobRunner:
     """Database, object store and memory of a child process, opened once for all its jobs."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: JobEnvironment) -> None:
         self.place = place
         self.database = Database(place.database_url)
-        self.ledger = Ledger(self.database, place.max_attempts)
+        self.job_queue = JobQueue(self.database, place.max_attempts)
         self.objects = ObjectStore(place.object_store_url, place.cache_dir)
         self.resources = Resources(self.database, self.objects)
-        self.memory = Memory()
+        self.memory = ObjectCache()
 
-    def do(self, claim: Claim) -> None:
+    def run(self, claim: Claim) -> None:
         """Do a job and write its end into the queue.
 
         Raises
@@ -110,38 +110,38 @@ class Workshop:
         Exception
             One of `INFRASTRUCTURE` if the end cannot be written.
         """
-        with traces.going_on(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
+        with traces.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
-            patiently(lambda: end(self.ledger), PATIENCE)
+            retry_while_away(lambda: end(self.job_queue), PATIENCE)
 
     def _attempt(self, claim: Claim) -> End:
         """Do a job, and return the action that writes its end into the queue."""
         try:
             outcome = self._call(claim)
-            patiently(lambda: self._succeed(claim, outcome), PATIENCE)
-        except INFRASTRUCTURE as error:
-            if is_full(error):
-                return _failing(claim, _no_room())
+            retry_while_away(lambda: self._record_success(claim, outcome), PATIENCE)
+        except INFRASTRUCTURE_ERRORS as error:
+            if is_disk_full(error):
+                return _make_failure(claim, _make_disk_full_problem())
             raise
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
-            return lambda ledger: ledger.stopped(claim)
+            return lambda ledger: ledger.record_cancellation(claim)
         except (DynidentError, ProblemError) as error:
-            return _failing(claim, problem_of(error))
+            return _make_failure(claim, to_problem(error))
         except Exception as error:
             if is_out_of_memory(error):
-                return _failing(claim, out_of_memory(self.place.memory))
-            if is_full(error):
-                return _failing(claim, _no_room())
+                return _make_failure(claim, make_memory_problem(self.place.memory))
+            if is_disk_full(error):
+                return _make_failure(claim, _make_disk_full_problem())
             log.exception("job %s attempt %d failed unexpectedly", claim.job_id, claim.attempt)
             detail = f"The computation failed unexpectedly; the service's log says where, under job {claim.job_id}."
-            return _failing(claim, make_problem(500, detail))
+            return _make_failure(claim, make_problem(500, detail))
         return lambda ledger: None
 
-    def _succeed(self, claim: Claim, outcome: Outcome) -> None:
+    def _record_success(self, claim: Claim, outcome: Outcome) -> None:
         # This may be repeated after a commit whose confirmation was lost. It then finds the job ended and raises
         # LostClaim, which does no harm.
-        self.ledger.succeed(claim, lambda session: _store(session, self.objects, claim, outcome))
+        self.job_queue.record_success(claim, lambda session: _store_outcome(session, self.objects, claim, outcome))
 
     def _call(self, claim: Claim) -> Outcome:
         module, _, name = claim.function.partition(":")
@@ -152,16 +152,16 @@ class Workshop:
             subject = self.resources.find(claim.resource_id)
             if subject is None:
                 raise LostClaim(claim.job_id)
-        reporter, checkpoints = Reporter(self.ledger, claim), KeptCheckpoints(Checkpointing(self.database), claim)
+        reporter, checkpoints = Reporter(self.job_queue, claim), JobCheckpoints(CheckpointStore(self.database), claim)
         task = Task(subject, claim.arguments, self.resources, self.objects, self.memory, reporter, checkpoints)
-        with sharing(claim, self.place, self.objects):
+        with share_with_workers(claim, self.place, self.objects):
             return function(task)
 
 
 class Reporter:
     """Writes progress into the queue, at a limited rate."""
 
-    def __init__(self, ledger: Ledger, claim: Claim) -> None:
+    def __init__(self, ledger: JobQueue, claim: Claim) -> None:
         self._ledger = ledger
         self._claim = claim
         self._last_time = time.monotonic()
@@ -175,13 +175,13 @@ class Reporter:
             return
         fraction = min(1.0, max(0.0, float(fraction)))
         try:
-            self._ledger.progress(self._claim, fraction, message)
-        except INFRASTRUCTURE as error:  # the work goes on; the next report may get through
-            log.warning("job %s: progress could not be written: %s", self._claim.job_id, reason_of(error))
+            self._ledger.record_progress(self._claim, fraction, message)
+        except INFRASTRUCTURE_ERRORS as error:  # the work goes on; the next report may get through
+            log.warning("job %s: progress could not be written: %s", self._claim.job_id, describe_error(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
 
 
-def out_of_memory(memory: int) -> Problem:
+def make_memory_problem(memory: int) -> Problem:
     """Return the problem of a job that took more memory than it may; it is final, as the job would do so again."""
     detail = (
         f"The computation needs more than the {memory // 1_000_000} MB that a job may take (DYNIDENT_JOB_MEMORY); "
@@ -190,29 +190,29 @@ def out_of_memory(memory: int) -> Problem:
     return make_problem(500, detail, title="Out of memory")
 
 
-def _no_room() -> Problem:
+def _make_disk_full_problem() -> Problem:
     detail = "A disk was full, so the result could not be stored; whoever runs the service has to make room."
     return make_problem(507, detail, title="Disk full")
 
 
-def _failing(claim: Claim, problem: Problem) -> End:
-    return lambda ledger: ledger.fail(claim, problem)
+def _make_failure(claim: Claim, problem: Problem) -> End:
+    return lambda ledger: ledger.record_failure(claim, problem)
 
 
-def _store(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
+def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:
     result: dict[str, Any] = dict(outcome.result)
     row = None if claim.resource_id is None else session.get_one(ResourceRow, claim.resource_id)
     if outcome.creates is not None:
-        created_id = insert_one(session, objects, outcome.creates, None if row is None else row.owner).id
+        created_id = insert_resource(session, objects, outcome.creates, None if row is None else row.owner).id
         result[f"{outcome.creates.kind}_id"] = created_id
         if claim.resource_id is not None:
-            rest(session, [(claim.resource_id, created_id, "result")])
+            insert_dependencies(session, [(claim.resource_id, created_id, "result")])
     if claim.resource_id is not None and row is not None:
         row.result = result
-        own(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
+        insert_objects(session, objects, [(claim.resource_id, owned) for owned in outcome.objects])
 
 
-class Line:
+class SupervisorPipe:
     """Pipe to the supervisor, with a thread that sends heartbeats while a job is done."""
 
     def __init__(self, connection: Connection) -> None:
@@ -227,7 +227,7 @@ class Line:
             self._connection.send(message)
 
     @contextmanager
-    def beating(self) -> Iterator[None]:
+    def send_heartbeats(self) -> Iterator[None]:
         """Send heartbeats in this context."""
         self._busy.set()
         try:
@@ -242,7 +242,7 @@ class Line:
                 time.sleep(HEARTBEAT)
 
 
-def work(jobs: int, lifeline: int) -> None:
+def serve_jobs(jobs: int, lifeline: int) -> None:
     """Do the jobs and calls that arrive on a pipe, until its other end is closed.
 
     Parameters
@@ -253,7 +253,7 @@ def work(jobs: int, lifeline: int) -> None:
         File descriptor of a pipe whose other end is closed when the supervisor ends.
     """
     connection = Connection(jobs)
-    _give_way()
+    _lower_priority()
     try:
         confinement: Confinement = connection.recv()
     except (EOFError, OSError):
@@ -262,11 +262,11 @@ def work(jobs: int, lifeline: int) -> None:
     confinement.apply((jobs, lifeline))
     _die_with_parent(lifeline)
     sys.setswitchinterval(SWITCH)
-    line = Line(connection)
+    line = SupervisorPipe(connection)
     line.send(Hello(os.getpid()))
     if LogSettings().traces:
-        _trace()
-    workshop: Workshop | None = None
+        _begin_tracing()
+    workshop: JobRunner | None = None
     behind = False
     while True:
         try:
@@ -275,30 +275,30 @@ def work(jobs: int, lifeline: int) -> None:
             return
         # The priority can only be lowered. A child that has done a job is therefore slower than a request needs, but
         # jobs and requests have pools of their own.
-        if not behind and (isinstance(order, Order) or order.of_a_job):
-            _give_way()
+        if not behind and (isinstance(order, JobOrder) or order.of_a_job):
+            _lower_priority()
             behind = True
         if isinstance(order, Call):
             order.limits.apply()
-            with line.beating():
-                reply = answer(order, _peak_memory())
+            with line.send_heartbeats():
+                reply = answer_call(order, _get_peak_memory())
             line.send(reply)
             continue
-        assert isinstance(order, Order)
+        assert isinstance(order, JobOrder)
         if workshop is None or workshop.place != order.place:
-            workshop = Workshop(order.place)
+            workshop = JobRunner(order.place)
         claim, trouble = order.claim, ""
-        with line.beating(), working_on(claim.job_id, claim.request_id):
+        with line.send_heartbeats(), set_log_context(claim.job_id, claim.request_id):
             try:
-                workshop.do(claim)
-            except INFRASTRUCTURE as error:
-                log.warning("job %s attempt %d: %s", claim.job_id, claim.attempt, reason_of(error))
-                trouble = reason_of(error)
+                workshop.run(claim)
+            except INFRASTRUCTURE_ERRORS as error:
+                log.warning("job %s attempt %d: %s", claim.job_id, claim.attempt, describe_error(error))
+                trouble = describe_error(error)
                 time.sleep(REST)
-        line.send(Receipt(_peak_memory(), trouble))
+        line.send(Receipt(_get_peak_memory(), trouble))
 
 
-def _give_way() -> None:
+def _lower_priority() -> None:
     """Lower the priority of this process.
 
     Linux divides the processor among sessions first if autogroups are on, and every child has a session of its own; so
@@ -309,14 +309,14 @@ def _give_way() -> None:
         group.write(str(niceness))
 
 
-def _trace() -> None:
+def _begin_tracing() -> None:
     try:
-        traces.begin()
+        traces.begin_tracing()
     except ImportError as error:
         log.warning("no spans of jobs are sent: %s", error)
 
 
-def _peak_memory() -> int:
+def _get_peak_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 

@@ -10,40 +10,40 @@ from typing import Any
 from distributed import Client, fire_and_forget
 
 from dynident.version import __version__
-from dynident_service.jobs.dask_worker import PLUGIN, Children, run_claim
-from dynident_service.jobs.work import Place
+from dynident_service.jobs.dask_worker import PLUGIN, ChildPoolPlugin, run_claim
+from dynident_service.jobs.work import JobEnvironment
 from dynident_service.storage.turns import Claim
 
 LOOK = 2.0
 """Seconds between queries for the cluster's workers."""
 
 
-class ClusterAway(Exception):
+class ClusterUnreachable(Exception):
     """The scheduler does not answer, or is another one than before; the caller should connect again."""
 
 
-class Cluster:
+class DaskExecutor:
     """Connection to a Dask cluster whose workers have child processes ready."""
 
-    def __init__(self, address: str, place: Place) -> None:
+    def __init__(self, address: str, place: JobEnvironment) -> None:
         self.address = address
         self._place = place
         self._looked = 0.0
         self._slots = 0
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> DaskExecutor:
         logging.getLogger("distributed").setLevel(logging.ERROR)
         self._client = Client(self.address, timeout="30s", set_as_default=False)
         try:
             self._client.get_versions(check=True)
-            self._client.register_plugin(Children(self._place), name=PLUGIN)
-            self._scheduler = self._identity()
+            self._client.register_plugin(ChildPoolPlugin(self._place), name=PLUGIN)
+            self._scheduler = self._get_scheduler_id()
         except BaseException:
             self._client.close(timeout=2)
             raise
         return self
 
-    def slots(self) -> int:
+    def count_slots(self) -> int:
         """Return how many jobs may run at a time: one for each thread of each worker that is there now.
 
         Raises
@@ -53,13 +53,13 @@ class Cluster:
             plugin that was registered with it.
         """
         if time.monotonic() - self._looked >= LOOK:
-            if self._client.status != "running" or self._identity() != self._scheduler:
-                raise ClusterAway(f"the scheduler at {self.address} was restarted or does not answer")
+            if self._client.status != "running" or self._get_scheduler_id() != self._scheduler:
+                raise ClusterUnreachable(f"the scheduler at {self.address} was restarted or does not answer")
             self._slots = sum(self._client.nthreads().values())
             self._looked = time.monotonic()
         return self._slots
 
-    def hand_out(self, claim: Claim, ended: Callable[[], None]) -> None:
+    def submit(self, claim: Claim, ended: Callable[[], None]) -> None:
         """Have a worker do a job; `ended` is called in another thread when the job comes back."""
         # Dask runs a key once; the number of the attempt makes a repeated job a new task.
         key = f"{claim.job_id}-{claim.attempt}"
@@ -68,7 +68,7 @@ class Cluster:
         # Without it Dask cancels a task as soon as nobody holds its future.
         fire_and_forget(future)
 
-    def _identity(self) -> str:
+    def _get_scheduler_id(self) -> str:
         scheduler: Any = self._client.scheduler
         return str(self._client.sync(scheduler.identity)["id"])
 

@@ -41,7 +41,7 @@ SLOWEST_SHARE = 4.0
 
 
 @dataclass(frozen=True)
-class Folders:
+class AllowedFolders:
     """Folders that a process may read or write. `private` contains them, and much that the process may not read."""
 
     private: Path
@@ -65,7 +65,7 @@ class Confinement:
 
     memory: int | None = None
     scratch: Path | None = None
-    folders: Folders | None = None
+    folders: AllowedFolders | None = None
 
     def apply(self, connections: Sequence[int]) -> None:
         """Confine this process, which must have a single thread.
@@ -79,8 +79,8 @@ class Confinement:
         if self.scratch is not None:
             os.environ["TMPDIR"] = os.environ["SQLITE_TMPDIR"] = str(self.scratch)
             tempfile.tempdir = str(self.scratch)
-        if self.memory is not None and (used := _address_space()) is not None:
-            _limit(resource.RLIMIT_AS, used + self.memory)
+        if self.memory is not None and (used := _get_address_space()) is not None:
+            _set_limit(resource.RLIMIT_AS, used + self.memory)
         if self.folders is not None:
             # A process that reads strangers' files gets neither credentials nor any inherited descriptor.
             forget_secrets()
@@ -90,7 +90,7 @@ class Confinement:
 
 
 @dataclass(frozen=True)
-class Limits:
+class ComputationLimits:
     """Limits of one computation that a request waits for.
 
     Parameters
@@ -108,7 +108,7 @@ class Limits:
     file_bytes: int | None = SMALLEST_FILE_LIMIT
 
     @classmethod
-    def for_files(cls, *sizes: int) -> Limits:
+    def from_file_sizes(cls, *sizes: int) -> ComputationLimits:
         """Return the limits for reading files of these sizes in bytes."""
         size = sum(sizes)
         seconds = SPARE_SECONDS + size / SLOWEST_READING
@@ -122,13 +122,13 @@ class Limits:
             # RLIMIT_CPU counts from the start of the process, so the time used up by earlier computations is added.
             seconds = int(usage.ru_utime + usage.ru_stime + self.processor_seconds) + 1
         # Only soft limits are set: a process may raise them again for the next computation, but not hard ones.
-        _limit(resource.RLIMIT_CPU, seconds, hard=False)
-        _limit(
+        _set_limit(resource.RLIMIT_CPU, seconds, hard=False)
+        _set_limit(
             resource.RLIMIT_FSIZE, resource.RLIM_INFINITY if self.file_bytes is None else self.file_bytes, hard=False
         )
 
 
-UNLIMITED = Limits(float("inf"), None, None)
+UNLIMITED = ComputationLimits(float("inf"), None, None)
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -136,7 +136,7 @@ def is_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or "bad_alloc" in str(error)
 
 
-def _limit(kind: int, most: int, *, hard: bool = True) -> None:
+def _set_limit(kind: int, most: int, *, hard: bool = True) -> None:
     """Set a resource limit, at most as high as the one that the process was started with."""
     ceiling = resource.getrlimit(kind)[1]
     if ceiling != resource.RLIM_INFINITY:
@@ -144,7 +144,7 @@ def _limit(kind: int, most: int, *, hard: bool = True) -> None:
     resource.setrlimit(kind, (most, most if hard else ceiling))
 
 
-def _address_space() -> int | None:
+def _get_address_space() -> int | None:
     """Return the bytes of address space that this process has; None if the system does not say."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[0]) * PAGE

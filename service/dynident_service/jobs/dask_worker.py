@@ -10,28 +10,28 @@ from distributed import Worker, WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.nursery import Nursery
-from dynident_service.jobs.part_supervisor import look_after
-from dynident_service.jobs.parts import Part
+from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.part_supervisor import supervise_part
+from dynident_service.jobs.parts import JobPart
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.jobs.supervisor import PATIENCE, supervise
-from dynident_service.jobs.work import Colleagues, Place
-from dynident_service.logs import working_on
+from dynident_service.jobs.supervisor import PATIENCE, supervise_job
+from dynident_service.jobs.work import ClusterAddresses, JobEnvironment
+from dynident_service.logs import set_log_context
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import Ledger
-from dynident_service.storage.patience import patiently
+from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.patience import retry_while_away
 from dynident_service.storage.turns import Claim
 
 PLUGIN = "dynident-children"
 _lock = threading.Lock()
 
 
-class Children(WorkerPlugin):
+class ChildPoolPlugin(WorkerPlugin):
     """Dask plugin that gives every worker a pool of warm child processes and a connection to the queue."""
 
     name = PLUGIN
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: JobEnvironment) -> None:
         self.place = place
         self.version = __version__
 
@@ -39,9 +39,9 @@ class Children(WorkerPlugin):
         """Start the child processes when the worker starts."""
         if self.version != __version__:
             raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
-        self.nursery = Nursery()
+        self.nursery = ForkServer()
         self.pool = ChildPool(worker.state.nthreads, self.nursery, Confinement(self.place.memory))
-        self.ledger = Ledger(Database(self.place.database_url), self.place.max_attempts)
+        self.ledger = JobQueue(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Worker) -> None:
         """Kill the child processes when the worker ends; their jobs are given back."""
@@ -53,36 +53,36 @@ class Children(WorkerPlugin):
         return {name: value for name, value in self.__dict__.items() if name not in ("nursery", "pool", "ledger")}
 
 
-def run_claim(claim: Claim, place: Place, version: str) -> None:
+def run_claim(claim: Claim, place: JobEnvironment, version: str) -> None:
     """Do a job; Dask calls this on a worker."""
     secede()  # waiting takes no thread of the worker
     worker = get_worker()
-    plugin = _children_of(worker, place, version)
-    place = replace(place, colleagues=Colleagues(worker.scheduler.address, worker.address))
-    with plugin.pool.in_use(), working_on(claim.job_id, claim.request_id):
+    plugin = _get_plugin(worker, place, version)
+    place = replace(place, colleagues=ClusterAddresses(worker.scheduler.address, worker.address))
+    with plugin.pool.mark_in_use(), set_log_context(claim.job_id, claim.request_id):
         # It may have come here late.
-        if plugin.pool.closed or patiently(lambda: plugin.ledger.renew(claim), PATIENCE) != "lost":
-            supervise(claim, place, plugin.pool, plugin.ledger)
+        if plugin.pool.closed or retry_while_away(lambda: plugin.ledger.renew(claim), PATIENCE) != "lost":
+            supervise_job(claim, place, plugin.pool, plugin.ledger)
 
 
-def run_part(part: Part, version: str) -> bytes | None:
+def run_part(part: JobPart, version: str) -> bytes | None:
     """Do a part of a job that runs on another worker; return None if this worker has enough to do.
 
     Jobs come first: a part neither waits for a slot nor keeps one from a job that arrives meanwhile.
     """
     secede()
-    plugin = _children_of(get_worker(), part.place, version)
-    with plugin.pool.in_use_if_spare() as spare, working_on(part.claim.job_id, part.claim.request_id):
-        return look_after(part, plugin.pool, plugin.ledger) if spare else None
+    plugin = _get_plugin(get_worker(), part.place, version)
+    with plugin.pool.mark_in_use_if_spare() as spare, set_log_context(part.claim.job_id, part.claim.request_id):
+        return supervise_part(part, plugin.pool, plugin.ledger) if spare else None
 
 
-def _children_of(worker: Any, place: Place, version: str) -> Children:
+def _get_plugin(worker: Any, place: JobEnvironment, version: str) -> ChildPoolPlugin:
     """Return the plugin of a worker, and set it up if a worker that joined with a restarted scheduler lacks it."""
     with _lock:
         plugin = worker.plugins.get(PLUGIN)
         if plugin is None:
-            plugin = Children(place)
+            plugin = ChildPoolPlugin(place)
             plugin.version = version
             plugin.setup(worker)
             worker.plugins[PLUGIN] = plugin
-        return cast(Children, plugin)
+        return cast(ChildPoolPlugin, plugin)

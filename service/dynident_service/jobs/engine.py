@@ -12,16 +12,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.crew import Crew
-from dynident_service.jobs.nursery import Nursery
-from dynident_service.jobs.work import Place
+from dynident_service.jobs.crew import LocalExecutor
+from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.work import JobEnvironment
 from dynident_service.science import load_science
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import Ledger
+from dynident_service.storage.ledger import JobQueue
 from dynident_service.storage.turns import Claim
 
 if TYPE_CHECKING:
-    from dynident_service.jobs.cluster import Cluster
+    from dynident_service.jobs.cluster import DaskExecutor
 
 IDLE = 0.5
 """Seconds between looks into the queue while nobody reports new jobs."""
@@ -54,14 +54,14 @@ class Engine:
     """
 
     def __init__(
-        self, settings: Settings, ledger: Ledger, nursery: Nursery, news: Callable[[], None] = lambda: None
+        self, settings: Settings, ledger: JobQueue, nursery: ForkServer, news: Callable[[], None] = lambda: None
     ) -> None:
         self._settings = settings
         self._nursery = nursery
         self._ledger = ledger
         self._news = news
         """Called when a job has begun or ended here, for those who follow it."""
-        self._place = Place(
+        self._place = JobEnvironment(
             settings.database,
             settings.objects,
             settings.cache_dir,
@@ -84,7 +84,7 @@ class Engine:
         """Start the thread; requests are answered and jobs accepted before workers are ready."""
         self._thread.start()
 
-    def nudge(self) -> None:
+    def wake(self) -> None:
         """Report that there is a new job."""
         self._wake.set()
 
@@ -118,7 +118,7 @@ class Engine:
         while not self._stop.is_set():
             began = time.monotonic()
             try:
-                self._work()
+                self._serve_executor()
             except Exception as error:
                 # A scheduler that is away, or was restarted; or a machine that starts no process just now.
                 log.exception("the job engine lost those who do the jobs, and begins anew")
@@ -130,32 +130,32 @@ class Engine:
                 pause = min(2 * pause, LONGEST_PAUSE)
         self.state = "stopped"
 
-    def _work(self) -> None:
-        with self._workers() as workers:
-            log.info("jobs run on %s, %d at a time", workers.address, workers.slots())
+    def _serve_executor(self) -> None:
+        with self._create_executor() as workers:
+            log.info("jobs run on %s, %d at a time", workers.address, workers.count_slots())
             while not self._stop.is_set():
-                slots = workers.slots()
+                slots = workers.count_slots()
                 self.trouble, self.state = "", "ready" if slots else "without workers"
                 self._wake.wait(IDLE)
                 self._wake.clear()
                 if not self._stop.is_set():
                     self._distribute(workers, slots)
 
-    def _workers(self) -> Crew | Cluster:
+    def _create_executor(self) -> LocalExecutor | DaskExecutor:
         address = self._settings.dask_scheduler
         if not address:
             confinement = Confinement(self._settings.job_memory, self._settings.processes_dir)
-            return Crew(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
-        from dynident_service.jobs.cluster import Cluster
+            return LocalExecutor(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
+        from dynident_service.jobs.cluster import DaskExecutor
 
-        return Cluster(address, self._place)
+        return DaskExecutor(address, self._place)
 
-    def _distribute(self, workers: Crew | Cluster, slots: int) -> None:
+    def _distribute(self, workers: LocalExecutor | DaskExecutor, slots: int) -> None:
         claims: list[Claim] = []
         self._handing_out = True  # set before looking, so that a drain that begins now waits
         try:
-            if slots > 0 and not self._draining.is_set() and self._may_find(slots):
-                claims = self._ledger.claim(slots, self._own())
+            if slots > 0 and not self._draining.is_set() and self._is_look_due(slots):
+                claims = self._ledger.claim(slots, self._list_own_jobs())
             for claim in claims:
                 self._hand_out(workers, claim)
             if claims:
@@ -166,7 +166,7 @@ class Engine:
         finally:
             self._handing_out = False
 
-    def _may_find(self, slots: int) -> bool:
+    def _is_look_due(self, slots: int) -> bool:
         """Return whether to look into the queue now: a slot is free, or the last look was some time ago."""
         moment = time.monotonic()
         if len(self._under_way) >= slots and moment - self._looked < FULL:
@@ -174,21 +174,21 @@ class Engine:
         self._looked = moment
         return True
 
-    def _own(self) -> list[str] | None:
+    def _list_own_jobs(self) -> list[str] | None:
         """Return the jobs that occupy slots of this process; None with a cluster, which several services may share.
 
         Jobs of another service that was killed occupy no slots here, though their leases have not expired.
         """
         return None if self._settings.dask_scheduler else list(self._under_way.values())
 
-    def _hand_out(self, workers: Crew | Cluster, claim: Claim) -> None:
+    def _hand_out(self, workers: LocalExecutor | DaskExecutor, claim: Claim) -> None:
         key = f"{claim.job_id}-{claim.attempt}"
 
-        def ended() -> None:
+        def on_end() -> None:
             self._under_way.pop(key, None)
             self._wake.set()
             self._news()
 
         if not self._settings.dask_scheduler:  # a cluster elsewhere goes on by itself
             self._under_way[key] = claim.job_id
-        workers.hand_out(claim, ended)
+        workers.submit(claim, on_end)

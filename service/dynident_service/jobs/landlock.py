@@ -77,26 +77,26 @@ def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path
     )
     # Older versions know fewer fields of this structure.
     length = 8 if version < 4 else 16 if version < 6 else 24
-    ruleset = _checked(system.syscall(CREATE_RULESET, attributes, ctypes.c_size_t(length), 0))
+    ruleset = _check_result(system.syscall(CREATE_RULESET, attributes, ctypes.c_size_t(length), 0))
     try:
-        read, write = [*program_folders(private), *readable], list(writable)
+        read, write = [*list_program_folders(private), *readable], list(writable)
         for path in read:
-            _allow(system, ruleset, path, READ & rights)
+            _allow_path(system, ruleset, path, READ & rights)
         for path in write:
-            _allow(system, ruleset, path, rights)
+            _allow_path(system, ruleset, path, rights)
         # Libraries read /proc/self to limit their threads. The folder stays open, because a rule for it holds only
         # while the kernel keeps it in memory.
         own = os.open("/proc/self/", os.O_PATH | os.O_CLOEXEC)
         _add_rule(system, ruleset, own, READ & rights)
         # Landlock is allowed without privileges only if programs cannot gain any by set-user-id.
-        _checked(system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
-        _checked(system.syscall(RESTRICT_SELF, ruleset, 0))
+        _check_result(system.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
+        _check_result(system.syscall(RESTRICT_SELF, ruleset, 0))
     finally:
         os.close(ruleset)
     return True
 
 
-def program_folders(private: Path) -> list[Path]:
+def list_program_folders(private: Path) -> list[Path]:
     """Return the folders of Python, its packages and compiled code; none of Python's path that contains `private`."""
     # Imported here, since the process that answers requests does not need it.
     from dynident.expressions.kept_code import code_folder
@@ -111,10 +111,10 @@ def program_folders(private: Path) -> list[Path]:
 def _leave_network(system: ctypes.CDLL) -> None:
     """Move to an empty network namespace if the kernel allows it: Landlock restricts TCP only."""
     if system.unshare(NEW_NETWORK) != 0 and ctypes.get_errno() not in (errno.EPERM, errno.EINVAL, errno.ENOSYS):
-        _checked(-1)
+        _check_result(-1)
 
 
-def _allow(system: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
+def _allow_path(system: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
     """Allow rights on everything below a path; do nothing if the path does not exist."""
     try:
         opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
@@ -129,10 +129,10 @@ def _allow(system: ctypes.CDLL, ruleset: int, path: Path, rights: int) -> None:
 
 
 def _add_rule(system: ctypes.CDLL, ruleset: int, opened: int, rights: int) -> None:
-    _checked(system.syscall(ADD_RULE, ruleset, RULE_OF_PATH, struct.pack("=Qi", rights, opened), 0))
+    _check_result(system.syscall(ADD_RULE, ruleset, RULE_OF_PATH, struct.pack("=Qi", rights, opened), 0))
 
 
-def _checked(result: int) -> int:
+def _check_result(result: int) -> int:
     """Raise OSError if a system call failed."""
     if result < 0:
         number = ctypes.get_errno()

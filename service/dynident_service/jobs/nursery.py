@@ -20,9 +20,9 @@ import warnings
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
-from dynident_service.environment import environment_for_children, secrets_for_children, take_secrets
+from dynident_service.environment import build_child_environment, open_child_secrets, take_secrets
 from dynident_service.jobs import child
-from dynident_service.logs import configure
+from dynident_service.logs import configure_logging
 from dynident_service.settings import LogSettings
 
 PRELOADED = ("dynident_service.work", "dynident_service.work.awaited")
@@ -38,14 +38,14 @@ RUNNING = 1 << 20
 """Exit code that stands for a process that still runs."""
 
 
-class Exit(NamedTuple):
+class ProcessExit(NamedTuple):
     """End of a process: its exit code, negative for a signal, and its peak memory in bytes."""
 
     code: int
     peak_memory: int
 
 
-class Nursery:
+class ForkServer:
     """Client of the process that forks children; starts it when it is needed."""
 
     PROGRAM: ClassVar[Sequence[str]] = ("-m", "dynident_service.jobs.nursery")
@@ -73,7 +73,7 @@ class Nursery:
                 self._stop()
                 self._send_fork(jobs, lifeline)
 
-    def exit_of(self, pid: int, *, reap: bool) -> Exit | None:
+    def get_exit(self, pid: int, *, reap: bool) -> ProcessExit | None:
         """Return how a child ended; None while it runs, or if the nursery itself has died.
 
         With `reap` the child is waited for, after which its process id may be used again; only then its peak memory is
@@ -84,10 +84,10 @@ class Nursery:
                 return None
             try:
                 self._control.sendall(MESSAGE.pack(REAP if reap else LOOK, pid, 0))
-                _, code, peak_memory = MESSAGE.unpack(_exactly(self._control))
+                _, code, peak_memory = MESSAGE.unpack(_receive_exactly(self._control))
             except OSError:
                 return None
-        return None if code == RUNNING else Exit(code, peak_memory)
+        return None if code == RUNNING else ProcessExit(code, peak_memory)
 
     def close(self) -> None:
         """End the process."""
@@ -100,12 +100,12 @@ class Nursery:
 
     def _start(self) -> socket.socket:
         ours, theirs = socket.socketpair()
-        with theirs, secrets_for_children() as secrets:
+        with theirs, open_child_secrets() as secrets:
             self._process = subprocess.Popen(
                 [sys.executable, *self.PROGRAM, str(theirs.fileno())],
                 pass_fds=(theirs.fileno(),),
                 stdin=secrets,
-                env={**environment_for_children(), **ONE_THREAD, **BOUNDED_ARROW},
+                env={**build_child_environment(), **ONE_THREAD, **BOUNDED_ARROW},
                 start_new_session=True,
             )
         self._control = ours
@@ -128,7 +128,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what solvers print belongs to the log
     settings = LogSettings()
-    configure(settings.log_level, settings.log_format)
+    configure_logging(settings.log_level, settings.log_format)
     warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
     for module in PRELOADED:
         importlib.import_module(module)
@@ -140,12 +140,12 @@ def main() -> None:
             return
         kind, pid, _ = MESSAGE.unpack(received)
         if kind != FORK:
-            control.sendall(MESSAGE.pack(kind, *_exit_of(pid, reap=kind == REAP)))
+            control.sendall(MESSAGE.pack(kind, *_get_exit(pid, reap=kind == REAP)))
         elif os.fork() == 0:
             control.close()
             # A session and process group of its own, so that the child can be killed with all processes that it starts.
             os.setsid()
-            child.work(*fds)
+            child.serve_jobs(*fds)
             os._exit(0)
         for fd in fds:
             os.close(fd)
@@ -155,10 +155,10 @@ def _receive(control: socket.socket) -> tuple[bytes, list[int]]:
     received, fds, _, _ = socket.recv_fds(control, MESSAGE.size, 2)
     if not received:
         raise ConnectionError("the other end is closed")
-    return received + _exactly(control, MESSAGE.size - len(received)), list(fds)
+    return received + _receive_exactly(control, MESSAGE.size - len(received)), list(fds)
 
 
-def _exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
+def _receive_exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
     content = b""
     while len(content) < size:
         part = control.recv(size - len(content))
@@ -168,16 +168,16 @@ def _exactly(control: socket.socket, size: int = MESSAGE.size) -> bytes:
     return content
 
 
-def _exit_of(pid: int, *, reap: bool) -> Exit:
+def _get_exit(pid: int, *, reap: bool) -> ProcessExit:
     """Return how a child ended, or RUNNING; without `reap` its process id stays reserved."""
     with contextlib.suppress(ChildProcessError):
         if reap:
             _, status, usage = os.wait4(pid, 0)
-            return Exit(os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024)
+            return ProcessExit(os.waitstatus_to_exitcode(status), usage.ru_maxrss * 1024)
         ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is not None:
-            return Exit(ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status, 0)
-    return Exit(RUNNING, 0)
+            return ProcessExit(ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status, 0)
+    return ProcessExit(RUNNING, 0)
 
 
 if __name__ == "__main__":

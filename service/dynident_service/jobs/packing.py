@@ -9,14 +9,14 @@ from pathlib import Path
 from dynident_service.storage.objects import ObjectStore
 
 
-def packed(value: object, objects: ObjectStore) -> bytes:
+def pack_value(value: object, objects: ObjectStore) -> bytes:
     """Pickle a value; raise whatever exception a value causes that cannot leave its process."""
     content = io.BytesIO()
     _Packer(content, objects).dump(value)
     return content.getvalue()
 
 
-def unpacked(content: bytes, objects: ObjectStore) -> object:
+def unpack_value(content: bytes, objects: ObjectStore) -> object:
     """Unpickle a value and fetch its files from the object store; raise what `ObjectStore.path` raises."""
     value: object = _Unpacker(io.BytesIO(content), objects).load()
     return value
@@ -29,7 +29,7 @@ class _Packer(pickle.Pickler):
 
     def persistent_id(self, value: object) -> str | None:
         """Return the key if a value is the path of a file in the object store."""
-        return self._objects.key_of(value) if isinstance(value, Path) else None
+        return self._objects.find_key(value) if isinstance(value, Path) else None
 
 
 class _Unpacker(pickle.Unpickler):
@@ -39,4 +39,4 @@ class _Unpacker(pickle.Unpickler):
 
     def persistent_load(self, key: object) -> Path:
         """Return the local path of the file with a key."""
-        return self._objects.path(str(key))
+        return self._objects.fetch_file(str(key))

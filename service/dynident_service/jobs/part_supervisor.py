@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 
 from dynident_service.jobs.calls import Answer, Call
-from dynident_service.jobs.parts import Part, PartFailed
+from dynident_service.jobs.parts import JobPart, PartFailed
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.storage.ledger import Ledger
-from dynident_service.storage.patience import AWAY, reason_of
+from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.patience import AWAY, describe_error
 from dynident_service.storage.turns import Claim
 
 LOOK = 1.0
@@ -16,7 +16,7 @@ LOOK = 1.0
 log = logging.getLogger("dynident.supervisor")
 
 
-def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
+def supervise_part(part: JobPart, pool: ChildPool, ledger: JobQueue) -> bytes:
     """Have a child do a part while its job runs.
 
     Parameters
@@ -40,9 +40,9 @@ def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
     """
     child = pool.take()
     try:
-        child.send(_call(part))
+        child.send(_make_call(part))
         while (answer := child.receive(LOOK)) is None:
-            if pool.closed or not _goes_on(part.claim, ledger):
+            if pool.closed or not _is_job_running(part.claim, ledger):
                 raise PartFailed(f"job {part.claim.job_id} has ended meanwhile")
     except EOFError as error:
         pool.replace(child)
@@ -56,7 +56,7 @@ def look_after(part: Part, pool: ChildPool, ledger: Ledger) -> bytes:
     return bytes(answer.value)
 
 
-def _call(part: Part) -> Call:
+def _make_call(part: JobPart) -> Call:
     arguments = {
         "job_id": part.claim.job_id,
         "url": part.place.object_store_url,
@@ -64,13 +64,15 @@ def _call(part: Part) -> Call:
         "work": part.work,
         "item": part.item,
     }
-    return Call("dynident_service.jobs.parts:do", arguments, part.claim.request_id, part.claim.trace, of_a_job=True)
+    return Call(
+        "dynident_service.jobs.parts:compute_part", arguments, part.claim.request_id, part.claim.trace, of_a_job=True
+    )
 
 
-def _goes_on(claim: Claim, ledger: Ledger) -> bool:
+def _is_job_running(claim: Claim, ledger: JobQueue) -> bool:
     try:
-        return ledger.standing(claim) == "held"
+        return ledger.get_standing(claim) == "held"
     # While the database is away, nobody can have cancelled the job.
     except AWAY as error:
-        log.warning("job %s: %s", claim.job_id, reason_of(error))
+        log.warning("job %s: %s", claim.job_id, describe_error(error))
         return True

@@ -11,9 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
-from dynident.progress import Progress, silent
-from dynident_service.jobs.packing import unpacked
-from dynident_service.jobs.work import Place
+from dynident.progress import Progress, ignore_progress
+from dynident_service.jobs.packing import unpack_value
+from dynident_service.jobs.work import JobEnvironment
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.turns import Claim
 
@@ -25,29 +25,29 @@ class PartFailed(Exception):
 
 
 @dataclass(frozen=True)
-class Part:
+class JobPart:
     """Part of a job: a function and its argument, pickled by `packing`."""
 
     claim: Claim
-    place: Place
+    place: JobEnvironment
     work: bytes
     item: bytes
 
 
-def do(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
+def compute_part(job_id: str, url: str, cache_dir: Path, work: bytes, item: bytes) -> bytes:
     """Compute a part; the function is cached for the next part, with the machine code that it contains."""
     began = time.monotonic()
-    function, objects = _work(work, url, cache_dir), _store(url, cache_dir)
-    result = pickle.dumps(function(unpacked(item, objects), silent), pickle.HIGHEST_PROTOCOL)
+    function, objects = _get_function(work, url, cache_dir), _get_store(url, cache_dir)
+    result = pickle.dumps(function(unpack_value(item, objects), ignore_progress), pickle.HIGHEST_PROTOCOL)
     log.info("did a part of job %s in %.1f s", job_id, time.monotonic() - began)
     return result
 
 
 @lru_cache(maxsize=1)
-def _store(url: str, cache_dir: Path) -> ObjectStore:
+def _get_store(url: str, cache_dir: Path) -> ObjectStore:
     return ObjectStore(url, cache_dir)
 
 
 @lru_cache(maxsize=2)
-def _work(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
-    return cast(Callable[[object, Progress], object], unpacked(content, _store(url, cache_dir)))
+def _get_function(content: bytes, url: str, cache_dir: Path) -> Callable[[object, Progress], object]:
+    return cast(Callable[[object, Progress], object], unpack_value(content, _get_store(url, cache_dir)))

@@ -17,18 +17,18 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from dynident_service.jobs.calls import Answer, Call
-from dynident_service.jobs.child import Hello, Order, Receipt
+from dynident_service.jobs.child import Hello, JobOrder, Receipt
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.nursery import Exit, Nursery
+from dynident_service.jobs.nursery import ForkServer, ProcessExit
 
 MEMORY_LIMIT = 2_000_000_000
 """Bytes of peak memory after which a child is replaced: freed memory seldom returns to the system."""
 
 
-class Child:
+class ChildProcess:
     """Child process and the pipe to it."""
 
-    def __init__(self, nursery: Nursery, confinement: Confinement) -> None:
+    def __init__(self, nursery: ForkServer, confinement: Confinement) -> None:
         self._nursery = nursery
         self.pid: int | None = None
         self.heartbeats = 0
@@ -45,11 +45,11 @@ class Child:
         with contextlib.suppress(EOFError):  # whoever gives it something to do finds that it has died
             self._send(replace(confinement, scratch=self._scratch))
 
-    def send(self, order: Order | Call) -> None:
+    def send(self, order: JobOrder | Call) -> None:
         """Send a job or call, which begins when the child has started; raise EOFError if the process died."""
         self._send(order)
 
-    def _send(self, message: Confinement | Order | Call) -> None:
+    def _send(self, message: Confinement | JobOrder | Call) -> None:
         try:
             self._connection.send(message)
         except OSError as error:  # a broken pipe, or one that was reset
@@ -80,21 +80,21 @@ class Child:
             return False
         return True
 
-    def strike(self) -> None:
+    def kill_process_group(self) -> None:
         """Kill the process group, if it has begun."""
         if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
-    def kill(self) -> Exit | None:
+    def kill(self) -> ProcessExit | None:
         """Kill the process group, and return how the process ended if it had ended by itself before."""
         with contextlib.suppress(EOFError):
             self.receive(0.0)  # its Hello, with the process id, may have arrived
         ended = None
         if self.pid is not None:
-            had_ended = self._nursery.exit_of(self.pid, reap=False) is not None
-            self.strike()
-            end = self._nursery.exit_of(self.pid, reap=True)
+            had_ended = self._nursery.get_exit(self.pid, reap=False) is not None
+            self.kill_process_group()
+            end = self._nursery.get_exit(self.pid, reap=True)
             # A process that was just ending closes its pipe first; it then has an exit code other than our signal.
             if end is not None and (had_ended or end.code != -signal.SIGKILL):
                 ended = end
@@ -128,19 +128,19 @@ class ChildPool:
         Limits of each child.
     """
 
-    def __init__(self, size: int, nursery: Nursery, confinement: Confinement | None = None) -> None:
+    def __init__(self, size: int, nursery: ForkServer, confinement: Confinement | None = None) -> None:
         self._size = size
         self.confinement = confinement or Confinement()
-        self._idle: deque[Child] = deque()
-        self._busy: set[Child] = set()
+        self._idle: deque[ChildProcess] = deque()
+        self._busy: set[ChildProcess] = set()
         self._lock = threading.Condition()
         self._users = 0
         self.closed = False
         self._nursery = nursery
         for _ in range(size):
-            self._idle.append(Child(self._nursery, self.confinement))
+            self._idle.append(ChildProcess(self._nursery, self.confinement))
 
-    def take(self) -> Child:
+    def take(self) -> ChildProcess:
         """Return an idle child, or start one."""
         with self._lock:
             child = None
@@ -149,11 +149,11 @@ class ChildPool:
                 if not child.is_alive():
                     child.kill()
                     child = None
-            child = child or Child(self._nursery, self.confinement)
+            child = child or ChildProcess(self._nursery, self.confinement)
             self._busy.add(child)
             return child
 
-    def put_back(self, child: Child, receipt: Receipt | Answer) -> None:
+    def put_back(self, child: ChildProcess, receipt: Receipt | Answer) -> None:
         """Take back a child whose job has ended."""
         # The allocator keeps freed memory, so a child that once needed much would hold it for good.
         if receipt.peak_memory > MEMORY_LIMIT or len(self._idle) >= self._size:
@@ -166,18 +166,18 @@ class ChildPool:
                 return
         child.kill()
 
-    def replace(self, child: Child) -> Exit | None:
+    def replace(self, child: ChildProcess) -> ProcessExit | None:
         """Kill a child and start another one; return how it ended if it had died by itself."""
         with self._lock:
             self._busy.discard(child)
         ended = child.kill()
         with self._lock:
             if not self.closed and len(self._idle) + len(self._busy) < self._size:
-                self._idle.appendleft(Child(self._nursery, self.confinement))
+                self._idle.appendleft(ChildProcess(self._nursery, self.confinement))
         return ended
 
     @contextlib.contextmanager
-    def in_use(self) -> Iterator[None]:
+    def mark_in_use(self) -> Iterator[None]:
         """Mark that a child is supervised, so that `close` waits until its end is written into the queue."""
         with self._lock:
             self._users += 1
@@ -189,7 +189,7 @@ class ChildPool:
                 self._lock.notify_all()
 
     @contextlib.contextmanager
-    def in_use_if_spare(self) -> Iterator[bool]:
+    def mark_in_use_if_spare(self) -> Iterator[bool]:
         """Do the same only if a child is free, and yield whether it is so."""
         with self._lock:
             spare = self._users < self._size and not self.closed
@@ -210,6 +210,6 @@ class ChildPool:
         for child in idle:
             child.kill()
         for child in busy:  # its supervisor closes the pipe
-            child.strike()
+            child.kill_process_group()
         with self._lock:
             self._lock.wait_for(lambda: self._users == 0, patience)

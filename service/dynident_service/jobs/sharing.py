@@ -16,13 +16,13 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from dynident.elsewhere import Busy, NotElsewhere, shared_with
+from dynident.elsewhere import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
 from dynident.errors import Cancelled
 from dynident.progress import Progress
 from dynident.version import __version__
-from dynident_service.jobs.packing import packed
-from dynident_service.jobs.parts import Part, PartFailed
-from dynident_service.jobs.work import Colleagues, Place
+from dynident_service.jobs.packing import pack_value
+from dynident_service.jobs.parts import JobPart, PartFailed
+from dynident_service.jobs.work import ClusterAddresses, JobEnvironment
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.turns import Claim
 
@@ -44,14 +44,14 @@ _Result = TypeVar("_Result")
 
 
 @contextmanager
-def sharing(claim: Claim, place: Place, objects: ObjectStore) -> Iterator[None]:
+def share_with_workers(claim: Claim, place: JobEnvironment, objects: ObjectStore) -> Iterator[None]:
     """Let other workers of the cluster compute parts of what runs in this context, if the job is on a cluster."""
     if place.colleagues is None:
         yield
         return
     others = OtherWorkers(claim, place, place.colleagues, objects)
     try:
-        with shared_with(others):
+        with share_work_with(others):
             yield
     finally:
         others.close()
@@ -60,7 +60,7 @@ def sharing(claim: Claim, place: Place, objects: ObjectStore) -> Iterator[None]:
 class OtherWorkers:
     """The other workers of the cluster; the connection is made when they are first needed."""
 
-    def __init__(self, claim: Claim, place: Place, colleagues: Colleagues, objects: ObjectStore) -> None:
+    def __init__(self, claim: Claim, place: JobEnvironment, colleagues: ClusterAddresses, objects: ObjectStore) -> None:
         self._claim = claim
         self._place = place
         self._colleagues = colleagues
@@ -69,10 +69,10 @@ class OtherWorkers:
         self._given_up = False
         self._done: Counter[str] = Counter()
 
-    def places(
+    def list_workers(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
-        """Return one callable for each thread of each other worker; see `dynident.elsewhere.Elsewhere`.
+        """Return one callable for each thread of each other worker; see `dynident.elsewhere.RemoteWorkers`.
 
         Parameters
         ----------
@@ -84,21 +84,21 @@ class OtherWorkers:
         if size < WORTH or self._given_up:
             return ()
         try:
-            content = packed(work, self._objects)
+            content = pack_value(work, self._objects)
         except Exception as error:  # whatever is in it
             log.debug("not shared, as it cannot be sent: %s", error)
             return ()
         if len(content) > MOST:
             return ()
         try:
-            client = self._connected()
-            workers = _threads(client)
+            client = self._get_client()
+            workers = _count_threads(client)
         except Exception as error:  # whatever a network does
             log.warning("not shared, as the scheduler does not answer: %s: %s", type(error).__name__, error)
             self._given_up = True
             return ()
         return [
-            partial(self._have_done, client, address, content)
+            partial(self._compute_remotely, client, address, content)
             for address, threads in workers.items()
             if address != self._colleagues.own
             for _ in range(threads)
@@ -110,7 +110,7 @@ class OtherWorkers:
             log.info("%d parts were done by the worker at %s", count, address)
         self._disconnect()
 
-    def _connected(self) -> Client:
+    def _get_client(self) -> Client:
         from distributed import Client
 
         if self._client is not None and self._client.status != "running":
@@ -126,23 +126,23 @@ class OtherWorkers:
             with suppress(Exception):  # whatever became of the scheduler, what was computed counts
                 client.close(timeout=PATIENCE)
 
-    def _have_done(self, client: Client, address: str, work: bytes, item: object, progress: Progress) -> Any:
+    def _compute_remotely(self, client: Client, address: str, work: bytes, item: object, progress: Progress) -> Any:
         try:
-            result = self._sent(client, address, work, packed(item, self._objects), progress)
-        except (Cancelled, Busy):
+            result = self._send_part(client, address, work, pack_value(item, self._objects), progress)
+        except (Cancelled, RemoteWorkersBusy):
             raise
         except Exception as error:  # whatever happens to a worker, a scheduler or a network
             log.warning("a part comes back from the worker at %s: %s: %s", address, type(error).__name__, error)
-            raise NotElsewhere from error
+            raise RemoteWorkFailed from error
         self._done[address] += 1
         return pickle.loads(result)
 
-    def _sent(self, client: Client, address: str, work: bytes, item: bytes, progress: Progress) -> bytes:
+    def _send_part(self, client: Client, address: str, work: bytes, item: bytes, progress: Progress) -> bytes:
         from dynident_service.jobs.dask_worker import run_part
 
         if len(item) > MOST or client.status != "running":
             raise PartFailed("it cannot be sent")
-        part = Part(self._claim, self._place, work, item)
+        part = JobPart(self._claim, self._place, work, item)
         future = client.submit(run_part, part, __version__, workers=[address], pure=False)
         try:
             checked = time.monotonic()
@@ -152,17 +152,17 @@ class OtherWorkers:
                 time.sleep(LOOK)
                 if time.monotonic() - checked >= CHECK:
                     checked = time.monotonic()
-                    if address not in _threads(client, [address]):
+                    if address not in _count_threads(client, [address]):
                         raise PartFailed("the worker is gone")
             result: bytes | None = future.result(timeout=PATIENCE)
         finally:
             future.release()
         if result is None:
-            raise Busy
+            raise RemoteWorkersBusy
         return result
 
 
-def _threads(client: Client, workers: Sequence[str] | None = None) -> Mapping[str, int]:
+def _count_threads(client: Client, workers: Sequence[str] | None = None) -> Mapping[str, int]:
     """Return the number of threads of the workers that are there, by address."""
     threads_by_address = client.nthreads(workers, callback_timeout=PATIENCE)
     return {str(address): int(threads) for address, threads in threads_by_address.items() if threads}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import TracebackType
 
 from dynident_service.jobs.calls import Answer, Call
-from dynident_service.jobs.confinement import REQUEST_MEMORY, Confinement, Folders
-from dynident_service.jobs.nursery import Nursery
-from dynident_service.jobs.pool import Child
+from dynident_service.jobs.confinement import REQUEST_MEMORY, AllowedFolders, Confinement
+from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.pool import ChildProcess
 from dynident_service.problems import ProblemError
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Resource
@@ -23,9 +23,9 @@ class StoredFilesReader:
     def __init__(self, objects: ObjectStore) -> None:
         self._objects = objects
         folder = objects.local_folder
-        self._confinement = Confinement(REQUEST_MEMORY, folders=Folders(folder, (folder,), ()))
-        self._nursery = Nursery()
-        self._child: Child | None = None
+        self._confinement = Confinement(REQUEST_MEMORY, folders=AllowedFolders(folder, (folder,), ()))
+        self._nursery = ForkServer()
+        self._child: ChildProcess | None = None
 
     def __enter__(self) -> StoredFilesReader:
         return self
@@ -34,7 +34,7 @@ class StoredFilesReader:
         self._replace()
         self._nursery.close()
 
-    def problem_of(self, resource: Resource) -> str | None:
+    def find_problem(self, resource: Resource) -> str | None:
         """Return what cannot be read of a resource, and why; None if everything can.
 
         Missing or damaged files are left out, as the check of all objects reports them.
@@ -42,7 +42,7 @@ class StoredFilesReader:
         if resource.job is not None and resource.job.state != "succeeded":
             return None
         try:
-            files = {role: str(self._objects.path(owned.key)) for role, owned in resource.objects.items()}
+            files = {role: str(self._objects.fetch_file(owned.key)) for role, owned in resource.objects.items()}
         except ProblemError:
             return None
         arguments = {
@@ -52,7 +52,7 @@ class StoredFilesReader:
             "files": files,
         }
         try:
-            self._child = self._child or Child(self._nursery, self._confinement)
+            self._child = self._child or ChildProcess(self._nursery, self._confinement)
             self._child.send(Call(FUNCTION, arguments))
             answer = self._child.receive(LONGEST)
         except EOFError:

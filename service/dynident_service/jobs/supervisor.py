@@ -6,14 +6,14 @@ import logging
 import signal
 import time
 
-from dynident_service.jobs.child import End, Order, Receipt, out_of_memory
-from dynident_service.jobs.nursery import Exit
-from dynident_service.jobs.pool import Child, ChildPool
-from dynident_service.jobs.vitals import Vitals
-from dynident_service.jobs.work import Place
+from dynident_service.jobs.child import End, JobOrder, Receipt, make_memory_problem
+from dynident_service.jobs.nursery import ProcessExit
+from dynident_service.jobs.pool import ChildPool, ChildProcess
+from dynident_service.jobs.vitals import ActivityMonitor
+from dynident_service.jobs.work import JobEnvironment
 from dynident_service.problems import make_problem
-from dynident_service.storage.ledger import Ledger
-from dynident_service.storage.patience import AWAY, patiently, reason_of
+from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.patience import AWAY, describe_error, retry_while_away
 from dynident_service.storage.turns import Claim
 
 LOOK = 0.25
@@ -44,7 +44,7 @@ REST_LOOK = 0.2
 log = logging.getLogger("dynident.supervisor")
 
 
-def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> None:
+def supervise_job(claim: Claim, place: JobEnvironment, pool: ChildPool, ledger: JobQueue) -> None:
     """Have a child do a job; return when it has ended, was cancelled, or was lost to another worker.
 
     Parameters
@@ -59,21 +59,21 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
         Queue of the jobs.
     """
     if pool.closed:
-        patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+        retry_while_away(lambda: ledger.release(claim), LAST_PATIENCE)
         return
     child = pool.take()
     try:
-        child.send(Order(claim, place))
-        ended = _watch(claim, child, ledger, place.deadline)
+        child.send(JobOrder(claim, place))
+        ended = _watch_child(claim, child, ledger, place.deadline)
     except EOFError:
         end = pool.replace(child)
         if pool.closed:
-            patiently(lambda: ledger.release(claim), LAST_PATIENCE)
+            retry_while_away(lambda: ledger.release(claim), LAST_PATIENCE)
         # A job that exhausts the memory fails at once: repeated attempts would only kill the process again.
         elif end is not None and end.code < 0 and end.peak_memory > MUCH_MEMORY * place.memory:
-            patiently(lambda: ledger.fail(claim, out_of_memory(place.memory)), PATIENCE)
+            retry_while_away(lambda: ledger.record_failure(claim, make_memory_problem(place.memory)), PATIENCE)
         else:
-            patiently(lambda: ledger.died(claim, _describe(end)), PATIENCE)
+            retry_while_away(lambda: ledger.record_death(claim, _describe_exit(end)), PATIENCE)
         return
     except BaseException:
         pool.replace(child)
@@ -81,41 +81,41 @@ def supervise(claim: Claim, place: Place, pool: ChildPool, ledger: Ledger) -> No
     if isinstance(ended, Receipt):
         pool.put_back(child, ended)
         if ended.trouble:
-            _rest(claim, pool, ledger)
-            patiently(lambda: ledger.lost(claim, ended.trouble), PATIENCE)
+            _wait_before_retry(claim, pool, ledger)
+            retry_while_away(lambda: ledger.record_loss(claim, ended.trouble), PATIENCE)
     else:
         pool.replace(child)
-        patiently(lambda: ended(ledger), PATIENCE)
+        retry_while_away(lambda: ended(ledger), PATIENCE)
 
 
-def _rest(claim: Claim, pool: ChildPool, ledger: Ledger) -> None:
+def _wait_before_retry(claim: Claim, pool: ChildPool, ledger: JobQueue) -> None:
     """Wait before a job begins again, while it is still wanted; shorter than its lease."""
     until = time.monotonic() + min(LONGEST_REST, FIRST_REST * 2.0 ** min(claim.attempt, 10))
     while time.monotonic() < until and not pool.closed:
         try:
-            if ledger.standing(claim) != "held":
+            if ledger.get_standing(claim) != "held":
                 return
         except AWAY as error:
-            log.warning("job %s: %s", claim.job_id, reason_of(error))
+            log.warning("job %s: %s", claim.job_id, describe_error(error))
             time.sleep(AWAY_PAUSE)
         time.sleep(REST_LOOK)
 
 
-def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Receipt | End:
+def _watch_child(claim: Claim, child: ChildProcess, ledger: JobQueue, deadline: float) -> Receipt | End:
     """Wait for the end of a job; return the child's receipt, or what to record once the child is killed."""
     began = renewed = looked = time.monotonic()
-    vitals = Vitals(STILL_FOR)
+    vitals = ActivityMonitor(STILL_FOR)
     while (receipt := child.receive(LOOK)) is None:
         moment = time.monotonic()
         if moment - looked >= VITALS:
             looked = moment
-            if (end := _trouble(claim, child, vitals, moment - began, deadline)) is not None:
+            if (end := _find_trouble(claim, child, vitals, moment - began, deadline)) is not None:
                 return end
         try:
             is_due = moment - renewed >= RENEW
-            standing = ledger.renew(claim) if is_due else ledger.standing(claim)
+            standing = ledger.renew(claim) if is_due else ledger.get_standing(claim)
         except AWAY as error:  # the work goes on: if it ends, its end is written down once the database is there
-            log.warning("job %s: %s", claim.job_id, reason_of(error))
+            log.warning("job %s: %s", claim.job_id, describe_error(error))
             time.sleep(AWAY_PAUSE)
             continue
         if is_due:
@@ -123,28 +123,30 @@ def _watch(claim: Claim, child: Child, ledger: Ledger, deadline: float) -> Recei
         if standing != "held":
             # The child may just have ended the job by itself.
             ended = child.receive(0.0)
-            return ended if isinstance(ended, Receipt) else (lambda ledger: ledger.stopped(claim))
+            return ended if isinstance(ended, Receipt) else (lambda ledger: ledger.record_cancellation(claim))
     assert isinstance(receipt, Receipt)
     return receipt
 
 
-def _trouble(claim: Claim, child: Child, vitals: Vitals, took: float, deadline: float) -> End | None:
+def _find_trouble(
+    claim: Claim, child: ChildProcess, vitals: ActivityMonitor, took: float, deadline: float
+) -> End | None:
     """Return what to record of a job that takes too long or whose process does not move; None if all is well."""
     if took > deadline:
         detail = f"The computation took longer than {deadline:.0f} s (DYNIDENT_JOB_DEADLINE_SECONDS) and was stopped."
         problem = make_problem(500, detail, title="Deadline passed")
-        return lambda ledger: ledger.fail(claim, problem)
+        return lambda ledger: ledger.record_failure(claim, problem)
     if child.pid is None:
-        return None if took < START_UP else lambda ledger: ledger.lost(claim, "its process never began")
-    match vitals.look(child.pid, child.heartbeats):
+        return None if took < START_UP else lambda ledger: ledger.record_loss(claim, "its process never began")
+    match vitals.check_activity(child.pid, child.heartbeats):
         case "stopped":
-            return lambda ledger: ledger.lost(claim, "its process was stopped from outside")
+            return lambda ledger: ledger.record_loss(claim, "its process was stopped from outside")
         case "still":
-            return lambda ledger: ledger.died(claim, f"its process stood still for {STILL_FOR:.0f} s")
+            return lambda ledger: ledger.record_death(claim, f"its process stood still for {STILL_FOR:.0f} s")
     return None
 
 
-def _describe(end: Exit | None) -> str:
+def _describe_exit(end: ProcessExit | None) -> str:
     if end is None:
         return "the process of the computation broke its connection"
     if end.code < 0:

@@ -17,7 +17,7 @@ PROCESSES = Path("/proc")
 Condition = Literal["alive", "stopped", "still"]
 
 
-class Vitals:
+class ActivityMonitor:
     """Watch over one process group.
 
     A thread inside the computation sends heartbeats, but a solver may hold the interpreter for minutes; then the
@@ -30,12 +30,12 @@ class Vitals:
         self._heartbeats = 0
         self._used = 0
 
-    def look(self, pid: int, heartbeats: int) -> Condition:
+    def check_activity(self, pid: int, heartbeats: int) -> Condition:
         """Return the condition of the group that a process leads."""
         elapsed = time.monotonic() - self._since
         if heartbeats == self._heartbeats and elapsed < self._patience:
             return "alive"
-        used, state = group_of(pid)
+        used, state = measure_group(pid)
         # A process that waits for a disk (state D) is no hanging one. Without /proc the state is unknown, and the
         # process gets the benefit of the doubt.
         computes = used - self._used >= max(2.0, LEAST * elapsed * TICKS) or state in ("D", "")
@@ -45,7 +45,7 @@ class Vitals:
         return "stopped" if state in ("T", "t") else "still"
 
 
-def processor_time(pid: int) -> float:
+def measure_processor_time(pid: int) -> float:
     """Return the processor time of a process in seconds, or 0 if it is unknown."""
     try:
         # The name of the program stands in parentheses and may hold spaces, so fields are counted from the last
@@ -56,7 +56,7 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-def group_of(leader: int) -> tuple[int, str]:
+def measure_group(leader: int) -> tuple[int, str]:
     """Return the processor time of a process group in ticks and the state of its leader, or "" if it is unknown."""
     used, state = 0, ""
     for path in PROCESSES.glob("[0-9]*/stat"):

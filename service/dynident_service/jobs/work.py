@@ -9,21 +9,21 @@ from typing import Any, TypeVar
 
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.progress import Progress
-from dynident_service.remembered import Remembered
+from dynident_service.remembered import LruCache
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import patiently
-from dynident_service.storage.records import NewResource, Owned, Resource
+from dynident_service.storage.patience import retry_while_away
+from dynident_service.storage.records import NewResource, OwnedObject, Resource
 from dynident_service.storage.resources import Resources
 
 T = TypeVar("T")
-KEPT = 16
+CACHED_OBJECTS = 16
 """Number of objects that a child process caches."""
 PATIENCE = 15 * 60.0
 """Seconds that a result waits for a database or an object store that is away or full."""
 
 
 @dataclass(frozen=True)
-class Colleagues:
+class ClusterAddresses:
     """Addresses of a Dask scheduler and of the worker that runs a job; other workers may compute parts of it."""
 
     scheduler: str
@@ -31,7 +31,7 @@ class Colleagues:
 
 
 @dataclass(frozen=True)
-class Place:
+class JobEnvironment:
     """Where a child process finds the database, the object store and other workers."""
 
     database_url: str
@@ -42,16 +42,16 @@ class Place:
     """Seconds that one attempt at a job may take."""
     memory: int
     """Bytes that a job may allocate, besides what is loaded."""
-    colleagues: Colleagues | None = None
+    colleagues: ClusterAddresses | None = None
 
 
-class Memory:
+class ObjectCache:
     """Cache of the most recently used objects, for the next jobs of this process."""
 
     def __init__(self) -> None:
-        self._kept: Remembered[object] = Remembered(KEPT)
+        self._kept: LruCache[object] = LruCache(CACHED_OBJECTS)
 
-    def recall(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
+    def get_or_make(self, kind: type[T], identifier: str, make: Callable[[], T]) -> T:
         """Return the cached object of an id, or make it.
 
         Parameters
@@ -66,12 +66,12 @@ class Memory:
         value = self._kept.get(f"{kind.__qualname__} {identifier}")
         if not isinstance(value, kind):
             value = make()
-        self.keep(kind, identifier, value)
+        self.put(kind, identifier, value)
         return value
 
-    def keep(self, kind: type[T], identifier: str, value: T) -> None:
+    def put(self, kind: type[T], identifier: str, value: T) -> None:
         """Cache an object; the least recently used ones are dropped."""
-        self._kept.keep(f"{kind.__qualname__} {identifier}", value)
+        self._kept.put(f"{kind.__qualname__} {identifier}", value)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Task:
     arguments: Mapping[str, Any]
     resources: Resources
     objects: ObjectStore
-    memory: Memory
+    memory: ObjectCache
     progress: Progress
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
 
@@ -93,12 +93,12 @@ class Task:
             raise ValueError("this job belongs to no resource")
         return self.resource
 
-    def keep(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> Owned:
+    def store_file(self, role: str, content: bytes | Path, media_type: str = "application/octet-stream") -> OwnedObject:
         """Put bytes or a file into the object store, to be owned by the resource.
 
         A store that is full or away is waited for, so that the result need not be computed again.
         """
-        return patiently(lambda: self.resources.put_as(role, content, media_type), PATIENCE)
+        return retry_while_away(lambda: self.resources.put_with_role(role, content, media_type), PATIENCE)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Outcome:
     """Result of a job; it is stored in one transaction with the end of the job."""
 
     result: Mapping[str, Any] = field(default_factory=dict)
-    objects: tuple[Owned, ...] = ()
+    objects: tuple[OwnedObject, ...] = ()
     creates: NewResource | None = None
     """Further resource that the job creates (a simulation creates a measurement); its id is put into the result under
     the name of its kind with `_id`.

@@ -33,7 +33,7 @@ Identifier = Annotated[str, Field(min_length=1, max_length=40)]
 
 
 @dataclass(frozen=True)
-class At:
+class SourcePath:
     """Beside a field of an answer: where a result of the science has it, if it is called otherwise there.
 
     `path` is an attribute, or one of an attribute ("choice.joints"); `null` what null stands for in the science, of an
@@ -53,7 +53,7 @@ def _limit_sizes(schema: Any) -> Any:
     return limits | {name: _limit_sizes(part) for name, part in schema.items()}
 
 
-class Asked(BaseModel):
+class RequestModel(BaseModel):
     """A request, or a part of one: a field that nobody knows is an error, not ignored."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -64,39 +64,39 @@ class Asked(BaseModel):
         return cast(CoreSchema, _limit_sizes(handler(source)))
 
 
-class Wanted(Asked):
+class NamedRequest(RequestModel):
     """A request for something that may be given a name."""
 
     name: Name | None = None
 
 
-class Queried(BaseModel):
+class QueryModel(BaseModel):
     """What the query of an address asks for."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
 
-class Shown(BaseModel):
+class ViewModel(BaseModel):
     """An answer, or a part of one; what is no finite number is shown as null."""
 
     model_config = ConfigDict(ser_json_inf_nan="null")
 
 
-class Page(Shown, Generic[T]):
+class Page(ViewModel, Generic[T]):
     """A part of a list, newest first."""
 
     items: list[T]
     cursor: str | None = Field(default=None, description="Give it as `cursor` to get the next part; null at the end.")
 
 
-class Progress(Shown):
+class Progress(ViewModel):
     """How far a job is."""
 
     fraction: float = Field(description="0 to 1")
     message: str
 
 
-class Computed(Shown, Generic[RequestT, ResultT]):
+class Computed(ViewModel, Generic[RequestT, ResultT]):
     """A resource that a job computes."""
 
     id: str
@@ -110,7 +110,7 @@ class Computed(Shown, Generic[RequestT, ResultT]):
     error: Problem | None = Field(default=None, description="There if the status is failed.")
 
 
-class EffectChoice(Asked):
+class EffectChoice(RequestModel):
     """An effect of the catalogue, on some joints."""
 
     effect: str = Field(description="An id of GET /v1/effects")
@@ -122,7 +122,7 @@ class EffectChoice(Asked):
 Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]
 
 
-def plain(model: BaseModel) -> dict[str, object]:
+def to_plain_json(model: BaseModel) -> dict[str, object]:
     """Give a model as it is stored: JSON values only, nothing that is not finite."""
     document: dict[str, Any] = json.loads(model.model_dump_json())
     return document
@@ -131,15 +131,15 @@ def plain(model: BaseModel) -> dict[str, object]:
 Tag = Annotated[str, Field(min_length=1, max_length=60)]
 
 
-def _each_once(tags: list[str]) -> list[str]:
+def _remove_duplicates(tags: list[str]) -> list[str]:
     return list(dict.fromkeys(tags))
 
 
-class LabelsRequest(Asked):
+class LabelsRequest(RequestModel):
     """What is to change of a resource's labels; what is not given stays."""
 
     name: Name | None = None
-    tags: Annotated[list[Tag], Field(max_length=50), AfterValidator(_each_once)] | None = Field(
+    tags: Annotated[list[Tag], Field(max_length=50), AfterValidator(_remove_duplicates)] | None = Field(
         default=None, description="All of them: they replace those that there are"
     )
     archived: bool | None = Field(
@@ -147,7 +147,7 @@ class LabelsRequest(Asked):
     )
 
 
-class Labelled(Shown):
+class Labelled(ViewModel):
     """A resource with labels."""
 
     tags: list[str] = Field(default=[])

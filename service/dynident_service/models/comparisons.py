@@ -6,19 +6,19 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from dynident_service.models.common import At, Computed, Identifier, Shown, Wanted
+from dynident_service.models.common import Computed, Identifier, NamedRequest, SourcePath, ViewModel
 from dynident_service.models.identifications import ErrorFigures
 from dynident_service.models.measurements import PhasesView
 
 
-class ComparisonRequest(Wanted):
+class ComparisonRequest(NamedRequest):
     """Which model is held against which measurement."""
 
     identification_id: Identifier
     measurement_id: Identifier
 
 
-class WorstStretch(Shown):
+class WorstStretch(ViewModel):
     """A stretch of time where a joint's residual is large."""
 
     model_config = ConfigDict(serialize_by_alias=True)
@@ -33,36 +33,36 @@ class WorstStretch(Shown):
     speed: list[float] = Field(default=[], description="Velocities of all joints at that moment, rad/s or m/s")
 
 
-class Repetition(Shown):
+class Repetition(ViewModel):
     """That a recording's motion repeats itself."""
 
     period: float = Field(description="s")
     repetitions: float = Field(description="How often the motion comes")
 
 
-class LackOfFit(Shown):
+class LackOfFit(ViewModel):
     """F test of the residual against the noise of repeated periods: near 1 where nothing is missing in the model."""
 
     f: list[float | None] = Field(description="Per joint")
     p_value: list[float | None] = Field(description="Per joint")
 
 
-class RepeatedMotion(Shown):
+class RepeatedMotion(ViewModel):
     """An identification motion that a held-out run repeats: it tests noise, not generalisation."""
 
-    measurement: Annotated[str, At("name")] = Field(
+    measurement: Annotated[str, SourcePath("name")] = Field(
         description="Name of the measurement that the model was identified from"
     )
     share: float = Field(description="Of the time that the robot moves, 0 to 1")
 
 
-class Judgement(Shown):
+class Judgement(ViewModel):
     """What a residual is worth beside the noise."""
 
-    noise_floor: Annotated[list[float | None], At("noise.values")] = Field(
+    noise_floor: Annotated[list[float | None], SourcePath("noise.values")] = Field(
         default=[], description="rms of the noise behind the filter, N m or N"
     )
-    noise_source: Annotated[Literal["repeated_periods", "high_frequency"] | None, At("noise.source")] = Field(
+    noise_source: Annotated[Literal["repeated_periods", "high_frequency"] | None, SourcePath("noise.source")] = Field(
         default=None, description="What the noise floor is from"
     )
     over_noise: list[float | None] = Field(default=[], description="rms of the residual over the noise floor")
@@ -70,28 +70,28 @@ class Judgement(Shown):
         default=[], description="Independent samples that each joint's residual is worth"
     )
     repetition: Repetition | None = Field(default=None, description="null where the motion does not come twice")
-    lack_of_fit: Annotated[LackOfFit | None, At("noise.lack_of_fit")] = Field(
+    lack_of_fit: Annotated[LackOfFit | None, SourcePath("noise.lack_of_fit")] = Field(
         default=None, description="There where periods are repeated"
     )
-    repeated_motion: Annotated[RepeatedMotion | None, At("repeated")] = None
+    repeated_motion: Annotated[RepeatedMotion | None, SourcePath("repeated")] = None
     notes: list[str] = Field(default=[], description="What to know of these figures")
 
 
 class ComparisonResult(Judgement):
     """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
 
-    joints: Annotated[list[str], At("joint_names")]
-    effort_units: Annotated[list[str], At("units")]
+    joints: Annotated[list[str], SourcePath("joint_names")]
+    effort_units: Annotated[list[str], SourcePath("units")]
     n_samples: int
     start_time: float
     end_time: float
     rms: list[float | None]
     relative: list[float | None]
     relative_total: float | None
-    moving: Annotated[ErrorFigures | None, At("moving_errors")] = Field(
+    moving: Annotated[ErrorFigures | None, SourcePath("moving_errors")] = Field(
         default=None, description="On the rows where each joint moves"
     )
-    raw: Annotated[ErrorFigures | None, At("raw_errors")] = Field(
+    raw: Annotated[ErrorFigures | None, SourcePath("raw_errors")] = Field(
         default=None, description="On all rows, at rest against the predicted torque itself, which has no sign there"
     )
     phases: PhasesView | None = Field(default=None, description="Of the rows behind the filters")
@@ -103,7 +103,7 @@ class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
     """A comparison."""
 
 
-class Series(Shown):
+class Series(ViewModel):
     """One joint's signals over time, thinned for plotting so that extremes survive."""
 
     joint: str
@@ -128,7 +128,7 @@ class Series(Shown):
     load: list[float] = Field(default=[], description="Torque of the rigid body alone, without friction, N m or N")
 
 
-class ResidualMap(Shown):
+class ResidualMap(ViewModel):
     """A joint's residual over one or two signals, in bins; where it stands, the distance to what friction may hold."""
 
     joint: str
@@ -142,7 +142,7 @@ class ResidualMap(Shown):
     count: list[list[int]]
 
 
-class SpectralPeak(Shown):
+class SpectralPeak(ViewModel):
     """A line in a spectrum."""
 
     frequency: float
@@ -150,22 +150,22 @@ class SpectralPeak(Shown):
     per_turn: float | None = Field(description="Cycles in a turn of the joint; null over time and for a linear joint")
 
 
-class Spectrum(Shown):
+class Spectrum(ViewModel):
     """Amplitude spectrum of a joint's residual: a sine of amplitude A is a peak of height A."""
 
     joint: str
     effort_unit: str
     over: Literal["angle", "time"]
     frequency_unit: Literal["Hz", "cycles/rad", "cycles/m"]
-    frequency: Annotated[list[float], At("spectrum.frequency")]
-    amplitude: Annotated[list[float], At("spectrum.amplitude")]
-    resolution: Annotated[float, At("spectrum.resolution")] = Field(
+    frequency: Annotated[list[float], SourcePath("spectrum.frequency")]
+    amplitude: Annotated[list[float], SourcePath("spectrum.amplitude")]
+    resolution: Annotated[float, SourcePath("spectrum.resolution")] = Field(
         description="Width of a peak, in the unit of the frequency"
     )
     peaks: list[SpectralPeak] = Field(description="The highest, highest first")
 
 
-class AutocorrelationView(Shown):
+class AutocorrelationView(ViewModel):
     """Autocorrelation of a joint's residual."""
 
     joint: str

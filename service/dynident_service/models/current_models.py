@@ -6,11 +6,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident_service.models.common import At, Computed, EffectChoice, Identifier, Shown, Wanted
+from dynident_service.models.common import Computed, EffectChoice, Identifier, NamedRequest, SourcePath, ViewModel
 from dynident_service.models.identifications import JUDGEMENTS
 
 
-class CurrentModelsRequest(Wanted):
+class CurrentModelsRequest(NamedRequest):
     """Measurements whose currents are to be explained, of a robot whose drive gains nobody knows."""
 
     robot_id: Identifier = Field(
@@ -25,7 +25,7 @@ class CurrentModelsRequest(Wanted):
     )
 
 
-class CurrentParameterView(Shown):
+class CurrentParameterView(ViewModel):
     """One parameter of a joint's current: a sum of base parameters over the joint's gain."""
 
     name: str
@@ -37,22 +37,24 @@ class CurrentParameterView(Shown):
     grouping: str = Field(description="Written out in base parameters")
 
 
-class CurrentModelView(Shown):
+class CurrentModelView(ViewModel):
     """What the current of one joint is made of."""
 
     joint: str
     parameters: list[CurrentParameterView]
-    rms: Annotated[float, At("fit.rms_total")] = Field(description="Of the residual of the current in the fit, A")
-    relative: Annotated[float, At("fit.relative_total")] = Field(description="||i − î|| / ||i|| in the fit")
-    held_out_rms: Annotated[float | None, At("held_out.rms_total")] = Field(
+    rms: Annotated[float, SourcePath("fit.rms_total")] = Field(
+        description="Of the residual of the current in the fit, A"
+    )
+    relative: Annotated[float, SourcePath("fit.relative_total")] = Field(description="||i − î|| / ||i|| in the fit")
+    held_out_rms: Annotated[float | None, SourcePath("held_out.rms_total")] = Field(
         description="The same where no parameter saw the data, A; null where there are none"
     )
-    held_out_relative: Annotated[float | None, At("held_out.relative_total")] = Field(
+    held_out_relative: Annotated[float | None, SourcePath("held_out.relative_total")] = Field(
         description="The same as a fraction"
     )
 
 
-class CurrentModelsResult(Shown):
+class CurrentModelsResult(ViewModel):
     """The currents of all joints."""
 
     joints: list[CurrentModelView] = Field(description="In the robot's order of joints")

@@ -11,21 +11,21 @@ from pydantic import BaseModel, create_model
 from pydantic import Field as wire_field
 from pydantic.config import JsonDict, JsonValue
 
-from dynident.asking import Named, Said, default_of, said_of
-from dynident.kinds import Kind, Kinds
-from dynident_service.hints import hint_of
-from dynident_service.models.common import Asked, Queried
+from dynident.asking import FieldDescription, NamedValues, get_default, get_description
+from dynident.kinds import Registry, RegistryEntry
+from dynident_service.hints import resolve_hint
+from dynident_service.models.common import QueryModel, RequestModel
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 BODIES: dict[type, type[BaseModel]] = {}
 """What each request of the science is on the wire."""
 
-SCIENCE: dict[type[BaseModel], type] = {}
+REQUESTS: dict[type[BaseModel], type] = {}
 """What each of these bodies asks for."""
 
 
-def asks(
+def derive_body(
     science: type, *but: str, only: tuple[str, ...] | None = None, or_null: tuple[str, ...] = ()
 ) -> Callable[[type[ModelT]], type[ModelT]]:
     """Decorate a body: add the fields of a request of the library to those that the class states itself.
@@ -33,7 +33,7 @@ def asks(
     Parameters
     ----------
     science : type
-        A frozen dataclass whose fields say what they are (`dynident.asking.said`).
+        A frozen dataclass whose fields say what they are (`dynident.asking.declare_field`).
     but : str
         Fields that are no part of the contract.
     only : tuple of str, optional
@@ -42,61 +42,61 @@ def asks(
         Those that may be null for their default.
     """
 
-    def made(body: type[ModelT]) -> type[ModelT]:
+    def build_body(body: type[ModelT]) -> type[ModelT]:
         own = body.model_fields
         for request_field in fields(science):
             if request_field.name in own and own[request_field.name].description is None:
                 # Of another type there; what it means is said once.
-                own[request_field.name].description = said_of(request_field).sentence or None
+                own[request_field.name].description = get_description(request_field).sentence or None
         derived = {
-            request_field.name: _derived(science, request_field, request_field.name in or_null)
+            request_field.name: _derive_field(science, request_field, request_field.name in or_null)
             for request_field in fields(science)
             if request_field.name not in (*but, *own)
             and (only is None or request_field.name in only)
-            and not said_of(request_field).local
+            and not get_description(request_field).local
         }
         model: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
         if only is None:
             BODIES[science] = model
-        SCIENCE[model] = science
+        REQUESTS[model] = science
         return model
 
-    return made
+    return build_body
 
 
-def query_of(science: type) -> object:
+def derive_query(science: type) -> object:
     """Build the model of a query that asks for a request of the library; other parameters are ignored."""
     derived: dict[str, Any] = {
-        request_field.name: _derived(science, request_field) for request_field in fields(science)
+        request_field.name: _derive_field(science, request_field) for request_field in fields(science)
     }
-    return create_model(science.__name__, __base__=Queried, **derived)
+    return create_model(science.__name__, __base__=QueryModel, **derived)
 
 
-def body_of(science: type) -> type[BaseModel]:
+def find_body(science: type) -> type[BaseModel]:
     """Return the body of a request of the library, or of a part of one."""
     if science not in BODIES:
-        plain: type[BaseModel] = create_model(science.__name__, __base__=Asked, __doc__=science.__doc__)
-        asks(science)(plain)
+        plain: type[BaseModel] = create_model(science.__name__, __base__=RequestModel, __doc__=science.__doc__)
+        derive_body(science)(plain)
     return BODIES[science]
 
 
-def _derived(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
-    about = said_of(request_field)
+def _derive_field(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
+    about = get_description(request_field)
     if about.kinds is None:
-        hint = _on_the_wire(hint_of(science, request_field), about)
+        hint = _to_wire_type(resolve_hint(science, request_field), about)
         hint = hint | None if or_null else hint
     else:
-        hint = _one_of(about, optional=or_null or "None" in str(request_field.type))
-    default = None if or_null else default_of(request_field)
+        hint = _build_choice_type(about, optional=or_null or "None" in str(request_field.type))
+    default = None if or_null else get_default(request_field)
     several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
     if several and isinstance(default, tuple):
         default = list(default)
-    return hint, _described(about, default, sized=several or hint is str)
+    return hint, _build_field(about, default, sized=several or hint is str)
 
 
-def choices_shown(kinds: Named) -> JsonDict:
+def describe_choices(kinds: NamedValues) -> JsonDict:
     """Return the schema extension that lists the choices of a field."""
     choices: list[JsonValue] = [
         {"name": choice.name, "label": choice.label or choice.name, "words": choice.words} for choice in kinds.choices
@@ -104,62 +104,62 @@ def choices_shown(kinds: Named) -> JsonDict:
     return {"x-choices": choices}
 
 
-def _described(about: Said, default: Any, sized: bool) -> Any:
+def _build_field(about: FieldDescription, default: Any, sized: bool) -> Any:
     extra: dict[str, Any] = {}
     if about.unit:
         extra["x-unit"] = about.unit
     if about.kinds is not None:
-        extra |= choices_shown(about.kinds)
+        extra |= describe_choices(about.kinds)
     schema: dict[str, Any] = {"description": about.sentence or None, "json_schema_extra": extra or None}
     if sized:
         schema |= {"min_length": about.fewest, "max_length": about.most}
-    return wire_field(default=... if default is MISSING else _default(default), **schema)
+    return wire_field(default=... if default is MISSING else _wire_default(default), **schema)
 
 
-def _default(value: Any) -> Any:
+def _wire_default(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        return body_of(type(value))()
+        return find_body(type(value))()
     return dict(value) if isinstance(value, Mapping) else value
 
 
-def _range(about: Said) -> dict[str, float | None]:
+def _build_range(about: FieldDescription) -> dict[str, float | None]:
     return {"gt": about.above, "ge": about.at_least, "le": about.at_most}
 
 
-def _one_of(about: Said, optional: bool) -> Any:
+def _build_choice_type(about: FieldDescription, optional: bool) -> Any:
     kinds = about.kinds
     assert kinds is not None
     hint: Any = Literal[kinds.names]
-    if isinstance(kinds, Kinds):
+    if isinstance(kinds, Registry):
         for kind in kinds:
             if fields(kind):
-                hint = hint | _with_options(kind)
+                hint = hint | _build_kind_model(kind)
     return hint | None if optional else hint
 
 
-def _with_options(kind: type[Kind]) -> type[BaseModel]:
+def _build_kind_model(kind: type[RegistryEntry]) -> type[BaseModel]:
     name_field: dict[str, Any] = {"name": (Literal[kind.name], ...)}
-    derived = {option_field.name: _derived(kind, option_field) for option_field in fields(kind)}
+    derived = {option_field.name: _derive_field(kind, option_field) for option_field in fields(kind)}
     model: type[BaseModel] = create_model(  # type: ignore[call-overload]
-        kind.__name__, __base__=Asked, __doc__=kind.__doc__, **name_field, **derived
+        kind.__name__, __base__=RequestModel, __doc__=kind.__doc__, **name_field, **derived
     )
-    BODIES[kind], SCIENCE[model] = model, kind
+    BODIES[kind], REQUESTS[model] = model, kind
     return model
 
 
-def _on_the_wire(hint: Any, about: Said) -> Any:
+def _to_wire_type(hint: Any, about: FieldDescription) -> Any:
     origin, parts = get_origin(hint), get_args(hint)
     if is_dataclass(hint) and isinstance(hint, type):
-        return body_of(hint)
+        return find_body(hint)
     if origin is tuple and parts[-1] is Ellipsis:
-        return list[_on_the_wire(parts[0], about)]  # type: ignore[misc]
+        return list[_to_wire_type(parts[0], about)]  # type: ignore[misc]
     if origin is tuple:
-        return tuple[tuple(_on_the_wire(part, about) for part in parts)]  # type: ignore[misc]
+        return tuple[tuple(_to_wire_type(part, about) for part in parts)]  # type: ignore[misc]
     if origin in (Union, UnionType):
-        return Union[tuple(part if part is NoneType else _on_the_wire(part, about) for part in parts)]  # noqa: UP007
+        return Union[tuple(part if part is NoneType else _to_wire_type(part, about) for part in parts)]  # noqa: UP007
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return dict[parts[0], _on_the_wire(parts[1], about)]  # type: ignore[misc,valid-type]
+        return dict[parts[0], _to_wire_type(parts[1], about)]  # type: ignore[misc,valid-type]
     if hint in (int, float):
-        ends = {name: end for name, end in _range(about).items() if end is not None}
+        ends = {name: end for name, end in _build_range(about).items() if end is not None}
         return Annotated[hint, wire_field(**ends)] if ends else hint  # type: ignore[call-overload]
     return hint

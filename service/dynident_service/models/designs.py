@@ -10,26 +10,34 @@ from pydantic import Field
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
-from dynident_service.models.common import Asked, At, Computed, Effects, Identifier, Shown, Wanted
-from dynident_service.models.derived import asks
+from dynident_service.models.common import (
+    Computed,
+    Effects,
+    Identifier,
+    NamedRequest,
+    RequestModel,
+    SourcePath,
+    ViewModel,
+)
+from dynident_service.models.derived import derive_body
 from dynident_service.models.geometry import Point
 from dynident_service.models.robots import Limits
 
 
-@asks(CriterionChoice)
-class Criterion(Asked):
+@derive_body(CriterionChoice)
+class Criterion(RequestModel):
     """How exciting a motion is (§12.3.4.1)."""
 
     effects: Effects = Field(default=[])
 
 
-@asks(TrajectoryRequest)
-class Trajectory(Asked):
+@derive_body(TrajectoryRequest)
+class Trajectory(RequestModel):
     """The family of motions."""
 
 
-@asks(Designed, or_null=("model",))
-class DesignRequest(Wanted):
+@derive_body(Designed, or_null=("model",))
+class DesignRequest(NamedRequest):
     """An experiment wanted."""
 
     robot_id: Identifier
@@ -40,17 +48,17 @@ class DesignRequest(Wanted):
     )
 
 
-_OrInfinite = Annotated[float | None, At(null=inf)]
+_OrInfinite = Annotated[float | None, SourcePath(null=inf)]
 
 
-class CriterionValues(Shown):
+class CriterionValues(ViewModel):
     """What a motion is worth; singular values are those of W / √N."""
 
     condition_number: _OrInfinite = Field(description="[12.12]; null where W has no full rank")
     criterion: _OrInfinite
     smallest_singular_value: _OrInfinite
     largest_singular_value: _OrInfinite
-    log_determinant: Annotated[float | None, At(null=-inf)]
+    log_determinant: Annotated[float | None, SourcePath(null=-inf)]
     trace_of_inverse: _OrInfinite
 
 
@@ -61,7 +69,7 @@ class BaselineValues(CriterionValues):
     median_condition_number: _OrInfinite
 
 
-class Margin(Shown):
+class Margin(ViewModel):
     """How near the motion comes to a limit, on a fine grid."""
 
     joint: str = Field(
@@ -75,7 +83,7 @@ class Margin(Shown):
     share: _OrInfinite = Field(description="Of the room that is used: 1 touches the limit")
 
 
-class ExpectedParameter(Shown):
+class ExpectedParameter(ViewModel):
     """How well one parameter will come out."""
 
     name: str
@@ -86,7 +94,7 @@ class ExpectedParameter(Shown):
     standard_deviation: float | None = Field(description="null where no noise is stated or it is not determined")
 
 
-class Run(Shown):
+class Run(ViewModel):
     """One test motion of a set."""
 
     label: str
@@ -95,7 +103,7 @@ class Run(Shown):
     end: float = Field(description="s")
 
 
-class DesignResult(Shown):
+class DesignResult(ViewModel):
     """A verified experiment."""
 
     criterion_values: CriterionValues
@@ -107,16 +115,16 @@ class DesignResult(Shown):
     exciting: tuple[float, float] = Field(description="Seconds between which the exciting part lies")
     period: float | None
     parameter_names: list[str]
-    expected_parameters: Annotated[list[ExpectedParameter], At("expected")] = Field(
+    expected_parameters: Annotated[list[ExpectedParameter], SourcePath("expected")] = Field(
         default=[], description="How well they will come out"
     )
-    joints: Annotated[list[str], At("joint_names")]
+    joints: Annotated[list[str], SourcePath("joint_names")]
     runs: list[Run] = Field(default=[], description="Of a set of test motions; numbered in the trajectory's segment")
     notes: list[str]
     warnings: list[str] = Field(default=[], description="The notes without which nobody should run the motion")
 
 
-class TrajectorySamples(Shown):
+class TrajectorySamples(ViewModel):
     """A trajectory sample by sample, [sample][joint]."""
 
     joints: list[str]
@@ -126,14 +134,14 @@ class TrajectorySamples(Shown):
     ddq: list[list[float]]
 
 
-class Other(Shown):
+class Other(ViewModel):
     """What a link may be near to: another link, or a part of the surroundings."""
 
     name: str
     frame: int | None = Field(description="Place in the frames of the robot's geometry; null on the base")
 
 
-class LinkClearances(Shown):
+class LinkClearances(ViewModel):
     """What a link is nearest to, sample by sample: what leaves least over the distance that is wanted."""
 
     name: str
@@ -146,14 +154,14 @@ class LinkClearances(Shown):
     there: list[Point] = Field(description="Nearest point of the other in its own frame, m")
 
 
-class WallPlane(Shown):
+class WallPlane(ViewModel):
     """The plane of a wall."""
 
     point: Point = Field(description="m, in the base frame")
     along: tuple[Point, Point] = Field(description="Unit vectors in it, at right angles")
 
 
-class DesignClearances(Shown):
+class DesignClearances(ViewModel):
     """How near each link is to others and to the surroundings along a motion, and what these look like."""
 
     t: list[float] = Field(description="s")

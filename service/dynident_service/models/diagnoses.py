@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from dynident.diagnosis.stated import DiagnosisChoices
-from dynident_service.models.common import At, Computed, EffectChoice, Identifier, Shown, Wanted
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Computed, EffectChoice, Identifier, NamedRequest, SourcePath, ViewModel
+from dynident_service.models.derived import derive_body
 
 
-@asks(DiagnosisChoices, or_null=("max_effects",))
-class DiagnosisRequest(Wanted):
+@derive_body(DiagnosisChoices, or_null=("max_effects",))
+class DiagnosisRequest(NamedRequest):
     """Which model is questioned, on which measurements."""
 
     identification_id: Identifier
@@ -25,12 +25,12 @@ class DiagnosisRequest(Wanted):
     )
 
 
-class Candidate(Shown):
+class Candidate(ViewModel):
     """One family of effects, at its best place and shape; errors are relative, held out, on the joints named."""
 
     rank: int
-    effect: Annotated[str, At("choice.effect")]
-    joints: Annotated[list[str], At("choice.joints")]
+    effect: Annotated[str, SourcePath("choice.effect")]
+    joints: Annotated[list[str], SourcePath("choice.joints")]
     error_before: float | None
     error_after: float | None
     error_drop: float | None
@@ -40,19 +40,19 @@ class Candidate(Shown):
     evidence: str
     equivalent: list[str] = Field(description="Effects that this data cannot tell apart from it")
     separability: float | None = Field(description="Share of its column that is left after the model")
-    shape_parameters: Annotated[dict[str, float], At("choice.shape")]
-    runs: Annotated[list[str], At("choice.runs")] = Field(
+    shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")]
+    runs: Annotated[list[str], SourcePath("choice.runs")] = Field(
         default=[], description="Labels of the runs that it is in; none: in all of them"
     )
 
 
-class ChangedValue(Shown):
+class ChangedValue(ViewModel):
     """A number that is another one since."""
 
     parameter: str
     value: float = Field(description="The difference")
     unit: str
-    interval: Annotated[tuple[float | None, float | None], At(null=(-inf, inf))] = Field(
+    interval: Annotated[tuple[float | None, float | None], SourcePath(null=(-inf, inf))] = Field(
         description="Holds the true difference in 95 of 100 cases"
     )
     before: float | None = Field(default=None, description="What it was, where the model has it")
@@ -61,32 +61,34 @@ class ChangedValue(Shown):
 class Change(ChangedValue):
     """What the later measurements have and the baseline has not."""
 
-    effect: Annotated[str, At("choice.effect")]
-    joints: Annotated[list[str], At("choice.joints")] = Field(
+    effect: Annotated[str, SourcePath("choice.effect")]
+    joints: Annotated[list[str], SourcePath("choice.joints")] = Field(
         description="Of a mass: the joint of the link that carries it"
     )
-    shape_parameters: Annotated[dict[str, float], At("choice.shape")] = Field(default={})
-    runs: Annotated[list[str], At("choice.runs")] = Field(default=[], description="The later runs, that have it")
+    shape_parameters: Annotated[dict[str, float], SourcePath("choice.shape")] = Field(default={})
+    runs: Annotated[list[str], SourcePath("choice.runs")] = Field(
+        default=[], description="The later runs, that have it"
+    )
     p_value: float | None
     evidence: str
     equivalent: list[str] = Field(default=[], description="Effects, or joints, that this data cannot tell from it")
     more: list[ChangedValue] = Field(default=[], description="Its other parameters")
 
 
-class FrictionDifference(Shown):
+class FrictionDifference(ViewModel):
     """How much more of a joint's torque goes into friction in the later measurements, a finding or not."""
 
     joint: str
     speed: float = Field(description="Its mean speed there, rad/s or m/s, at which the others are")
     value: float = Field(description="The difference")
-    interval: Annotated[tuple[float | None, float | None], At(null=(-inf, inf))] = Field(
+    interval: Annotated[tuple[float | None, float | None], SourcePath(null=(-inf, inf))] = Field(
         description="Holds the true difference in 95 of 100 cases"
     )
     unit: str
     before: float = Field(description="What it would have been without the difference")
 
 
-class UnknownPattern(Shown):
+class UnknownPattern(ViewModel):
     """A dependence of the residual that no effect of the catalogue explains."""
 
     joint: str
@@ -94,7 +96,7 @@ class UnknownPattern(Shown):
     share: float | None
 
 
-class NotVisible(Shown):
+class NotVisible(ViewModel):
     """An effect that this data could not have shown."""
 
     effect: str
@@ -102,7 +104,7 @@ class NotVisible(Shown):
     reason: str
 
 
-class FailureSpot(Shown):
+class FailureSpot(ViewModel):
     """Where a joint's residual is large over one variable."""
 
     joint: str
@@ -114,17 +116,19 @@ class FailureSpot(Shown):
     ratio: float | None
 
 
-class Separation(Shown):
+class Separation(ViewModel):
     """How well an effect can be told from all else that may explain the same residual."""
 
     parameter: str = Field(description="The one that comes out best")
     unit: str
     share: float = Field(description="What is left of its column beside the model and the rival")
-    standard_deviation: Annotated[float | None, At(null=inf)] = Field(description="null where nothing determines it")
+    standard_deviation: Annotated[float | None, SourcePath(null=inf)] = Field(
+        description="null where nothing determines it"
+    )
     t_value: float | None = Field(description="The amplitude found so far over it; null where none is known")
 
 
-class NextExperiment(Shown):
+class NextExperiment(ViewModel):
     """The experiment that would tell more."""
 
     reason: str
@@ -136,7 +140,7 @@ class NextExperiment(Shown):
     instructions: list[str] = Field(default=[], description="What people have to do beside running it")
 
 
-class DiagnosisResult(Shown):
+class DiagnosisResult(ViewModel):
     """What is missing in a model."""
 
     verdict: Literal["adequate", "missing_effect", "unexplained"]
@@ -157,7 +161,7 @@ class DiagnosisResult(Shown):
     )
 
 
-class Evidence(Shown):
+class Evidence(ViewModel):
     """A joint's residual beside a ranked effect, in bins that hold about equally many samples."""
 
     rank: int
@@ -170,7 +174,7 @@ class Evidence(Shown):
     variable: Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"] = Field(
         description="What the effect depends on most plainly"
     )
-    variable_unit: Annotated[str, At("unit")]
+    variable_unit: Annotated[str, SourcePath("unit")]
     x: list[float] = Field(description="Mean of the variable in each bin")
     residual: list[float] = Field(description="Mean residual of the model without the effect")
     spread: list[float] = Field(description="Standard deviation of the residual in the bin")
@@ -185,13 +189,13 @@ class DiagnosisView(Computed[DiagnosisRequest, DiagnosisResult]):
     """A diagnosis."""
 
 
-class Day(Wanted):
+class Day(NamedRequest):
     """The measurements of one day; without a name that of the first of them."""
 
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
 
 
-class SeriesRequest(Wanted):
+class SeriesRequest(NamedRequest):
     """Which robot is followed over which days."""
 
     identification_id: Identifier
@@ -209,7 +213,7 @@ class SeriesChange(Change):
     latest: str = Field(description="Up to here")
 
 
-class Course(Shown):
+class Course(ViewModel):
     """One parameter day by day; null where the motion of that day does not determine it."""
 
     parameter: str
@@ -224,7 +228,7 @@ class Course(Shown):
     )
 
 
-class SeriesResult(Shown):
+class SeriesResult(ViewModel):
     """What has changed over the days, since when, and the course of every parameter."""
 
     summary: str

@@ -7,16 +7,16 @@ from typing import Annotated
 from pydantic import Field
 
 from dynident.identification.loads.known import KnownLoad
-from dynident_service.models.common import Computed, Identifier, Shown, Wanted
-from dynident_service.models.derived import asks
-from dynident_service.models.tables import Tabled
+from dynident_service.models.common import Computed, Identifier, NamedRequest, ViewModel
+from dynident_service.models.derived import derive_body
+from dynident_service.models.tables import WithTables
 from dynident_service.models.validations import DriveGainView
 
 Measurements = Annotated[list[Identifier], Field(min_length=1, max_length=100)]
 
 
-@asks(KnownLoad)
-class DriveGainsRequest(Wanted):
+@derive_body(KnownLoad)
+class DriveGainsRequest(NamedRequest):
     """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
 
     robot_id: Identifier
@@ -38,7 +38,7 @@ class IdentifiedGain(DriveGainView):
     unit: str = Field(description="N m/A or N/A; - where the robot states no gain: a factor on the recorded torque")
 
 
-class WeighedLoad(Shown):
+class WeighedLoad(ViewModel):
     """A load weighed with the identified gains."""
 
     measurement_id: str
@@ -50,7 +50,7 @@ class WeighedLoad(Shown):
     identifiable: bool = Field(description="Whether the interval leaves out zero: whether a load shows at all")
 
 
-class DriveGainsResult(Shown):
+class DriveGainsResult(ViewModel):
     """Drive gains of all joints."""
 
     gains: list[IdentifiedGain] = Field(description="In the robot's order of joints")
@@ -58,5 +58,5 @@ class DriveGainsResult(Shown):
     warnings: list[str]
 
 
-class DriveGainsView(Computed[DriveGainsRequest, DriveGainsResult], Tabled):
+class DriveGainsView(Computed[DriveGainsRequest, DriveGainsResult], WithTables):
     """Drive gains from runs without and with a known load."""

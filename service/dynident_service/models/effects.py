@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import ViewModel
 
 
-class EffectParameter(Shown):
+class EffectParameter(ViewModel):
     """One parameter of an effect."""
 
     name: str
@@ -18,14 +18,14 @@ class EffectParameter(Shown):
     description: str
 
 
-class ShapeWord(Shown):
+class ShapeWord(ViewModel):
     """What a value of a constant means that is a choice between kinds."""
 
     value: float
     word: str
 
 
-class ShapeParameter(Shown):
+class ShapeParameter(ViewModel):
     """A constant inside an effect's columns, searched for rather than solved for."""
 
     name: str
@@ -35,7 +35,7 @@ class ShapeParameter(Shown):
     words: list[ShapeWord] = Field(description="Empty where the constant is a number")
 
 
-class EffectView(Shown):
+class EffectView(ViewModel):
     """A physical cause of joint torque."""
 
     id: str
@@ -49,7 +49,7 @@ class EffectView(Shown):
     scope: Literal["joint", "robot"]
 
 
-class Catalogue(Shown):
+class Catalogue(ViewModel):
     """All effects."""
 
     items: list[EffectView]

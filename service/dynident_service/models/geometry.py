@@ -6,12 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Asked, Shown
+from dynident_service.models.common import RequestModel, ViewModel
 
 Point = tuple[float, float, float]
 
 
-class FrameView(Shown):
+class FrameView(ViewModel):
     """The frame of a joint that carries a link; it moves with its joint."""
 
     name: str
@@ -26,7 +26,7 @@ class FrameView(Shown):
     offset: float = Field(description="rad or m")
 
 
-class CapsuleView(Shown):
+class CapsuleView(ViewModel):
     """All points within a radius of a segment, fixed to a frame: encloses a part of the link's collision geometry."""
 
     frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
@@ -35,7 +35,7 @@ class CapsuleView(Shown):
     radius: float = Field(description="m")
 
 
-class SurfaceView(Shown):
+class SurfaceView(ViewModel):
     """The surface of a link's meshes as triangles, fixed to a frame; thinned, for pictures."""
 
     frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
@@ -43,14 +43,14 @@ class SurfaceView(Shown):
     triangles: list[tuple[int, int, int]] = Field(description="Places in the list of points")
 
 
-class LoopEndView(Shown):
+class LoopEndView(ViewModel):
     """One side of a cut joint: a frame fixed to a link."""
 
     frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
     placement: list[list[float]] = Field(description="4 x 4: from this side to that frame")
 
 
-class LoopView(Shown):
+class LoopView(ViewModel):
     """A closed loop: the two sides coincide, wholly, in their origins, or in the xy plane of the first."""
 
     name: str
@@ -58,7 +58,7 @@ class LoopView(Shown):
     ends: tuple[LoopEndView, LoopEndView]
 
 
-class GeometryView(Shown):
+class GeometryView(ViewModel):
     """What a picture of the robot needs; lengths in m, angles in rad."""
 
     joints: list[str] = Field(description="The robot's joints, in the order of ratios")
@@ -75,7 +75,7 @@ class GeometryView(Shown):
 Posture = Annotated[list[float], Field(min_length=1, max_length=200)]
 
 
-class PosturesRequest(Asked):
+class PosturesRequest(RequestModel):
     """Postures of a robot."""
 
     positions: list[Posture] = Field(
@@ -83,7 +83,7 @@ class PosturesRequest(Asked):
     )
 
 
-class PosesView(Shown):
+class PosesView(ViewModel):
     """Where the frames of a robot's geometry are."""
 
     poses: list[list[list[float] | None]] = Field(

@@ -14,16 +14,16 @@ from dynident.identification.essential_choices import EssentialChoices
 from dynident.recordings.stated import PreprocessingChoices
 from dynident_service.models.common import (
     LARGEST_BATCH,
-    Asked,
-    At,
     Computed,
     EffectChoice,
     Identifier,
     Labelled,
-    Shown,
-    Wanted,
+    NamedRequest,
+    RequestModel,
+    SourcePath,
+    ViewModel,
 )
-from dynident_service.models.derived import asks, query_of
+from dynident_service.models.derived import derive_body, derive_query
 from dynident_service.models.revisions import SeenMeasurement
 from dynident_service.models.tables import Table
 from dynident_service.storage.records import State
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     EssentialQuery = EssentialChoices
     ExportQuery = ExportChoices
 else:
-    EssentialQuery = query_of(EssentialChoices)
-    ExportQuery = query_of(ExportChoices)
+    EssentialQuery = derive_query(EssentialChoices)
+    ExportQuery = derive_query(ExportChoices)
 
 
-@asks(PreprocessingChoices)
-class Preprocessing(Asked):
+@derive_body(PreprocessingChoices)
+class Preprocessing(RequestModel):
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
 
-@asks(IdentificationChoices, "tolerance")
-class IdentificationRequest(Wanted):
+@derive_body(IdentificationChoices, "tolerance")
+class IdentificationRequest(NamedRequest):
     """What is to be identified, from which measurements, and how."""
 
     robot_id: Identifier
@@ -59,13 +59,13 @@ class IdentificationRequest(Wanted):
     preprocessing: Preprocessing | Literal["auto"] = "auto"
 
 
-class ExtensionRequest(Wanted):
+class ExtensionRequest(NamedRequest):
     """Effects to be added to an identified model."""
 
     effects: list[EffectChoice] = Field(min_length=1, max_length=200)
 
 
-class RemovalRequest(Wanted):
+class RemovalRequest(NamedRequest):
     """Effects to be taken out of an identified model."""
 
     effects: list[EffectChoice] = Field(
@@ -80,7 +80,7 @@ class StoredIdentification(IdentificationRequest):
     removed: list[EffectChoice] = Field(default=[])
 
 
-class ParameterView(Shown):
+class ParameterView(ViewModel):
     """One base parameter."""
 
     name: str
@@ -101,14 +101,14 @@ class ParameterView(Shown):
     effect: str
     link: str
     grouping: str = Field(description="Written out in standard parameters")
-    shape_parameters: Annotated[dict[str, float], At("shape")]
+    shape_parameters: Annotated[dict[str, float], SourcePath("shape")]
     interval: tuple[float | None, float | None] = Field(
         default=(None, None), description="Holds the true value in 95 of 100 cases"
     )
     essential: bool = Field(default=True, description="False: set to zero as not essential")
 
 
-class ShapeConstantView(Shown):
+class ShapeConstantView(ViewModel):
     """A constant inside an effect's columns: a Stribeck velocity, a slip distance, the frequency of a ripple."""
 
     effect: str
@@ -126,7 +126,7 @@ class ShapeConstantView(Shown):
     note: str = Field(description="Why there is no interval, or what is odd about it; empty where nothing is")
 
 
-class ErrorFigures(Shown):
+class ErrorFigures(ViewModel):
     """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
 
     rms: list[float | None] = Field(description="Per joint")
@@ -143,7 +143,7 @@ class ErrorsView(ErrorFigures):
     sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
 
 
-class UsedPreprocessing(Shown):
+class UsedPreprocessing(ViewModel):
     """The filters that were used, and why."""
 
     position_cutoff: float | None
@@ -153,25 +153,25 @@ class UsedPreprocessing(Shown):
     reasons: list[str]
 
 
-class StepView(Shown):
+class StepView(ViewModel):
     """A model on the way from the parent to this one, with one effect more than the one before."""
 
-    added: Annotated[list[EffectChoice], At("step.added")]
-    n_parameters: Annotated[int, At("model.n_parameters")]
-    residual: Annotated[ErrorsView, At("fit")]
-    validation: Annotated[ErrorsView | None, At("held_out")]
+    added: Annotated[list[EffectChoice], SourcePath("step.added")]
+    n_parameters: Annotated[int, SourcePath("model.n_parameters")]
+    residual: Annotated[ErrorsView, SourcePath("fit")]
+    validation: Annotated[ErrorsView | None, SourcePath("held_out")]
 
 
-class IdentificationResult(Shown):
+class IdentificationResult(ViewModel):
     """An identified model."""
 
     parameters: list[ParameterView]
     shape_constants: list[ShapeConstantView] = Field(
         default=[], description="How sure the effects' shape constants are, the other parameters accounted for"
     )
-    residual: Annotated[ErrorsView, At("fit")]
-    validation: Annotated[ErrorsView | None, At("held_out")]
-    copied: Annotated[list[str], At("data.copied")] = Field(
+    residual: Annotated[ErrorsView, SourcePath("fit")]
+    validation: Annotated[ErrorsView | None, SourcePath("held_out")]
+    copied: Annotated[list[str], SourcePath("data.copied")] = Field(
         default=[], description="Held-out measurements, by name, with samples that the model was fitted to"
     )
     converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")
@@ -180,7 +180,7 @@ class IdentificationResult(Shown):
     equations_per_parameter: float
     effective_rows: list[float] = Field(description="Independent samples that each joint's rows are worth")
     inertia_matrix_positive_definite: bool
-    effects: Annotated[list[EffectChoice], At("choices.effects")]
+    effects: Annotated[list[EffectChoice], SourcePath("choices.effects")]
     preprocessing: UsedPreprocessing
     warnings: list[str]
     dependence: list[str] = Field(default=[], description="Parameters that the motion determines only together")
@@ -188,7 +188,7 @@ class IdentificationResult(Shown):
     rungs: list[StepView] = Field(
         default=[], description="Models between the parent and this one: an extension makes one for every effect"
     )
-    joints: Annotated[list[str], At("model.robot.joint_names")]
+    joints: Annotated[list[str], SourcePath("model.robot.joint_names")]
     effort_units: list[str]
     measurements: list[SeenMeasurement] = Field(
         default=[], description="Which revision of which file the model saw; [] in models that an older version stored"
@@ -204,40 +204,40 @@ class IdentificationView(Computed[IdentificationRequest, IdentificationResult], 
     removed: list[EffectChoice] = Field(description="What was taken out of the parent.")
 
 
-class EssentialStepView(Shown):
+class EssentialStepView(ViewModel):
     """One parameter less."""
 
     name: str
-    relative_standard_deviation: Annotated[float | None, At("relative_deviation")] = Field(
+    relative_standard_deviation: Annotated[float | None, SourcePath("relative_deviation")] = Field(
         description="Before it went, a fraction"
     )
     ratio: float | None = Field(description="Of the largest to the smallest relative standard deviation")
     p_value: float = Field(description="How often noise alone would be as large as all that is taken out so far")
-    residual: Annotated[ErrorsView, At("fit")]
-    validation: Annotated[ErrorsView | None, At("held_out")]
+    residual: Annotated[ErrorsView, SourcePath("fit")]
+    validation: Annotated[ErrorsView | None, SourcePath("held_out")]
 
 
-class EssentialView(Shown):
+class EssentialView(ViewModel):
     """The essential parameters of a model: those left by backward elimination."""
 
     reason: str = Field(description="Why the elimination ended")
     essential: list[str]
     steps: list[EssentialStepView]
     parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
-    residual: Annotated[ErrorsView, At("identification.fit")]
-    validation: Annotated[ErrorsView | None, At("identification.held_out")]
+    residual: Annotated[ErrorsView, SourcePath("identification.fit")]
+    validation: Annotated[ErrorsView | None, SourcePath("identification.held_out")]
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
 
 
-class CorrelationView(Shown):
+class CorrelationView(ViewModel):
     """How the estimates of the parameters depend on one another."""
 
-    parameters: Annotated[list[str], At("names")]
+    parameters: Annotated[list[str], SourcePath("names")]
     correlation: list[list[float | None]] = Field(description="Row by row, in the order of `parameters`")
     sentences: list[str] = Field(description="What the motion determines only together, worst first")
 
 
-class Rung(Shown):
+class Rung(ViewModel):
     """One model of the ladder."""
 
     id: str
@@ -247,19 +247,19 @@ class Rung(Shown):
     name: str | None
     parent_id: str | None
     status: str
-    added: Annotated[list[EffectChoice], At("step.added")]
-    removed: Annotated[list[EffectChoice], At("step.removed")]
-    effects: Annotated[list[EffectChoice], At("choices.effects")]
-    n_parameters: Annotated[int | None, At("model.n_parameters")]
-    residual: Annotated[ErrorsView | None, At("fit")]
-    validation: Annotated[ErrorsView | None, At("held_out")]
+    added: Annotated[list[EffectChoice], SourcePath("step.added")]
+    removed: Annotated[list[EffectChoice], SourcePath("step.removed")]
+    effects: Annotated[list[EffectChoice], SourcePath("choices.effects")]
+    n_parameters: Annotated[int | None, SourcePath("model.n_parameters")]
+    residual: Annotated[ErrorsView | None, SourcePath("fit")]
+    validation: Annotated[ErrorsView | None, SourcePath("held_out")]
     best: bool = Field(default=False, description="The smallest validation error of the ladder")
     rises: bool = Field(
         default=False, description="Above the best rung, with a larger validation error: what was added does harm"
     )
 
 
-class RungDifference(Shown):
+class RungDifference(ViewModel):
     """The same rung of two ladders: this ladder's error minus the other's, negative where this one is better."""
 
     rung: int = Field(description="From 1, the first model")
@@ -272,7 +272,7 @@ class RungDifference(Shown):
     validation_total: float | None
 
 
-class Lineage(Shown):
+class Lineage(ViewModel):
     """The models that led to one, the first one first; beside those that led to another, where asked."""
 
     items: list[Rung]
@@ -284,7 +284,7 @@ class Lineage(Shown):
     )
 
 
-class BatchRequest(Asked):
+class BatchRequest(RequestModel):
     """Many identifications, each as `POST /v1/identifications` takes it: all of them are accepted, or none."""
 
     items: list[IdentificationRequest] = Field(
@@ -292,7 +292,7 @@ class BatchRequest(Asked):
     )
 
 
-class BatchItem(Shown):
+class BatchItem(ViewModel):
     """One identification of a batch."""
 
     id: str
@@ -300,7 +300,7 @@ class BatchItem(Shown):
     status: State
 
 
-class BatchView(Shown):
+class BatchView(ViewModel):
     """Identifications that were asked for together."""
 
     id: str

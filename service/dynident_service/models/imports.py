@@ -8,22 +8,22 @@ from typing import Any
 from pydantic import Field
 
 from dynident.recordings.stated import EffortKind, RecordingMetadata
-from dynident_service.models.common import Asked, Identifier, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Identifier, Name, RequestModel, ViewModel
+from dynident_service.models.derived import derive_body
 from dynident_service.models.measurements import MeasurementMetadata
 
 _KNOWN_BEFOREHAND = ("columns", "units", "role", "windows", "rate")
 
 
-@asks(RecordingMetadata, only=_KNOWN_BEFOREHAND)
-class ImportMetadata(Asked):
+@derive_body(RecordingMetadata, only=_KNOWN_BEFOREHAND)
+class ImportMetadata(RequestModel):
     """What is known of a file beforehand; whatever is said here is not guessed."""
 
     robot_id: Identifier
     name: Name | None = Field(default=None, description="What to call it; else as the file is called")
 
 
-class GuessView(Shown):
+class GuessView(ViewModel):
     """One thing that was guessed."""
 
     field: str
@@ -32,7 +32,7 @@ class GuessView(Shown):
     reason: str
 
 
-class QuestionView(Shown):
+class QuestionView(ViewModel):
     """What has to be answered before the file can be used."""
 
     field: str
@@ -40,14 +40,14 @@ class QuestionView(Shown):
     choices: list[str] | None = None
 
 
-class PreviewView(Shown):
+class PreviewView(ViewModel):
     """The first rows as they are in the file."""
 
     columns: list[str]
     rows: list[list[float | None]]
 
 
-class InspectionView(Shown):
+class InspectionView(ViewModel):
     """What was found in a file."""
 
     sha256: str
@@ -72,7 +72,7 @@ class ImportView(ImportResult):
     expires_at: datetime
 
 
-class MeasurementOfImport(Asked):
+class MeasurementOfImport(RequestModel):
     """A measurement of a file that was imported; nothing is uploaded twice."""
 
     import_id: Identifier

@@ -6,12 +6,12 @@ from datetime import datetime
 
 from pydantic import Field
 
-from dynident_service.models.common import Progress, Shown
+from dynident_service.models.common import Progress, ViewModel
 from dynident_service.problems import Problem
 from dynident_service.storage.records import JobKind, State
 
 
-class JobResource(Shown):
+class JobResource(ViewModel):
     """The resource that a job computes."""
 
     kind: str
@@ -19,7 +19,7 @@ class JobResource(Shown):
     href: str
 
 
-class JobView(Shown):
+class JobView(ViewModel):
     """A computation: where it stands."""
 
     id: str

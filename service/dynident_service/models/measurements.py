@@ -8,20 +8,20 @@ from typing import Literal
 from pydantic import Field
 
 from dynident.recordings.stated import EffortKind, RecordingMetadata, Role
-from dynident_service.models.common import Asked, Identifier, Labelled, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Identifier, Labelled, Name, RequestModel, ViewModel
+from dynident_service.models.derived import derive_body
 from dynident_service.models.revisions import RevisionRequest
 
 
-@asks(RecordingMetadata)
-class MeasurementMetadata(Asked):
+@derive_body(RecordingMetadata)
+class MeasurementMetadata(RequestModel):
     """What is said about an uploaded file."""
 
     robot_id: Identifier
     name: Name
 
 
-class CheckView(Shown):
+class CheckView(ViewModel):
     """One thing that was looked at, what was found, and what to do about it."""
 
     name: str
@@ -40,7 +40,7 @@ class CheckView(Shown):
     )
 
 
-class SegmentView(Shown):
+class SegmentView(ViewModel):
     """A stretch of uniformly sampled rows that nothing is filtered across."""
 
     start_time: float
@@ -49,14 +49,14 @@ class SegmentView(Shown):
     label: int
 
 
-class PhasesView(Shown):
+class PhasesView(ViewModel):
     """Shares, 0 to 1, of what each joint does: it stands (or sticks), turns round, or else moves."""
 
     standing: list[float] = Field(description="Per joint: no rows of its friction, which may hold any torque there")
     reversing: list[float] = Field(description="Per joint: rows of friction that remembers the path alone")
 
 
-class MeasurementResult(Shown):
+class MeasurementResult(ViewModel):
     """What is in a recording."""
 
     sha256: str
@@ -93,7 +93,7 @@ class MeasurementView(MeasurementResult, Labelled):
     request: MeasurementMetadata
 
 
-class RawSignals(Shown):
+class RawSignals(ViewModel):
     """Signals of a measurement's file; nothing is filtered, mended or resampled."""
 
     units: dict[str, str] = Field(description="By signal; empty for a column of the file that is given as it stands")
@@ -102,14 +102,14 @@ class RawSignals(Shown):
     n_samples: int = Field(description="How many there are from `from` to `to`, of which these are shown")
 
 
-class StandstillsOfJoint(Shown):
+class StandstillsOfJoint(ViewModel):
     """When one joint stands."""
 
     joint: str
     standing: list[tuple[float, float]] = Field(description="Seconds of t, [from, to], one after another")
 
 
-class Standstills(Shown):
+class Standstills(ViewModel):
     """When every joint of a measurement stands: there friction may hold any torque."""
 
     joints: list[StandstillsOfJoint]

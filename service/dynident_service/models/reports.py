@@ -5,12 +5,12 @@ from __future__ import annotations
 from pydantic import Field
 
 from dynident.reports.stated import ReportChoices
-from dynident_service.models.common import Computed, Identifier, Shown, Wanted
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Computed, Identifier, NamedRequest, ViewModel
+from dynident_service.models.derived import derive_body
 
 
-@asks(ReportChoices)
-class ReportRequest(Wanted):
+@derive_body(ReportChoices)
+class ReportRequest(NamedRequest):
     """What is to be reported."""
 
     identification_id: Identifier
@@ -26,7 +26,7 @@ class ReportRequest(Wanted):
     )
 
 
-class ReportResult(Shown):
+class ReportResult(ViewModel):
     """The document that was made."""
 
     media_type: str

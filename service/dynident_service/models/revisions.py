@@ -7,12 +7,12 @@ from typing import Any, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from dynident.recordings.stated import Revision
-from dynident_service.models.common import Asked, Name, Shown
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Name, RequestModel, ViewModel
+from dynident_service.models.derived import derive_body
 
 
-@asks(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
-class RevisionRequest(Asked):
+@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
+class RevisionRequest(RequestModel):
     """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said.
 
     `columns`, `units`, `permutation`, `signs` and `scale` are merged with what was said, key by key. All fields but
@@ -22,11 +22,11 @@ class RevisionRequest(Asked):
     name: Name | None = None
 
     @model_serializer(mode="wrap")
-    def _only_what_is_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _drop_unset_fields(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {name: value for name, value in handler(self).items() if value is not None}
 
 
-class SeenMeasurement(Shown):
+class SeenMeasurement(ViewModel):
     """A measurement as a model saw it."""
 
     id: str

@@ -9,31 +9,31 @@ from pydantic import Field
 
 from dynident.descriptions import FORMATS, DescriptionFormat
 from dynident.robot import stated
-from dynident_service.models.common import Asked, Labelled, Name, Shown
-from dynident_service.models.derived import asks, choices_shown
+from dynident_service.models.common import Labelled, Name, RequestModel, ViewModel
+from dynident_service.models.derived import derive_body, describe_choices
 
 
-class Description(Asked):
+class Description(RequestModel):
     """What the robot is made from."""
 
-    format: DescriptionFormat = Field(json_schema_extra=choices_shown(FORMATS))
+    format: DescriptionFormat = Field(json_schema_extra=describe_choices(FORMATS))
     content: str | dict[str, Any] = Field(
         description="The URDF or MJCF; the modified Denavit-Hartenberg table, as JSON; or, as dh, a classical or "
         "modified table as text, whose first line says which."
     )
 
 
-@asks(stated.Limits)
-class Limits(Asked):
+@derive_body(stated.Limits)
+class Limits(RequestModel):
     """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W."""
 
 
-@asks(stated.Drive)
-class Drive(Asked):
+@derive_body(stated.Drive)
+class Drive(RequestModel):
     """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
 
 
-class MeshView(Shown):
+class MeshView(ViewModel):
     """A mesh that the description names for collisions."""
 
     name: str = Field(description="As in the description: package://…, or a path")
@@ -42,14 +42,14 @@ class MeshView(Shown):
     size: int | None = Field(default=None, description="Bytes")
 
 
-class MeshesView(Shown):
+class MeshesView(ViewModel):
     """What came of the meshes that were sent."""
 
     meshes: list[MeshView] = Field(description="All that the description names, in its order")
     unused: list[str] = Field(description="Files that were sent and that no mesh of the description means")
 
 
-class RobotRequest(Asked):
+class RobotRequest(RequestModel):
     """A robot to be stored."""
 
     name: Name
@@ -66,7 +66,7 @@ class RobotRequest(Asked):
     )
 
 
-class JointView(Shown):
+class JointView(ViewModel):
     """One moving joint."""
 
     name: str
@@ -78,7 +78,7 @@ class JointView(Shown):
     coupling: dict[str, float] = Field(default={}, description="Other joints that its motor acts on.")
 
 
-class BaseParametersView(Shown):
+class BaseParametersView(ViewModel):
     """The smallest set of inertial parameters that determines the model."""
 
     count: int
@@ -87,7 +87,7 @@ class BaseParametersView(Shown):
     groupings: list[str] = Field(description="Each written out in standard parameters.")
 
 
-class RobotResult(Shown):
+class RobotResult(ViewModel):
     """What follows from the description."""
 
     joints: list[JointView]

@@ -7,20 +7,20 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from dynident.recordings.stated import Role
-from dynident.simulation.stated import ActingEffect, Simulated, usual_effects
+from dynident.simulation.stated import ActingEffect, Simulated, list_usual_effects
 from dynident.simulation.stated import Sensors as Sensing
-from dynident_service.models.common import Asked, Computed, Identifier, Shown, Wanted
-from dynident_service.models.derived import asks
+from dynident_service.models.common import Computed, Identifier, NamedRequest, RequestModel, ViewModel
+from dynident_service.models.derived import derive_body
 from dynident_service.models.designs import Trajectory
 
 
-@asks(ActingEffect)
-class TrueEffect(Asked):
+@derive_body(ActingEffect)
+class TrueEffect(RequestModel):
     """An effect of the virtual robot; of a size as found on real arms where no parameters are given."""
 
 
-@asks(Sensing, "sampling_rate")
-class Noise(Asked):
+@derive_body(Sensing, "sampling_rate")
+class Noise(RequestModel):
     """Sensors of the virtual robot."""
 
 
@@ -30,7 +30,7 @@ Rows = Annotated[list[Row], Field(fail_fast=True, max_length=MOST_ROWS)]
 """[sample][joint]; the first that is wrong is told, not all of a million."""
 
 
-class Samples(Asked):
+class Samples(RequestModel):
     """A trajectory sample by sample: [sample][joint]; derivatives follow from q where they are not given."""
 
     t: list[float] = Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)
@@ -39,14 +39,14 @@ class Samples(Asked):
     ddq: Rows | None = None
 
 
-@asks(Simulated)
-class SimulationRequest(Wanted):
+@derive_body(Simulated)
+class SimulationRequest(NamedRequest):
     """A virtual robot to be measured."""
 
     robot_id: Identifier
     effects: list[TrueEffect] = Field(
         max_length=1000,
-        default=[TrueEffect.model_validate({"effect": effect.effect}) for effect in usual_effects()],
+        default=[TrueEffect.model_validate({"effect": effect.effect}) for effect in list_usual_effects()],
     )
     trajectory: Samples | Trajectory | None = Field(
         default=None, description="Samples; or a family, of which a random motion within the limits is taken."
@@ -55,13 +55,13 @@ class SimulationRequest(Wanted):
     role: Role | None = None
 
     @model_validator(mode="after")
-    def _one_motion(self) -> Self:
+    def _check_one_motion(self) -> Self:
         if (self.trajectory is None) == (self.design_id is None):
             raise ValueError("give either trajectory or design_id")
         return self
 
 
-class SimulationResult(Shown):
+class SimulationResult(ViewModel):
     """What the virtual robot's measurement is."""
 
     measurement_id: str = ""

@@ -6,17 +6,17 @@ from typing import Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import ViewModel
 
 
-class TableColumn(Shown):
+class TableColumn(ViewModel):
     """A column of a table."""
 
     word: str
     figures: bool = Field(description="Whether it holds figures")
 
 
-class TableCell(Shown):
+class TableCell(ViewModel):
     """What stands in one place of a table."""
 
     text: str
@@ -25,7 +25,7 @@ class TableCell(Shown):
     note: str = Field(description="What more there is to say to who asks")
 
 
-class Table(Shown):
+class Table(ViewModel):
     """A table in words: the same on the command line and in reports."""
 
     title: str
@@ -34,13 +34,13 @@ class Table(Shown):
     groups: list[str] = Field(description="The heading that each row stands under; [] where there are none")
 
 
-class Tables(Shown):
+class Tables(ViewModel):
     """Several tables."""
 
     items: list[Table]
 
 
-class Tabled(Shown):
+class WithTables(ViewModel):
     """What may be shown as tables."""
 
     tables: list[Table] = Field(

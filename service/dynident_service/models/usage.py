@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import ViewModel
 
 
-class Quota(Shown):
+class Quota(ViewModel):
     """How much there is of one thing, and how much there may be."""
 
     used: int
     allowed: int | None = Field(description="`null` where there is no limit")
 
 
-class KeyUsage(Shown):
+class KeyUsage(ViewModel):
     """What one key has."""
 
     key: str | None = Field(description="Its name; `null` has what no key sent, and what was there before keys counted")
@@ -23,7 +23,7 @@ class KeyUsage(Shown):
     jobs: Quota = Field(description="Queued or running")
 
 
-class UsageView(Shown):
+class UsageView(ViewModel):
     """What is used, key by key."""
 
     items: list[KeyUsage]

@@ -8,10 +8,10 @@ from pydantic import Field
 
 from dynident.validation.method import Method
 from dynident.validation.request import TRIALS, Stated
-from dynident_service.models.common import Asked, At, Computed, Identifier, Name, Shown
-from dynident_service.models.derived import asks, choices_shown
+from dynident_service.models.common import Computed, Identifier, Name, RequestModel, SourcePath, ViewModel
+from dynident_service.models.derived import derive_body, describe_choices
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
-from dynident_service.models.tables import Tabled
+from dynident_service.models.tables import WithTables
 
 if TYPE_CHECKING:
     ValidationKind = str
@@ -20,19 +20,19 @@ else:
 VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 
-@asks(Method)
-class MethodRequest(Asked):
+@derive_body(Method)
+class MethodRequest(RequestModel):
     """One way to identify."""
 
 
-@asks(Stated)
-class ValidationRequest(Asked):
+@derive_body(Stated)
+class ValidationRequest(RequestModel):
     """Which model is to be tried, and how."""
 
     identification_id: Identifier
     kind: ValidationKind = Field(
         description=" ".join(f"{choice.name}: {choice.words}" for choice in TRIALS.choices),
-        json_schema_extra=choices_shown(TRIALS),
+        json_schema_extra=describe_choices(TRIALS),
     )
     measurement_ids: list[Identifier] | None = Field(
         default=None,
@@ -44,7 +44,7 @@ class ValidationRequest(Asked):
     name: Name | None = None
 
 
-class MeasurementErrors(Shown):
+class MeasurementErrors(ViewModel):
     """Errors of the model on one measurement."""
 
     measurement_id: str
@@ -52,15 +52,15 @@ class MeasurementErrors(Shown):
     errors: ErrorsView
 
 
-class MethodView(Shown):
+class MethodView(ViewModel):
     """What one method gave on the data that all of them share."""
 
-    method: Annotated[str, At("method.words")] = Field(description="In words")
-    model: Annotated[str, At("method.model")]
-    strategy: Annotated[str, At("method.strategy")]
+    method: Annotated[str, SourcePath("method.words")] = Field(description="In words")
+    model: Annotated[str, SourcePath("method.model")]
+    strategy: Annotated[str, SourcePath("method.strategy")]
     estimator: str | dict[str, Any] = Field(description="Its name, or an object with its options")
-    steps: Annotated[str, At("method.steps")]
-    prior: Annotated[str | None, At("method.prior")]
+    steps: Annotated[str, SourcePath("method.steps")]
+    prior: Annotated[str | None, SourcePath("method.prior")]
     problem: str | None = Field(description="Why there is no result")
     values: list[float | None] | None = Field(description="Parameters in the order of `parameters`")
     standard_deviations: list[float | None] | None
@@ -79,7 +79,7 @@ class MethodView(Shown):
     warnings: list[str]
 
 
-class SimulationOnMeasurement(Shown):
+class SimulationOnMeasurement(ViewModel):
     """A simulated robot that followed a recorded motion."""
 
     measurement_id: str
@@ -88,11 +88,11 @@ class SimulationOnMeasurement(Shown):
     torque: ErrorsView | None = Field(description="Simulated against measured torque")
     position: list[float | None] | None = Field(description="rad or m, root mean square, per joint")
     position_share: list[float | None] | None = Field(description="The same over the range the joint moved through")
-    verdict: Annotated[VerdictWord, At("judged.verdict")]
-    reason: Annotated[str, At("judged.reason")]
+    verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
+    reason: Annotated[str, SourcePath("judged.reason")]
 
 
-class FilterTrialView(Shown):
+class FilterTrialView(ViewModel):
     """What one choice of filters leaves in the parameters of the simulated identification."""
 
     preprocessing: UsedPreprocessing
@@ -103,19 +103,19 @@ class FilterTrialView(Shown):
     problem: str | None
 
 
-class FiltersView(Shown):
+class FiltersView(ViewModel):
     """Filters by simulation of the identification."""
 
     used: FilterTrialView
     chosen: FilterTrialView
     trials: list[FilterTrialView]
-    position_noise: Annotated[list[float | None], At("noise.position")] = Field(
+    position_noise: Annotated[list[float | None], SourcePath("noise.position")] = Field(
         description="Of the encoders, rad or m, per joint"
     )
-    torque_noise: Annotated[list[float | None], At("noise.torque")] = Field(description="N m or N, per joint")
+    torque_noise: Annotated[list[float | None], SourcePath("noise.torque")] = Field(description="N m or N, per joint")
 
 
-class DriveGainView(Shown):
+class DriveGainView(ViewModel):
     """The drive gain [12.17] of one joint, from runs without and with a known load."""
 
     joint: str
@@ -125,31 +125,33 @@ class DriveGainView(Shown):
     identifiable: bool
 
 
-class PayloadView(Shown):
+class PayloadView(ViewModel):
     """A load weighed by runs without and with it."""
 
     measurement_id: str
     name: str
-    stated_mass: Annotated[float, At("stated")] = Field(description="kg")
-    identifiable: Annotated[bool, At("weighed.identifiable")] = Field(
+    stated_mass: Annotated[float, SourcePath("stated")] = Field(description="kg")
+    identifiable: Annotated[bool, SourcePath("weighed.identifiable")] = Field(
         description="Whether the motion tells the load from friction"
     )
-    mass: Annotated[float | None, At("weighed.mass")] = Field(description="kg; null where it is not identifiable")
-    interval: Annotated[tuple[float, float] | None, At("weighed.interval")] = Field(
+    mass: Annotated[float | None, SourcePath("weighed.mass")] = Field(
+        description="kg; null where it is not identifiable"
+    )
+    interval: Annotated[tuple[float, float] | None, SourcePath("weighed.interval")] = Field(
         description="Holds the true mass in 95 of 100 cases, kg"
     )
-    friction_shared: Annotated[float | None, At("weighed.alike.mass")] = Field(
+    friction_shared: Annotated[float | None, SourcePath("weighed.alike.mass")] = Field(
         description="kg, if friction is the same in all runs"
     )
-    friction_apart: Annotated[float | None, At("weighed.apart.mass")] = Field(
+    friction_apart: Annotated[float | None, SourcePath("weighed.apart.mass")] = Field(
         description="kg, if every run has friction of its own"
     )
     gains: list[DriveGainView] = Field(default=[], description="What they would have to be for the stated mass")
-    verdict: Annotated[VerdictWord, At("judged.verdict")]
-    reason: Annotated[str, At("judged.reason")]
+    verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
+    reason: Annotated[str, SourcePath("judged.reason")]
 
 
-class DrawnParameterView(Shown):
+class DrawnParameterView(ViewModel):
     """The standard deviation of one parameter, as told and over draws of stretches of time."""
 
     name: str = Field(description="A parameter, or ln and name of a shape constant that is searched for in ratios")
@@ -161,7 +163,7 @@ class DrawnParameterView(Shown):
     outside: bool
 
 
-class BootstrapView(Shown):
+class BootstrapView(ViewModel):
     """Standard deviations over draws of the reduced data's stretches of time, beside those that are told."""
 
     kind: Literal["wild", "pairs"] | None = Field(
@@ -173,12 +175,12 @@ class BootstrapView(Shown):
     parameters: list[DrawnParameterView]
 
 
-class ValidationResult(Shown):
+class ValidationResult(ViewModel):
     """What the model is worth by one test, with the verdict and its reason in a sentence."""
 
     kind: ValidationKind
-    verdict: Annotated[VerdictWord, At("judged.verdict")]
-    reason: Annotated[str, At("judged.reason")]
+    verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
+    reason: Annotated[str, SourcePath("judged.reason")]
     limit: float | None = Field(default=None, description="The relative error that was the limit")
     measurements: list[MeasurementErrors] = Field(default=[])
     total: ErrorsView | None = Field(default=None, description="Over all measurements")
@@ -197,5 +199,5 @@ class ValidationResult(Shown):
     bootstrap: BootstrapView | None = None
 
 
-class ValidationView(Computed[ValidationRequest, ValidationResult], Tabled):
+class ValidationView(Computed[ValidationRequest, ValidationResult], WithTables):
     """A validation."""

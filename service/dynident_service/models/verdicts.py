@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import ViewModel
 from dynident_service.models.identifications import ErrorsView
 from dynident_service.models.revisions import RevisionRequest
 
 
-class UseView(Shown):
+class UseView(ViewModel):
     """Whether the model is fit for a use."""
 
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
@@ -23,7 +23,7 @@ class UseView(Shown):
     next_step: str = Field(description="One thing to do next")
 
 
-class DriftView(Shown):
+class DriftView(ViewModel):
     """How far a simulation is off that is left alone under the measured torque, root mean square over many starts.
 
     null where it diverged, or where no stretch of the held-out data is that long.
@@ -36,7 +36,7 @@ class DriftView(Shown):
     starts: int
 
 
-class DetectableForceView(Shown):
+class DetectableForceView(ViewModel):
     """The force at the tool that shows above what the model leaves, at one false alarm an hour."""
 
     force: float = Field(description="N, in 95 % of the directions and the postures of the held-out motion")
@@ -46,7 +46,7 @@ class DetectableForceView(Shown):
     seconds: float = Field(description="Of held-out motion that this comes from")
 
 
-class StopView(Shown):
+class StopView(ViewModel):
     """The most probable cause of a gross mistake."""
 
     cause: str
@@ -56,7 +56,7 @@ class StopView(Shown):
     )
 
 
-class CommonView(Shown):
+class CommonView(ViewModel):
     """What held-out data share with those of the fit."""
 
     held_out_id: str
@@ -66,7 +66,7 @@ class CommonView(Shown):
     detail: str
 
 
-class VerdictView(Shown):
+class VerdictView(ViewModel):
     """What a model is fit for, and why or why not."""
 
     uses: list[UseView]

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from dynident_service.models.common import Computed, Page, Progress
-from dynident_service.problems import ProblemError, fields_of, unusable, validation_problem
+from dynident_service.problems import ProblemError, make_unusable, make_validation_problem, to_problem_fields
 from dynident_service.services import Services
 from dynident_service.storage.records import Kind, NewResource, Resource, Retry
 
@@ -44,12 +44,12 @@ class ListQuery:
 # These dependencies are asynchronous because they are short: FastAPI runs synchronous ones in a thread each.
 
 
-async def list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery:
+async def read_list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery:
     """Take the part of a list that is asked for."""
     return ListQuery(limit, cursor)
 
 
-async def labelled_query(
+async def read_labelled_list_query(
     limit: Limit = 50,
     cursor: Cursor = None,
     archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
@@ -65,7 +65,7 @@ class RetryKey:
     scope: str
     key: str | None
 
-    def of(self, body: BaseModel, *more: str) -> Retry | None:
+    def bind_to_body(self, body: BaseModel, *more: str) -> Retry | None:
         """Bind the key to a hash of the body, so that another request with the same key is recognised."""
         if self.key is None:
             return None
@@ -73,7 +73,7 @@ class RetryKey:
         return Retry(self.scope, self.key, hashlib.sha256(content.encode()).hexdigest())
 
 
-async def retry_key(
+async def read_retry_key(
     request: Request,
     idempotency_key: Annotated[
         str | None,
@@ -84,36 +84,36 @@ async def retry_key(
     return RetryKey(f"{request.method} {request.url.path}", idempotency_key)
 
 
-ListQueryDep = Annotated[ListQuery, Depends(list_query)]
-LabelledQueryDep = Annotated[ListQuery, Depends(labelled_query)]
-RetryKeyDep = Annotated[RetryKey, Depends(retry_key)]
+ListQueryDep = Annotated[ListQuery, Depends(read_list_query)]
+LabelledQueryDep = Annotated[ListQuery, Depends(read_labelled_list_query)]
+RetryKeyDep = Annotated[RetryKey, Depends(read_retry_key)]
 
 
-def href(kind: str, identifier: str) -> str:
+def resource_path(kind: str, identifier: str) -> str:
     """Give the address of a resource."""
     return f"/v1/{PATHS.get(kind, f'{kind}s')}/{identifier}"
 
 
-def make(services: Services, new: NewResource, response: Response) -> Resource:
+def create_or_replay(services: Services, new: NewResource, response: Response) -> Resource:
     """Store a resource and start its job, or return the one that an earlier try of the same request stored."""
-    existing = services.resources.known(new.retry)
+    existing = services.resources.find_retried(new.retry)
     if existing is not None:
-        return again(existing, response)
+        return replay_response(existing, response)
     resource = services.resources.create(new)
     if new.job is not None:
-        services.engine.nudge()
-    response.headers["Location"] = href(resource.kind, resource.id)
+        services.engine.wake()
+    response.headers["Location"] = resource_path(resource.kind, resource.id)
     return resource
 
 
-def again(existing: Resource, response: Response) -> Resource:
+def replay_response(existing: Resource, response: Response) -> Resource:
     """Answer a retry with what the first try made."""
     response.headers["Idempotency-Replayed"] = "true"
-    response.headers["Location"] = href(existing.kind, existing.id)
+    response.headers["Location"] = resource_path(existing.kind, existing.id)
     return existing
 
 
-def computed(view: type[ComputedT], resource: Resource, **more: object) -> ComputedT:
+def show_computed(view: type[ComputedT], resource: Resource, **more: object) -> ComputedT:
     """Show a resource that a job computes."""
     job = resource.job
     assert job is not None
@@ -126,15 +126,15 @@ def computed(view: type[ComputedT], resource: Resource, **more: object) -> Compu
     return view.model_validate({**vars(resource), **job_fields, **more})
 
 
-def page_of(
+def show_page(
     services: Services, kind: Kind, query: ListQuery, show: Callable[[Resource], ViewT], on_id: str | None = None
 ) -> Page[ViewT]:
     """Show a part of the list of a kind."""
-    page = services.resources.page(kind, query.limit, query.cursor, on_id, archived=query.archived)
+    page = services.resources.list_page(kind, query.limit, query.cursor, on_id, archived=query.archived)
     return Page(items=[show(resource) for resource in page.items], cursor=page.cursor)
 
 
-def succeeded(resource: Resource) -> Resource:
+def require_succeeded(resource: Resource) -> Resource:
     """Return a resource that has been computed; raise a problem 409 with its state otherwise."""
     job = resource.job
     if job is not None and job.state != "succeeded":
@@ -143,7 +143,7 @@ def succeeded(resource: Resource) -> Resource:
     return resource
 
 
-def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
+def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
     """What a text in JSON asks for that is no body by itself, or is one beside others; `pointer` says where it stands.
 
     Raises
@@ -154,9 +154,11 @@ def stated(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
+        raise make_unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
     try:
         return kind.model_validate_json(text)
     except ValidationError as error:
         errors: list[ErrorDetails] = [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]
-        raise ProblemError.of(validation_problem(fields_of(errors, document, pointer))) from error
+        raise ProblemError.from_problem(
+            make_validation_problem(to_problem_fields(errors, document, pointer))
+        ) from error

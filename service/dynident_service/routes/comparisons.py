@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Query
 
-from dynident_service.models.common import Shown
+from dynident_service.models.common import ViewModel
 from dynident_service.models.comparisons import (
     AutocorrelationView,
     ComparisonRequest,
@@ -16,14 +16,14 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
-from dynident_service.routes.common import succeeded
-from dynident_service.routes.kept import Kept, asked_for
-from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
-from dynident_service.science import importing
+from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.kept import ResourceRoutes, add_create_route
+from dynident_service.routes.needs import depend_on, require_measurements, require_model
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, RestsOn
+from dynident_service.storage.records import Dependency, NewJob
 
-ShownT = TypeVar("ShownT", bound=Shown)
+ShownT = TypeVar("ShownT", bound=ViewModel)
 
 if TYPE_CHECKING:
     from dynident.diagnosis.comparing.stored import StoredComparison
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
 
-@asked_for(
+@add_create_route(
     router,
-    Kept("comparison", ComparisonView, of="identification"),
+    ResourceRoutes("comparison", ComparisonView, parent_kind="identification"),
     NewJob("comparison", "dynident_service.work.comparisons:compare_model"),
 )
-def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[RestsOn]:
+def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:
     """Hold a model against a measurement."""
-    model = needed_model(services, body.identification_id)
-    robot = services.resources.get("robot", model.one("robot"))
-    (measurement,) = needed_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
-    return (resting_on(model), measurement)
+    model = require_model(services, body.identification_id)
+    robot = services.resources.get("robot", model.get_dependency("robot"))
+    (measurement,) = require_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
+    return (depend_on(model), measurement)
 
 
 @router.get("/{comparison_id}/series")
@@ -54,13 +54,13 @@ def get_series(
     points: Annotated[int, Query(ge=12, le=100_000, description="About how many")] = 2000,
 ) -> Series:
     """Give a joint's measured and predicted torque and residual over time, thinned so that extremes survive."""
-    with importing():
-        from dynident_service.adapters.comparisons import thinned
+    with hold_import_lock():
+        from dynident_service.adapters.comparisons import thin_signals
 
-    comparison = _stored(services, comparison_id)
-    signals = comparison.signals(joint, start, end)
-    unit = comparison.unit(joint)
-    return _shown(Series, thinned(signals, points), joint=joint, effort_unit=unit, n_samples=len(signals.t))
+    comparison = _open_comparison(services, comparison_id)
+    signals = comparison.read_signals(joint, start, end)
+    unit = comparison.get_unit(joint)
+    return _to_view(Series, thin_signals(signals, points), joint=joint, effort_unit=unit, n_samples=len(signals.t))
 
 
 @router.get("/{comparison_id}/residual_map")
@@ -73,9 +73,9 @@ def get_residual_map(
     bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
 ) -> ResidualMap:
     """Give mean, spread and count of a joint's residual over any two signals."""
-    comparison = _stored(services, comparison_id)
-    residual_map = comparison.residual_map(joint, x, y, bins)
-    return _shown(ResidualMap, residual_map, joint=joint, effort_unit=comparison.unit(joint), x=x, y=y)
+    comparison = _open_comparison(services, comparison_id)
+    residual_map = comparison.compute_residual_map(joint, x, y, bins)
+    return _to_view(ResidualMap, residual_map, joint=joint, effort_unit=comparison.get_unit(joint), x=x, y=y)
 
 
 @router.get("/{comparison_id}/spectrum")
@@ -86,9 +86,13 @@ def get_spectrum(
     over: Annotated[Literal["angle", "time"], Query(description="The joint's own position, or time")] = "time",
 ) -> Spectrum:
     """Give the amplitude spectrum of a joint's residual: gears show over the angle, vibration over time."""
-    comparison = _stored(services, comparison_id)
-    return _shown(
-        Spectrum, comparison.spectrum(joint, over), joint=joint, effort_unit=comparison.unit(joint), over=over
+    comparison = _open_comparison(services, comparison_id)
+    return _to_view(
+        Spectrum,
+        comparison.compute_spectrum(joint, over),
+        joint=joint,
+        effort_unit=comparison.get_unit(joint),
+        over=over,
     )
 
 
@@ -100,19 +104,23 @@ def get_autocorrelation(
     longest: Annotated[float, Query(gt=0, le=60, description="Longest lag, s")] = 5.0,
 ) -> AutocorrelationView:
     """Give the autocorrelation of a joint's residual, and how many independent samples it is worth."""
-    return _shown(AutocorrelationView, _stored(services, comparison_id).autocorrelation(joint, longest), joint=joint)
+    return _to_view(
+        AutocorrelationView,
+        _open_comparison(services, comparison_id).compute_autocorrelation(joint, longest),
+        joint=joint,
+    )
 
 
-def _stored(services: Services, identifier: str) -> StoredComparison:
-    with importing():
+def _open_comparison(services: Services, identifier: str) -> StoredComparison:
+    with hold_import_lock():
         from dynident.diagnosis.comparing.stored import StoredComparison
 
-    resource = succeeded(services.resources.get("comparison", identifier))
-    return StoredComparison(services.objects.path(resource.objects["signals"].key))
+    resource = require_succeeded(services.resources.get("comparison", identifier))
+    return StoredComparison(services.objects.fetch_file(resource.objects["signals"].key))
 
 
-def _shown(view: type[ShownT], result: object, **more: object) -> ShownT:
-    with importing():
-        from dynident_service.adapters.answers import shown
+def _to_view(view: type[ShownT], result: object, **more: object) -> ShownT:
+    with hold_import_lock():
+        from dynident_service.adapters.answers import to_view
 
-    return shown(view, result, **more)
+    return to_view(view, result, **more)

@@ -9,40 +9,42 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident.excitation.formats.stated import FORMATS, TrajectoryFormat
-from dynident_service.models.derived import choices_shown
+from dynident.excitation.formats.stated import TRAJECTORY_FORMATS, TrajectoryFormat
+from dynident_service.models.derived import describe_choices
 from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
-from dynident_service.routes.common import succeeded
-from dynident_service.routes.kept import Kept, asked_for
-from dynident_service.routes.needs import needed_measurements, needed_robot, resting_on
-from dynident_service.science import importing
+from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.kept import ResourceRoutes, add_create_route
+from dynident_service.routes.needs import depend_on, require_measurements, require_robot
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.meshes import meshes_of
-from dynident_service.storage.records import NewJob, RestsOn
+from dynident_service.storage.meshes import find_mesh_files
+from dynident_service.storage.records import Dependency, NewJob
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
-CLEARANCES = "dynident_service.work.awaited:clearances"
+CLEARANCES = "dynident_service.work.awaited:answer_clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
 
 
-@asked_for(
+@add_create_route(
     router,
-    Kept("design", DesignView, of="robot", deleted="Delete a design; 409 while others rest on it."),
+    ResourceRoutes(
+        "design", DesignView, parent_kind="robot", delete_description="Delete a design; 409 while others rest on it."
+    ),
     NewJob("design", "dynident_service.work.designs:design"),
 )
-def create_design(services: Services, body: DesignRequest) -> Sequence[RestsOn]:
+def create_design(services: Services, body: DesignRequest) -> Sequence[Dependency]:
     """Design an experiment: a motion within the limits that tells the parameters apart."""
-    with importing():
-        from dynident_service.adapters.designs import request_of
-        from dynident_service.adapters.robots import robot_of
+    with hold_import_lock():
+        from dynident_service.adapters.designs import to_checked_request
+        from dynident_service.adapters.robots import restore_robot
 
-    robot = needed_robot(services, body.robot_id)
-    request_of(body, robot_of(robot.request))
+    robot = require_robot(services, body.robot_id)
+    to_checked_request(body, restore_robot(robot.request))
     return (
-        resting_on(robot),
-        *needed_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
+        depend_on(robot),
+        *require_measurements(services, robot, body.earlier_ids, "earlier", "/earlier_ids"),
     )
 
 
@@ -56,15 +58,18 @@ def get_trajectory(
     services: ServicesDep,
     format: Annotated[
         TrajectoryFormat,
-        Query(description="ros2: a JointTrajectory message in YAML", json_schema_extra=choices_shown(FORMATS)),
+        Query(
+            description="ros2: a JointTrajectory message in YAML",
+            json_schema_extra=describe_choices(TRAJECTORY_FORMATS),
+        ),
     ] = "csv",
 ) -> Response:
     """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
-    with importing():
+    with hold_import_lock():
         from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
 
-    design = succeeded(services.resources.get("design", design_id))
-    path = services.objects.path(design.objects["trajectory"].key)
+    design = require_succeeded(services.resources.get("design", design_id))
+    path = services.objects.fetch_file(design.objects["trajectory"].key)
     if format == "parquet":
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
     ending = "yaml" if format == "ros2" else format
@@ -86,16 +91,18 @@ async def get_clearances(
 ) -> DesignClearances:
     """Show what every link is nearest to along the motion, with the points between which that distance lies."""
 
-    def asked() -> dict[str, Any]:
-        design = succeeded(services.resources.get("design", design_id))
-        robot = services.resources.get("robot", design.one("robot"))
+    def collect_arguments() -> dict[str, Any]:
+        design = require_succeeded(services.resources.get("design", design_id))
+        robot = services.resources.get("robot", design.get_dependency("robot"))
         return {
             "request": dict(design.request),
             "robot": dict(robot.request),
-            "meshes": {name: str(services.objects.path(mesh.key)) for name, mesh in meshes_of(robot).items()},
-            "trajectory": str(services.objects.path(design.objects["trajectory"].key)),
+            "meshes": {
+                name: str(services.objects.fetch_file(mesh.key)) for name, mesh in find_mesh_files(robot).items()
+            },
+            "trajectory": str(services.objects.fetch_file(design.objects["trajectory"].key)),
             "points": points,
         }
 
-    clearances = await services.awaited.call(request, CLEARANCES, dict, await to_thread.run_sync(asked))
+    clearances = await services.interactive.call(request, CLEARANCES, dict, await to_thread.run_sync(collect_arguments))
     return DesignClearances.model_validate(clearances)

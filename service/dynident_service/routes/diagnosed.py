@@ -12,35 +12,35 @@ from dynident_service.storage.records import Resource
 _LATEST = 5
 
 
-def as_diagnosed(services: Services, model: Resource, effects: Sequence[EffectChoice]) -> list[EffectChoice]:
+def complete_from_diagnoses(services: Services, model: Resource, effects: Sequence[EffectChoice]) -> list[EffectChoice]:
     """The choices, with the shape constants and runs that a diagnosis of the model recommended where none are given.
 
     The latest diagnoses count first, those of the model before those of the models that it came from. What was
     recommended more than once (two lines of ripple on a joint) is given out in that order.
     """
-    recommended = [choice for diagnosis in _diagnoses(services, model) for choice in diagnosis.recommended]
+    recommended = [choice for diagnosis in _list_diagnoses(services, model) for choice in diagnosis.recommended]
     completed = []
     for requested in effects:
-        match = None if requested.shape_parameters or requested.runs else _match(requested, recommended)
+        match = None if requested.shape_parameters or requested.runs else _find_recommended(requested, recommended)
         if match is not None:
             recommended.remove(match)
         completed.append(match or requested)
     return completed
 
 
-def _match(requested: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
+def _find_recommended(requested: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
     for choice in recommended:
         if choice.effect == requested.effect and set(choice.joints) == set(requested.joints):
             return choice
     return None
 
 
-def _diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
+def _list_diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
     """Results of the latest diagnoses of a model and of its ancestors."""
     ancestor: Resource | None = model
     while ancestor is not None:
-        for diagnosis in services.resources.page("diagnosis", _LATEST, on_id=ancestor.id).items:
+        for diagnosis in services.resources.list_page("diagnosis", _LATEST, on_id=ancestor.id).items:
             if diagnosis.result is not None:
                 yield DiagnosisResult.model_validate(diagnosis.result)
-        parents = ancestor.all("parent")
+        parents = ancestor.get_dependencies("parent")
         ancestor = services.resources.get("identification", parents[0]) if parents else None

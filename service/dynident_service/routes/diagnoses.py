@@ -8,46 +8,46 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
-from dynident_service.problems import ProblemError, unusable
-from dynident_service.routes.common import succeeded
-from dynident_service.routes.kept import Kept, asked_for
-from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
-from dynident_service.science import importing
+from dynident_service.problems import ProblemError, make_unusable
+from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.kept import ResourceRoutes, add_create_route
+from dynident_service.routes.needs import depend_on, require_measurements, require_model
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, RestsOn
+from dynident_service.storage.records import Dependency, NewJob
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 
 
-@asked_for(
+@add_create_route(
     router,
-    Kept(
+    ResourceRoutes(
         "diagnosis",
         DiagnosisView,
-        of="identification",
-        several="diagnoses",
-        deleted="Delete a diagnosis; 409 while others rest on it.",
+        parent_kind="identification",
+        plural="diagnoses",
+        delete_description="Delete a diagnosis; 409 while others rest on it.",
     ),
     NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model"),
 )
-def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[RestsOn]:
+def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dependency]:
     """Find what is missing in an identified model, by name, and what to add."""
-    with importing():
+    with hold_import_lock():
         from dynident.diagnosis import DiagnosisChoices
-        from dynident_service.adapters.derived import taken
+        from dynident_service.adapters.derived import to_request
 
-    model = needed_model(services, body.identification_id)
-    taken(body, DiagnosisChoices)
-    robot = services.resources.get("robot", model.one("robot"))
+    model = require_model(services, body.identification_id)
+    to_request(body, DiagnosisChoices)
+    robot = services.resources.get("robot", model.get_dependency("robot"))
     later = body.measurement_ids or model.request["measurement_ids"]
     for index, identifier in enumerate(body.baseline_ids):
         if identifier in later:
             detail = f"{identifier} is on both sides; give earlier measurements here, later ones as measurement_ids."
-            raise unusable(detail, f"/baseline_ids/{index}")
+            raise make_unusable(detail, f"/baseline_ids/{index}")
     return (
-        resting_on(model),
-        *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
-        *needed_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
+        depend_on(model),
+        *require_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
+        *require_measurements(services, robot, body.baseline_ids, "baseline", "/baseline_ids"),
     )
 
 
@@ -59,10 +59,10 @@ def get_evidence(
     joint: Annotated[str | None, Query(description="Name; that on which it explains most where not given")] = None,
 ) -> Evidence:
     """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
-    with importing():
+    with hold_import_lock():
         from dynident_service.adapters.diagnoses import read_evidence
 
-    diagnosis = succeeded(services.resources.get("diagnosis", diagnosis_id))
+    diagnosis = require_succeeded(services.resources.get("diagnosis", diagnosis_id))
     if "evidence" not in diagnosis.objects:
         detail = f"The diagnosis {diagnosis_id} was made without figures; diagnose again."
         raise ProblemError(404, detail, title="No figure")

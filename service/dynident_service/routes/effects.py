@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from dynident_service.models.effects import Catalogue
-from dynident_service.science import importing
+from dynident_service.science import hold_import_lock
 
 router = APIRouter(prefix="/v1/effects", tags=["effects"])
 
@@ -13,7 +13,7 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 @router.get("")
 def list_effects() -> Catalogue:
     """List every effect that the product knows."""
-    with importing():
-        from dynident_service.adapters.catalogue import catalogue
+    with hold_import_lock():
+        from dynident_service.adapters.catalogue import show_catalogue
 
-    return catalogue()
+    return show_catalogue()

@@ -12,7 +12,7 @@ from starlette.datastructures import FormData
 from starlette.exceptions import HTTPException
 from starlette.formparsers import MultiPartException, MultiPartParser
 
-from dynident_service.services import services_of
+from dynident_service.services import get_services
 
 
 class FormRoute(APIRoute):
@@ -25,8 +25,8 @@ class FormRoute(APIRoute):
         async def answer_form(request: Request) -> Response:
             if not request.headers.get("content-type", "").lower().startswith("multipart/"):
                 return await answer(request)
-            services = await services_of(request)
-            with services.scratch() as folder:
+            services = await get_services(request)
+            with services.create_scratch_folder() as folder:
                 return await answer(_RequestWithFiles(request, folder))
 
         return answer_form

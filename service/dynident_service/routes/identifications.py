@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
-from dynident_service.models.common import Page, plain
+from dynident_service.models.common import Page, to_plain_json
 from dynident_service.models.identifications import (
     ExportQuery,
     ExtensionRequest,
@@ -21,15 +21,28 @@ from dynident_service.models.identifications import (
     StoredIdentification,
 )
 from dynident_service.models.tables import Tables
-from dynident_service.problems import unusable
-from dynident_service.routes.common import LabelledQueryDep, RetryKeyDep, computed, make, page_of, succeeded
-from dynident_service.routes.diagnosed import as_diagnosed
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import ReadAhead, Reading, needed, needed_measurements, needed_robot
-from dynident_service.routes.uncertainty import AWAITED, model_file, refuse_stopped
-from dynident_service.science import importing
+from dynident_service.problems import make_unusable
+from dynident_service.routes.common import (
+    LabelledQueryDep,
+    RetryKeyDep,
+    create_or_replay,
+    require_succeeded,
+    show_computed,
+    show_page,
+)
+from dynident_service.routes.diagnosed import complete_from_diagnoses
+from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
+from dynident_service.routes.needs import (
+    HasResources,
+    PrefetchedResources,
+    require_measurements,
+    require_resource,
+    require_robot,
+)
+from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, NewResource, Resource, RestsOn, Retry
+from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
 
 if TYPE_CHECKING:
     from dynident.robot import Robot
@@ -58,12 +71,12 @@ def create_identification(
     body: IdentificationRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Identify the base parameters of a robot from measurements."""
-    with importing():
-        from dynident_service.adapters.robots import robot_described
+    with hold_import_lock():
+        from dynident_service.adapters.robots import restore_cached_robot
 
-    ahead = ReadAhead(services.resources, named_in(body))
-    new = new_identification(ahead, body, lambda robot: robot_described(robot.request))
-    return show(make(services, replace(new, retry=retry.of(body)), response))
+    ahead = PrefetchedResources(services.resources, list_named_ids(body))
+    new = new_identification(ahead, body, lambda robot: restore_cached_robot(robot.request))
+    return show_identification(create_or_replay(services, replace(new, retry=retry.bind_to_body(body)), response))
 
 
 @router.get("")
@@ -76,18 +89,20 @@ def list_identifications(
     ] = False,
 ) -> Page[IdentificationView]:
     """List the identifications, newest first; those of one robot if asked."""
-    return page_of(services, "identification", query, _show_briefly if brief else show, robot_id)
+    return show_page(services, "identification", query, _show_briefly if brief else show_identification, robot_id)
 
 
 @router.get("/{identification_id}/tables")
 def get_tables(identification_id: str, services: ServicesDep) -> Tables:
     """Show the parameters and shape constants as tables for people, as on the command line and in reports."""
-    with importing():
-        from dynident_service.adapters.identifications import identification_tables
+    with hold_import_lock():
+        from dynident_service.adapters.identifications import build_identification_tables
         from dynident_service.adapters.tables import show_tables
 
-    identification = succeeded(services.resources.get("identification", identification_id))
-    return Tables(items=show_tables(identification_tables(IdentificationResult.model_validate(identification.result))))
+    identification = require_succeeded(services.resources.get("identification", identification_id))
+    return Tables(
+        items=show_tables(build_identification_tables(IdentificationResult.model_validate(identification.result)))
+    )
 
 
 @router.post("/{identification_id}/extend", status_code=202)
@@ -95,21 +110,25 @@ def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
-    with importing():
+    with hold_import_lock():
         from dynident.identification.shapes.shapes import check_choices
-        from dynident_service.adapters.effects import choices_of
-        from dynident_service.adapters.robots import robot_of
+        from dynident_service.adapters.effects import from_wire_choices
+        from dynident_service.adapters.robots import restore_robot
 
-    parent = succeeded(services.resources.get("identification", identification_id))
+    parent = require_succeeded(services.resources.get("identification", identification_id))
     stored_request = StoredIdentification.model_validate(parent.request)
-    robot = needed_robot(services, parent.one("robot"))
-    added = as_diagnosed(services, parent, body.effects)
-    check_choices(choices_of(added), robot_of(robot.request))
+    robot = require_robot(services, parent.get_dependency("robot"))
+    added = complete_from_diagnoses(services, parent, body.effects)
+    check_choices(from_wire_choices(added), restore_robot(robot.request))
     changes = {"effects": [*stored_request.effects, *added], "added": added, "removed": []}
-    new = _next_rung(
-        parent, stored_request, {**changes, "name": body.name or stored_request.name}, EXTENSION, retry.of(body)
+    new = _build_next_step(
+        parent,
+        stored_request,
+        {**changes, "name": body.name or stored_request.name},
+        EXTENSION,
+        retry.bind_to_body(body),
     )
-    return show(make(services, new, response))
+    return show_identification(create_or_replay(services, new, response))
 
 
 @router.post("/{identification_id}/remove", status_code=202)
@@ -117,23 +136,23 @@ def remove_from_identification(
     identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
     """Take effects out of an identified model: a new identification, whose parent is this one."""
-    with importing():
-        from dynident.identification.study.removing import effects_without
-        from dynident_service.adapters.effects import choices_of, show_choice
-        from dynident_service.adapters.robots import robot_of
+    with hold_import_lock():
+        from dynident.identification.study.removing import subtract_effects
+        from dynident_service.adapters.effects import from_wire_choices, show_choice
+        from dynident_service.adapters.robots import restore_robot
 
-    parent = succeeded(services.resources.get("identification", identification_id))
+    parent = require_succeeded(services.resources.get("identification", identification_id))
     stored_request = StoredIdentification.model_validate(parent.request)
-    robot = robot_of(needed_robot(services, parent.one("robot")).request)
+    robot = restore_robot(require_robot(services, parent.get_dependency("robot")).request)
     # Those of the result have the shape constants that were found.
-    result = show(parent).result
+    result = show_identification(parent).result
     effects = stored_request.effects if result is None else result.effects
-    remaining = effects_without(choices_of(effects), choices_of(body.effects), robot)
+    remaining = subtract_effects(from_wire_choices(effects), from_wire_choices(body.effects), robot)
     changes = {"effects": [show_choice(choice) for choice in remaining], "added": [], "removed": body.effects}
-    new = _next_rung(
-        parent, stored_request, {**changes, "name": body.name or stored_request.name}, REMOVAL, retry.of(body)
+    new = _build_next_step(
+        parent, stored_request, {**changes, "name": body.name or stored_request.name}, REMOVAL, retry.bind_to_body(body)
     )
-    return show(make(services, new, response))
+    return show_identification(create_or_replay(services, new, response))
 
 
 @router.get("/{identification_id}/lineage")
@@ -147,18 +166,18 @@ def get_lineage(
     An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
     and those above it whose error is larger.
     """
-    with importing():
-        from dynident_service.adapters.lineages import beside, rungs_of_views
+    with hold_import_lock():
+        from dynident_service.adapters.lineages import build_steps_of_views, compare_ladders
 
-    own = _ladder(services, identification_id)
+    own = _load_ladder(services, identification_id)
     if against is None:
-        return Lineage(items=rungs_of_views(own))
-    other = _ladder(services, needed(services, "identification", against, "against").id)
+        return Lineage(items=build_steps_of_views(own))
+    other = _load_ladder(services, require_resource(services, "identification", against, "against").id)
     if own[-1].robot_id != other[-1].robot_id:
         detail = f"{against} is a model of another robot; compare ladders of one robot"
-        raise unusable(detail, "against", title="Another robot")
+        raise make_unusable(detail, "against", title="Another robot")
     same_data = len({(*v.request.measurement_ids, "-", *v.request.validation_ids) for v in [*own, *other]}) == 1
-    return beside(rungs_of_views(own), rungs_of_views(other), same_data)
+    return compare_ladders(build_steps_of_views(own), build_steps_of_views(other), same_data)
 
 
 @router.get("/{identification_id}/export", response_class=Response, responses={200: EXPORTED})
@@ -169,108 +188,112 @@ async def export_identification(
     query: Annotated[ExportQuery, Query()],
 ) -> Response:
     """Give the identified model in a format that other programs read."""
-    with importing():
+    with hold_import_lock():
         from dynident.export import ExportedFile
-        from dynident_service.adapters.exports import file_response
+        from dynident_service.adapters.exports import build_file_response
 
-    def find() -> dict[str, Any]:
-        identification = succeeded(services.resources.get("identification", identification_id))
+    def collect_shown() -> dict[str, Any]:
+        identification = require_succeeded(services.resources.get("identification", identification_id))
         if not query.anyway:
             refuse_stopped(identification)
         return {
-            "robot": services.resources.get("robot", identification.one("robot")).request,
-            **plain(show(identification)),
+            "robot": services.resources.get("robot", identification.get_dependency("robot")).request,
+            **to_plain_json(show_identification(identification)),
         }
 
-    model = await model_file(services, identification_id)
-    export_options = {"format": query.format, "nearest": query.nearest, "shown": await to_thread.run_sync(find)}
-    return file_response(
-        await services.awaited.call(request, f"{AWAITED}:export", ExportedFile, {"model": model, **export_options})
+    model = await find_model_file(services, identification_id)
+    export_options = {
+        "format": query.format,
+        "nearest": query.nearest,
+        "shown": await to_thread.run_sync(collect_shown),
+    }
+    return build_file_response(
+        await services.interactive.call(request, f"{AWAITED}:export", ExportedFile, {"model": model, **export_options})
     )
 
 
-def named_in(body: IdentificationRequest) -> tuple[str, ...]:
+def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:
     """Ids of all that a request names."""
     return (body.robot_id, *body.measurement_ids, *body.validation_ids)
 
 
 def new_identification(
-    services: Reading, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
+    services: HasResources, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
     """What is to be computed where all that the request names is there, and fits; a problem or DynidentError if not."""
-    with importing():
-        from dynident_service.adapters.identifications import choices_from_request
+    with hold_import_lock():
+        from dynident_service.adapters.identifications import to_choices
 
-    robot = needed_robot(services, body.robot_id)
-    choices_from_request(body, robot_of(robot))
+    robot = require_robot(services, body.robot_id)
+    to_choices(body, robot_of(robot))
     needs = (
-        RestsOn(body.robot_id, "robot", "robot", "/robot_id"),
-        *needed_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),
-        *needed_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
+        Dependency(body.robot_id, "robot", "robot", "/robot_id"),
+        *require_measurements(services, robot, body.measurement_ids, "training", "/measurement_ids"),
+        *require_measurements(services, robot, body.validation_ids, "validation", "/validation_ids"),
     )
-    return NewResource("identification", plain(body), name=body.name, rests_on=needs, job=JOB)
+    return NewResource("identification", to_plain_json(body), name=body.name, rests_on=needs, job=JOB)
 
 
 def _show_briefly(resource: Resource) -> IdentificationView:
     """Show a stored identification without its parameters."""
     result = None if resource.result is None else {**resource.result, "parameters": []}
-    return show(replace(resource, result=result))
+    return show_identification(replace(resource, result=result))
 
 
-def show(resource: Resource) -> IdentificationView:
+def show_identification(resource: Resource) -> IdentificationView:
     """Show a stored identification."""
     stored_request = StoredIdentification.model_validate(resource.request)
-    parents = resource.all("parent")
-    return computed(
+    parents = resource.get_dependencies("parent")
+    return show_computed(
         IdentificationView,
         resource,
         request=stored_request.model_dump(exclude={"added", "removed"}),
-        robot_id=resource.one("robot"),
+        robot_id=resource.get_dependency("robot"),
         parent_id=parents[0] if parents else None,
         added=stored_request.added,
         removed=stored_request.removed,
     )
 
 
-keep(
+add_resource_routes(
     router,
-    Kept(
+    ResourceRoutes(
         "identification",
         IdentificationView,
-        show=show,
-        deleted="Delete an identification; 409 while others rest on it.",
-        shown="Show an identification, with its result once there is one.",
-        labelled="Rename, tag or archive an identification.",
+        show=show_identification,
+        delete_description="Delete an identification; 409 while others rest on it.",
+        show_description="Show an identification, with its result once there is one.",
+        label_description="Rename, tag or archive an identification.",
     ),
     with_list=False,
 )
 
 
-def _next_rung(
+def _build_next_step(
     parent: Resource, stored_request: StoredIdentification, changes: dict[str, object], job: NewJob, retry: Retry | None
 ) -> NewResource:
     """What is to be computed from a model: its request with some of it changed."""
     request = stored_request.model_copy(update=changes)
     return NewResource(
         "identification",
-        plain(request),
+        to_plain_json(request),
         name=request.name,
         rests_on=(
-            RestsOn(parent.id, "identification", "parent", "/"),
-            RestsOn(parent.one("robot"), "robot", "robot", "/"),
-            *(RestsOn(identifier, "measurement", "training", "/") for identifier in stored_request.measurement_ids),
-            *(RestsOn(identifier, "measurement", "validation", "/") for identifier in stored_request.validation_ids),
+            Dependency(parent.id, "identification", "parent", "/"),
+            Dependency(parent.get_dependency("robot"), "robot", "robot", "/"),
+            *(Dependency(identifier, "measurement", "training", "/") for identifier in stored_request.measurement_ids),
+            *(Dependency(identifier, "measurement", "validation", "/") for identifier in stored_request.validation_ids),
         ),
         job=job,
         retry=retry,
     )
 
 
-def _ladder(services: Services, identifier: str) -> list[IdentificationView]:
+def _load_ladder(services: Services, identifier: str) -> list[IdentificationView]:
     """The models that led to one, the first one first."""
     views = []
     next_id: str | None = identifier
     while next_id is not None:
-        views.append(show(services.resources.get("identification", next_id)))
+        views.append(show_identification(services.resources.get("identification", next_id)))
         next_id = views[-1].parent_id
     return views[::-1]

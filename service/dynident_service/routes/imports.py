@@ -10,21 +10,21 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
-from dynident_service.jobs.confinement import Limits
-from dynident_service.models.common import plain
+from dynident_service.jobs.confinement import ComputationLimits
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.imports import ImportMetadata, ImportView
-from dynident_service.routes.common import RetryKeyDep, again, make, stated
+from dynident_service.routes.common import RetryKeyDep, create_or_replay, parse_json_body, replay_response
 from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import FURTHER, MOST_FILES, media_type_of, receive, sha256_of
+from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
+from dynident_service.routes.needs import require_resource
+from dynident_service.routes.uploads import FURTHER, MOST_FILES, detect_media_type, hash_file, receive_files
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewResource, Resource, RestsOn, Retry
-from dynident_service.storage.retention import KEPT
+from dynident_service.storage.records import Dependency, NewResource, Resource, Retry
+from dynident_service.storage.retention import IMPORT_LIFETIME
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 
-LOOK = "dynident_service.work.awaited:look_at_file"
+LOOK = "dynident_service.work.awaited:inspect_file"
 
 
 @router.post("", status_code=201)
@@ -38,53 +38,57 @@ async def import_file(
     further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> ImportView:
     """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
-    stated_metadata = stated(ImportMetadata, metadata, "/metadata")
+    stated_metadata = parse_json_body(ImportMetadata, metadata, "/metadata")
     if stated_metadata.name is None and file.filename:
         stated_metadata = stated_metadata.model_copy(update={"name": Path(file.filename).stem[:200] or None})
-    with services.scratch() as folder:
+    with services.create_scratch_folder() as folder:
         source = folder / "source"
-        sha256 = await to_thread.run_sync(_receive, services, [file, *(further or ())], source)
-        key = retry.of(stated_metadata, sha256)
-        existing = await to_thread.run_sync(services.resources.known, key)
+        sha256 = await to_thread.run_sync(_receive_files, services, [file, *(further or ())], source)
+        key = retry.bind_to_body(stated_metadata, sha256)
+        existing = await to_thread.run_sync(services.resources.find_retried, key)
         if existing is not None:
-            return show(again(existing, response))
-        robot = await to_thread.run_sync(needed, services, "robot", stated_metadata.robot_id, "/metadata/robot_id")
+            return show_import(replay_response(existing, response))
+        robot = await to_thread.run_sync(
+            require_resource, services, "robot", stated_metadata.robot_id, "/metadata/robot_id"
+        )
         arguments = {
             "source": str(source),
             "robot": dict(robot.request),
-            "metadata": plain(stated_metadata),
+            "metadata": to_plain_json(stated_metadata),
             "sha256": sha256,
         }
-        limits = Limits.for_files(source.stat().st_size)
-        result = await services.awaited.call(request, LOOK, dict, arguments, limits, is_long=True)
-        return await to_thread.run_sync(lambda: show(_store(services, stated_metadata, source, result, key, response)))
+        limits = ComputationLimits.from_file_sizes(source.stat().st_size)
+        result = await services.interactive.call(request, LOOK, dict, arguments, limits, is_long=True)
+        return await to_thread.run_sync(
+            lambda: show_import(_store_import(services, stated_metadata, source, result, key, response))
+        )
 
 
-def show(resource: Resource) -> ImportView:
+def show_import(resource: Resource) -> ImportView:
     """Show a stored import."""
-    expires_at = resource.created_at + timedelta(seconds=KEPT)
+    expires_at = resource.created_at + timedelta(seconds=IMPORT_LIFETIME)
     return ImportView.model_validate({**vars(resource), **(resource.result or {}), "expires_at": expires_at})
 
 
-keep(
+add_resource_routes(
     router,
-    Kept(
+    ResourceRoutes(
         "import",
         ImportView,
-        show=show,
-        listed="List the imports that are still kept, newest first.",
-        shown="Show an import.",
-        deleted="Delete an import; 409 while a measurement rests on it.",
+        show=show_import,
+        list_description="List the imports that are still kept, newest first.",
+        show_description="Show an import.",
+        delete_description="Delete an import; 409 while a measurement rests on it.",
     ),
 )
 
 
-def _receive(services: Services, files: Sequence[UploadFile], source: Path) -> str:
-    receive(services, files, source)
-    return sha256_of(source)
+def _receive_files(services: Services, files: Sequence[UploadFile], source: Path) -> str:
+    receive_files(services, files, source)
+    return hash_file(source)
 
 
-def _store(
+def _store_import(
     services: Services,
     metadata: ImportMetadata,
     source: Path,
@@ -95,11 +99,11 @@ def _store(
     services.resources.check_room("import", (source,))
     new = NewResource(
         "import",
-        plain(metadata),
+        to_plain_json(metadata),
         name=metadata.name,
         result=result,
-        rests_on=(RestsOn(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),),
-        objects=(services.resources.put_as("original", source, media_type_of(source)),),
+        rests_on=(Dependency(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),),
+        objects=(services.resources.put_with_role("original", source, detect_media_type(source)),),
         retry=retry,
     )
-    return make(services, new, response)
+    return create_or_replay(services, new, response)

@@ -11,7 +11,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from dynident_service.models.common import Page, Progress
 from dynident_service.models.jobs import JobResource, JobView
-from dynident_service.routes.common import ListQueryDep, href
+from dynident_service.routes.common import ListQueryDep, resource_path
 from dynident_service.services import ServicesDep
 from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.records import Job, JobKind, State
@@ -19,9 +19,9 @@ from dynident_service.storage.records import Job, JobKind, State
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
 
-def existing_job(job_id: str, services: ServicesDep) -> Job:
+def find_job(job_id: str, services: ServicesDep) -> Job:
     """Find the job before the stream begins: afterwards it is too late for a 404."""
-    return services.ledger.get(job_id)
+    return services.job_queue.get(job_id)
 
 
 @router.get("")
@@ -32,25 +32,25 @@ def list_jobs(
     kind: Annotated[JobKind | None, Query()] = None,
 ) -> Page[JobView]:
     """List the jobs, newest first."""
-    jobs, cursor = services.ledger.page(query.limit, query.cursor, state, kind)
-    return Page(items=[show(job) for job in jobs], cursor=cursor)
+    jobs, cursor = services.job_queue.list_page(query.limit, query.cursor, state, kind)
+    return Page(items=[show_job(job) for job in jobs], cursor=cursor)
 
 
 @router.get("/{job_id}")
 def get_job(job_id: str, services: ServicesDep) -> JobView:
     """Tell where a job stands."""
-    return show(services.ledger.get(job_id))
+    return show_job(services.job_queue.get(job_id))
 
 
 @router.post("/{job_id}/cancel")
 def cancel_job(job_id: str, services: ServicesDep) -> JobView:
     """Stop a job, also inside a solver; within two seconds it is cancelled. Asking twice does no harm."""
-    return show(services.ledger.cancel(job_id))
+    return show_job(services.job_queue.cancel(job_id))
 
 
 @router.get("/{job_id}/events", response_class=EventSourceResponse)
 async def follow_job(
-    job: Annotated[Job, Depends(existing_job)],
+    job: Annotated[Job, Depends(find_job)],
     services: ServicesDep,
     last_event_id: Annotated[str | None, Header(description="Resume after this event")] = None,
 ) -> AsyncIterator[ServerSentEvent]:
@@ -58,19 +58,19 @@ async def follow_job(
     last = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
     ended = False
     while not ended:
-        events, ended = await to_thread.run_sync(services.ledger.history, job.id, last)
+        events, ended = await to_thread.run_sync(services.job_queue.read_events, job.id, last)
         for event in events:
             last = event.id
             yield ServerSentEvent(event=event.event, id=str(event.id), data=event.data, retry=1000)
         if not ended:
-            await services.following.until_news(job.id, last)
+            await services.following.wait_for_news(job.id, last)
 
 
-def show(job: Job) -> JobView:
+def show_job(job: Job) -> JobView:
     """Show a job."""
     resource = None
     if job.resource_id is not None:
         kind = KINDS[job.resource_id.partition("_")[0]]
-        resource = JobResource(kind=kind, id=job.resource_id, href=href(kind, job.resource_id))
+        resource = JobResource(kind=kind, id=job.resource_id, href=resource_path(kind, job.resource_id))
     progress = Progress(fraction=job.fraction, message=job.message)
     return JobView.model_validate({**vars(job), "progress": progress, "resource": resource})

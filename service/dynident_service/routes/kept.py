@@ -10,20 +10,27 @@ from typing import Annotated, TypeVar, cast, get_type_hints
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
-from dynident_service.models.common import Computed, LabelsRequest, Page, plain
+from dynident_service.models.common import Computed, LabelsRequest, Page, to_plain_json
 from dynident_service.models.tables import Table
-from dynident_service.routes.common import LabelledQueryDep, ListQueryDep, RetryKeyDep, computed, make, page_of
+from dynident_service.routes.common import (
+    LabelledQueryDep,
+    ListQueryDep,
+    RetryKeyDep,
+    create_or_replay,
+    show_computed,
+    show_page,
+)
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import Kind, NewJob, NewResource, Resource, RestsOn
+from dynident_service.storage.records import Dependency, Kind, NewJob, NewResource, Resource
 
 BodyT = TypeVar("BodyT", bound=BaseModel)
 Show = Callable[[Resource], BaseModel]
-Needs = Callable[[Services, BodyT], Sequence[RestsOn]]
+Needs = Callable[[Services, BodyT], Sequence[Dependency]]
 Arguments = Callable[[Request, Mapping[str, object]], Mapping[str, object]]
 
 
 @dataclass(frozen=True)
-class Kept:
+class ResourceRoutes:
     """A kind of resource, and what its routes are called and say in the contract.
 
     `show` tells how one is shown that no job computes; `of` is the kind that each of them rests on, whose list may be
@@ -34,58 +41,60 @@ class Kept:
 
     kind: Kind
     view: type[BaseModel]
-    of: Kind | None = None
+    parent_kind: Kind | None = None
     show: Show | None = None
-    several: str = ""
-    one: str = ""
+    plural: str = ""
+    singular: str = ""
     words: str = ""
-    listed: str = ""
-    shown: str = ""
-    deleted: str = ""
-    labelled: str = ""
+    list_description: str = ""
+    show_description: str = ""
+    delete_description: str = ""
+    label_description: str = ""
     tables: Callable[[Services, Resource], list[Table]] | None = None
 
 
-SHOWN: dict[Kind, Show] = {}
+SHOW_FUNCTIONS: dict[Kind, Show] = {}
 """The function that shows a resource, by kind."""
 
 
-def keep(router: APIRouter, routes: Kept, *, with_list: bool = True) -> None:
+def add_resource_routes(router: APIRouter, routes: ResourceRoutes, *, with_list: bool = True) -> None:
     """Add the routes of a kind of resource; `with_list=False` where its list is a route of its own."""
-    kind, show = routes.kind, routes.show or _computed(routes.view)
-    SHOWN[kind] = show
+    kind, show = routes.kind, routes.show or _show_by_job(routes.view)
+    SHOW_FUNCTIONS[kind] = show
 
-    def shown(identifier: str, services: ServicesDep) -> object:
+    def show_one(identifier: str, services: ServicesDep) -> object:
         resource = services.resources.get(kind, identifier)
         if routes.tables is None or resource.result is None:
             return show(resource)
         assert issubclass(routes.view, Computed)
-        return computed(routes.view, resource, tables=routes.tables(services, resource))
+        return show_computed(routes.view, resource, tables=routes.tables(services, resource))
 
-    def deleted(identifier: str, services: ServicesDep) -> None:
+    def delete_one(identifier: str, services: ServicesDep) -> None:
         services.resources.delete(kind, identifier)
 
-    def labelled(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
-        return show(services.resources.label(kind, identifier, name=body.name, tags=body.tags, archived=body.archived))
+    def label_one(identifier: str, body: LabelsRequest, services: ServicesDep) -> object:
+        return show(
+            services.resources.update_labels(kind, identifier, name=body.name, tags=body.tags, archived=body.archived)
+        )
 
     # FastAPI reads annotations: they name the parameter after the kind, and the model that is returned.
-    for route in (shown, deleted, labelled):
+    for route in (show_one, delete_one, label_one):
         route.__annotations__["identifier"] = Annotated[str, Path(alias=f"{kind}_id")]
-    shown.__annotations__["return"] = labelled.__annotations__["return"] = routes.view
-    path, singular = f"/{{{kind}_id}}", routes.one or kind
+    show_one.__annotations__["return"] = label_one.__annotations__["return"] = routes.view
+    path, singular = f"/{{{kind}_id}}", routes.singular or kind
     if with_list:
-        _keep_list(router, routes, show)
-    to_show = routes.shown or f"Show a {kind}, with its result once there is one."
-    router.get(path, name=f"get_{singular}", description=to_show)(shown)
-    router.delete(path, status_code=204, name=f"delete_{singular}", description=routes.deleted or f"Delete a {kind}.")(
-        deleted
-    )
-    if routes.labelled:
-        router.patch(path, name=f"label_{singular}", description=routes.labelled)(labelled)
+        _add_list_route(router, routes, show)
+    to_show = routes.show_description or f"Show a {kind}, with its result once there is one."
+    router.get(path, name=f"get_{singular}", description=to_show)(show_one)
+    router.delete(
+        path, status_code=204, name=f"delete_{singular}", description=routes.delete_description or f"Delete a {kind}."
+    )(delete_one)
+    if routes.label_description:
+        router.patch(path, name=f"label_{singular}", description=routes.label_description)(label_one)
 
 
-def asked_for(
-    router: APIRouter, routes: Kept, job: NewJob, arguments: Arguments = lambda _, __: {}
+def add_create_route(
+    router: APIRouter, routes: ResourceRoutes, job: NewJob, arguments: Arguments = lambda _, __: {}
 ) -> Callable[[Needs[BodyT]], Needs[BodyT]]:
     """Decorate a function that checks a body: add the route that creates a resource by a job, and the other routes.
 
@@ -106,44 +115,46 @@ def asked_for(
         A decorator. The decorated function returns what the new resource depends on, or refuses the body. The route
         has its name and its docstring.
     """
-    keep(router, routes)
+    add_resource_routes(router, routes)
 
-    def asked(needs: Needs[BodyT]) -> Needs[BodyT]:
-        def created(
+    def register_route(needs: Needs[BodyT]) -> Needs[BodyT]:
+        def create_resource(
             body: BodyT, services: ServicesDep, retry: RetryKeyDep, request: Request, response: Response
         ) -> object:
-            rests_on, request_body = tuple(needs(services, body)), plain(body)
+            rests_on, request_body = tuple(needs(services, body)), to_plain_json(body)
             to_do = replace(job, arguments=arguments(request, request_body))
             name = cast(str | None, request_body["name"])
-            new = NewResource(routes.kind, request_body, name=name, rests_on=rests_on, job=to_do, retry=retry.of(body))
-            return SHOWN[routes.kind](make(services, new, response))
+            new = NewResource(
+                routes.kind, request_body, name=name, rests_on=rests_on, job=to_do, retry=retry.bind_to_body(body)
+            )
+            return SHOW_FUNCTIONS[routes.kind](create_or_replay(services, new, response))
 
-        created.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": routes.view}
-        router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(created)
+        create_resource.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": routes.view}
+        router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(create_resource)
         return needs
 
-    return asked
+    return register_route
 
 
-def _keep_list(router: APIRouter, routes: Kept, show: Show) -> None:
-    def listed(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
-        return page_of(services, routes.kind, query, show, on_id)
+def _add_list_route(router: APIRouter, routes: ResourceRoutes, show: Show) -> None:
+    def list_of_parent(services: ServicesDep, query: ListQueryDep, on_id: str | None = None) -> object:
+        return show_page(services, routes.kind, query, show, on_id)
 
-    def listed_all(services: ServicesDep, query: ListQueryDep) -> object:
-        return page_of(services, routes.kind, query, show)
+    def list_all(services: ServicesDep, query: ListQueryDep) -> object:
+        return show_page(services, routes.kind, query, show)
 
-    route: Callable[..., object] = listed if routes.of else listed_all
-    if routes.of:
-        route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{routes.of}_id")]
-    if routes.labelled:
+    route: Callable[..., object] = list_of_parent if routes.parent_kind else list_all
+    if routes.parent_kind:
+        route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{routes.parent_kind}_id")]
+    if routes.label_description:
         route.__annotations__["query"] = LabelledQueryDep
     route.__annotations__["return"] = Page.__class_getitem__(routes.view)
-    several = routes.several or f"{routes.kind}s"
-    of_one = f"; those of one {routes.of} if asked" if routes.of else ""
-    to_list = routes.listed or f"List the {routes.words or several}, newest first{of_one}."
+    several = routes.plural or f"{routes.kind}s"
+    of_one = f"; those of one {routes.parent_kind} if asked" if routes.parent_kind else ""
+    to_list = routes.list_description or f"List the {routes.words or several}, newest first{of_one}."
     router.get("", name=f"list_{several}", description=to_list)(route)
 
 
-def _computed(view: type[BaseModel]) -> Show:
+def _show_by_job(view: type[BaseModel]) -> Show:
     assert issubclass(view, Computed)
-    return lambda resource: computed(view, resource)
+    return lambda resource: show_computed(view, resource)

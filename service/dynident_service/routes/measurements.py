@@ -15,26 +15,26 @@ from fastapi import APIRouter, File, Form, Query, Request, Response, UploadFile
 from fastapi.responses import FileResponse, StreamingResponse
 from starlette.background import BackgroundTask
 
-from dynident_service.jobs.confinement import Limits
-from dynident_service.models.common import plain
+from dynident_service.jobs.confinement import ComputationLimits
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
-from dynident_service.problems import ProblemError, ProblemField, not_found, unusable, validation_problem
-from dynident_service.routes.common import RetryKey, RetryKeyDep, again, make, stated
+from dynident_service.problems import ProblemError, ProblemField, make_not_found, make_unusable, make_validation_problem
+from dynident_service.routes.common import RetryKey, RetryKeyDep, create_or_replay, parse_json_body, replay_response
 from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.kept import Kept, keep
-from dynident_service.routes.needs import needed
+from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
+from dynident_service.routes.needs import require_resource
 from dynident_service.routes.uploads import (
     FURTHER,
     MEDIA_TYPES,
     MOST_FILES,
-    media_type_of,
-    receive,
+    detect_media_type,
+    hash_file,
+    receive_files,
     require_room_for,
-    sha256_of,
 )
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+from dynident_service.storage.records import Dependency, NewResource, OwnedObject, Resource, Retry
 from dynident_service.storage.tombstones import ObjectGone
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
@@ -83,73 +83,75 @@ async def upload_measurement(
     Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
     """
     if request.headers.get("content-type", "").lower().startswith("application/json"):
-        return await _of_import(request, services, retry, response)
+        return await _create_from_import(request, services, retry, response)
     if file is None or metadata is None:
         lacking = [name for name, value in (("file", file), ("metadata", metadata)) if value is None]
         fields = [ProblemField(pointer=f"/{name}", detail="Field required") for name in lacking]
-        raise ProblemError.of(validation_problem(fields))
-    with services.scratch() as folder:
-        stated_metadata = stated(MeasurementMetadata, metadata, "/metadata")
+        raise ProblemError.from_problem(make_validation_problem(fields))
+    with services.create_scratch_folder() as folder:
+        stated_metadata = parse_json_body(MeasurementMetadata, metadata, "/metadata")
         received = await to_thread.run_sync(
-            _receive, services, stated_metadata, [file, *(further or ())], folder, retry
+            _receive_upload, services, stated_metadata, [file, *(further or ())], folder, retry
         )
-        return await checked(request, services, received, response)
+        return await check_and_store(request, services, received, response)
 
 
-async def _of_import(request: Request, services: Services, retry: RetryKey, response: Response) -> MeasurementView:
+async def _create_from_import(
+    request: Request, services: Services, retry: RetryKey, response: Response
+) -> MeasurementView:
     """Store a recording of a file that was imported before."""
-    import_request = stated(MeasurementOfImport, await request.body())
-    with services.scratch() as folder:
-        received = await to_thread.run_sync(_imported, services, import_request, folder, retry)
-        return await checked(request, services, received, response)
+    import_request = parse_json_body(MeasurementOfImport, await request.body())
+    with services.create_scratch_folder() as folder:
+        received = await to_thread.run_sync(_receive_import, services, import_request, folder, retry)
+        return await check_and_store(request, services, received, response)
 
 
-async def checked(
-    request: Request, services: Services, received: Received | Resource, response: Response
+async def check_and_store(
+    request: Request, services: Services, received: ReceivedFile | Resource, response: Response
 ) -> MeasurementView:
     """Check a file and store it, unless an earlier try did, which made the resource."""
     if isinstance(received, Resource):
-        return show(again(received, response))
-    limits = Limits.for_files(received.source.stat().st_size)
-    result = await services.awaited.call(request, IMPORT, dict, received.to_import(), limits, is_long=True)
-    return await to_thread.run_sync(lambda: show(_store(services, received, result, response)))
+        return show_measurement(replay_response(received, response))
+    limits = ComputationLimits.from_file_sizes(received.source.stat().st_size)
+    result = await services.interactive.call(request, IMPORT, dict, received.import_arguments(), limits, is_long=True)
+    return await to_thread.run_sync(lambda: show_measurement(_store_measurement(services, received, result, response)))
 
 
-def _imported(
+def _receive_import(
     services: Services, import_request: MeasurementOfImport, folder: Path, key: RetryKey
-) -> Received | Resource:
-    retry, source, metadata = key.of(import_request), folder / "source", import_request.metadata
-    if (existing := services.resources.known(retry)) is not None:
+) -> ReceivedFile | Resource:
+    retry, source, metadata = key.bind_to_body(import_request), folder / "source", import_request.metadata
+    if (existing := services.resources.find_retried(retry)) is not None:
         return existing
     imported = services.resources.find(import_request.import_id)
     if imported is None or imported.kind != "import":
         detail = f"there is no import {import_request.import_id!r}; they are kept for a day: upload the file again"
-        raise unusable(detail, "/import_id", title="Unknown resource")
+        raise make_unusable(detail, "/import_id", title="Unknown resource")
     original = imported.objects["original"]
     require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
             target.write(part)
-    robot = needed(services, "robot", metadata.robot_id, "/metadata/robot_id").request
-    return Received(metadata, source, folder, original.key, retry, robot, import_id=imported.id)
+    robot = require_resource(services, "robot", metadata.robot_id, "/metadata/robot_id").request
+    return ReceivedFile(metadata, source, folder, original.key, retry, robot, import_id=imported.id)
 
 
 @router.get("/{measurement_id}/content", response_class=StreamingResponse)
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded."""
-    original = original_of(services.resources.get("measurement", measurement_id))
+    original = find_original(services.resources.get("measurement", measurement_id))
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
 
 
-def original_of(measurement: Resource) -> Owned:
+def find_original(measurement: Resource) -> OwnedObject:
     """Give the file of a measurement as it was uploaded; a problem 404 where there is none."""
     if "original" not in measurement.objects:
-        raise not_found("file of measurement", measurement.id)
+        raise make_not_found("file of measurement", measurement.id)
     return measurement.objects["original"]
 
 
-def show(resource: Resource) -> MeasurementView:
+def show_measurement(resource: Resource) -> MeasurementView:
     """Show a stored measurement."""
     metadata = MeasurementMetadata.model_validate(resource.request)
     return MeasurementView.model_validate(
@@ -157,7 +159,7 @@ def show(resource: Resource) -> MeasurementView:
             **vars(resource),
             **(resource.result or {}),
             **metadata.model_dump(include={"robot_id", "role", "windows"}),
-            "parent_id": next(iter(resource.all("parent")), None),
+            "parent_id": next(iter(resource.get_dependencies("parent")), None),
             "revision": len((resource.result or {}).get("edits", [])),
             "effort_kind": metadata.model_dump(include={"effort_kind"})["effort_kind"] or "unknown",
             "request": metadata,
@@ -165,26 +167,26 @@ def show(resource: Resource) -> MeasurementView:
     )
 
 
-keep(
+add_resource_routes(
     router,
-    Kept(
+    ResourceRoutes(
         "measurement",
         MeasurementView,
-        of="robot",
-        show=show,
-        shown="Show a measurement.",
-        deleted="Delete a measurement; 409 while others rest on it.",
-        labelled="Rename, tag or archive a measurement; the runs of a recording keep the name that they were read "
+        parent_kind="robot",
+        show=show_measurement,
+        show_description="Show a measurement.",
+        delete_description="Delete a measurement; 409 while others rest on it.",
+        label_description="Rename, tag or archive a measurement; the runs of a recording keep the name that they were read "
         "with.",
     ),
 )
 
 
 @dataclass(frozen=True)
-class Received:
+class ReceivedFile:
     """A file that was received, and what is said of it."""
 
-    said: MeasurementMetadata
+    metadata: MeasurementMetadata
     source: Path
     folder: Path
     sha256: str
@@ -192,7 +194,7 @@ class Received:
     robot: Mapping[str, Any]
     import_id: str | None = None
     """The import that the file comes from."""
-    revised: Resource | None = None
+    parent: Resource | None = None
     """The measurement of the same file of which something else is said now."""
     edits: Sequence[Mapping[str, object]] = ()
     """All that was said of it since it was uploaded."""
@@ -202,60 +204,62 @@ class Received:
         """Where the recording is to be written."""
         return self.folder / "recording.parquet"
 
-    def to_import(self) -> dict[str, object]:
+    def import_arguments(self) -> dict[str, object]:
         """Give what the import is told."""
         return {
             "source": str(self.source),
             "destination": str(self.recording),
             "robot": dict(self.robot),
-            "metadata": plain(self.said),
+            "metadata": to_plain_json(self.metadata),
             "sha256": self.sha256,
         }
 
 
-def _receive(
+def _receive_upload(
     services: Services, metadata: MeasurementMetadata, files: Sequence[UploadFile], folder: Path, key: RetryKey
-) -> Received | Resource:
+) -> ReceivedFile | Resource:
     source = folder / "source"
-    receive(services, files, source)
-    sha256 = sha256_of(source)
-    retry = key.of(metadata, sha256)
-    if (existing := services.resources.known(retry)) is not None:
+    receive_files(services, files, source)
+    sha256 = hash_file(source)
+    retry = key.bind_to_body(metadata, sha256)
+    if (existing := services.resources.find_retried(retry)) is not None:
         return existing
-    robot = needed(services, "robot", metadata.robot_id, "/metadata/robot_id").request
-    return Received(metadata, source, folder, sha256, retry, robot)
+    robot = require_resource(services, "robot", metadata.robot_id, "/metadata/robot_id").request
+    return ReceivedFile(metadata, source, folder, sha256, retry, robot)
 
 
-def _store(services: Services, received: Received, result: Mapping[str, Any], response: Response) -> Resource:
-    metadata, revised = received.said, received.revised
+def _store_measurement(
+    services: Services, received: ReceivedFile, result: Mapping[str, Any], response: Response
+) -> Resource:
+    metadata, revised = received.metadata, received.parent
     new = NewResource(
         "measurement",
-        plain(metadata),
+        to_plain_json(metadata),
         name=metadata.name,
         result={**result, "edits": received.edits},
         rests_on=(
-            RestsOn(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),
-            *([RestsOn(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
-            *([RestsOn(revised.id, "measurement", "parent", "/")] if revised else []),
+            Dependency(metadata.robot_id, "robot", "robot", "/metadata/robot_id"),
+            *([Dependency(received.import_id, "import", "import", "/import_id")] if received.import_id else []),
+            *([Dependency(revised.id, "measurement", "parent", "/")] if revised else []),
         ),
-        objects=_keep(services, received),
+        objects=_store_objects(services, received),
         retry=received.retry,
     )
     try:
-        return make(services, new, response)
+        return create_or_replay(services, new, response)
     except ObjectGone:  # swept away while this waited for longer than such files are kept
-        return make(services, replace(new, objects=_keep(services, received)), response)
+        return create_or_replay(services, replace(new, objects=_store_objects(services, received)), response)
 
 
-def _keep(services: Services, received: Received) -> tuple[Owned, ...]:
-    source, canonical, revised = received.source, received.recording, received.revised
+def _store_objects(services: Services, received: ReceivedFile) -> tuple[OwnedObject, ...]:
+    source, canonical, revised = received.source, received.recording, received.parent
     services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
     original = (
-        services.resources.put_as("original", source, media_type_of(source))
+        services.resources.put_with_role("original", source, detect_media_type(source))
         if revised is None
-        else original_of(revised)
+        else find_original(revised)
     )
-    return original, services.resources.put_as("recording", canonical, MEDIA_TYPES["parquet"])
+    return original, services.resources.put_with_role("recording", canonical, MEDIA_TYPES["parquet"])
 
 
 @router.get(
@@ -285,8 +289,8 @@ async def get_raw_signals(
         size = Path(sent["source"]).stat().st_size
         largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
         await to_thread.run_sync(require_room_for, services, largest // 2)
-        await services.awaited.call(
-            request, RAW, NoneType, arguments, replace(Limits.for_files(size), file_bytes=largest)
+        await services.interactive.call(
+            request, RAW, NoneType, arguments, replace(ComputationLimits.from_file_sizes(size), file_bytes=largest)
         )
     except BaseException:
         await removal()
@@ -300,10 +304,10 @@ def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict
     metadata = MeasurementMetadata.model_validate(measurement.request)
     robot = services.resources.get("robot", metadata.robot_id)
     return {
-        "source": str(services.objects.path(original_of(measurement).key)),
+        "source": str(services.objects.fetch_file(find_original(measurement).key)),
         "destination": str(folder / "signals.json"),
         "robot": dict(robot.request),
-        "metadata": plain(metadata),
+        "metadata": to_plain_json(metadata),
     }
 
 
@@ -311,6 +315,6 @@ def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict
 async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
     """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
     measurement = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
-    path = await to_thread.run_sync(services.objects.path, measurement.objects["recording"].key)
+    path = await to_thread.run_sync(services.objects.fetch_file, measurement.objects["recording"].key)
     arguments = {"recording": str(path)}
-    return Standstills.model_validate(await services.awaited.call(request, STANDSTILLS, dict, arguments))
+    return Standstills.model_validate(await services.interactive.call(request, STANDSTILLS, dict, arguments))

@@ -10,31 +10,31 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, File, Request, Response, UploadFile
 
-from dynident_service.jobs.confinement import Limits
+from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import MOST_ITEMS
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
-from dynident_service.problems import unusable
+from dynident_service.problems import make_unusable
 from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.needs import needed
-from dynident_service.routes.uploads import receive
-from dynident_service.science import importing
+from dynident_service.routes.needs import require_resource
+from dynident_service.routes.uploads import receive_files
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.meshes import GEOMETRY, meshes_of, named_meshes, role_of
-from dynident_service.storage.records import Owned
+from dynident_service.storage.meshes import GEOMETRY, find_mesh_files, get_mesh_role, list_meshes
+from dynident_service.storage.records import OwnedObject
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
-TAKE = "dynident_service.work.awaited:take_meshes"
+TAKE_MESHES = "dynident_service.work.awaited:read_meshes"
 
 
 @dataclass(frozen=True)
-class Taken:
+class StoredMeshes:
     """Meshes that were read: what the robot is to own, of which files its geometry is (by name), what was no mesh."""
 
-    named: list[dict[str, Any]]
-    objects: tuple[Owned, ...]
-    files: Mapping[str, Owned]
+    entries: list[dict[str, Any]]
+    objects: tuple[OwnedObject, ...]
+    files: Mapping[str, OwnedObject]
     unused: tuple[str, ...] = ()
 
 
@@ -53,21 +53,21 @@ async def put_meshes(
     A file is known by its name and as many of its folders as it is sent with.
     """
     robot = await to_thread.run_sync(services.resources.get, "robot", robot_id)
-    with services.scratch() as folder:
-        sent = await to_thread.run_sync(_receive, services, files, folder)
+    with services.create_scratch_folder() as folder:
+        sent = await to_thread.run_sync(_receive_meshes, services, files, folder)
         files_sent = tuple(sent.values())
         await to_thread.run_sync(services.resources.check_room, "robot", files_sent, robot_id)
-        stored_meshes = await _taken(request, services, robot.request, sent, meshes_of(robot), folder)
+        stored_meshes = await _read_and_store(request, services, robot.request, sent, find_mesh_files(robot), folder)
         unused = stored_meshes.unused
         while True:
-            changes = {"meshes": stored_meshes.named}
+            changes = {"meshes": stored_meshes.entries}
             robot = await to_thread.run_sync(
                 services.resources.attach, "robot", robot_id, changes, stored_meshes.objects
             )
-            if meshes_of(robot) == stored_meshes.files:
-                return MeshesView.model_validate({"meshes": named_meshes(robot), "unused": unused})
+            if find_mesh_files(robot) == stored_meshes.files:
+                return MeshesView.model_validate({"meshes": list_meshes(robot), "unused": unused})
             # Others came meanwhile: the geometry is that of all of them.
-            stored_meshes = await _taken(request, services, robot.request, {}, meshes_of(robot), folder)
+            stored_meshes = await _read_and_store(request, services, robot.request, {}, find_mesh_files(robot), folder)
 
 
 @router.get("/{robot_id}/geometry", response_model=GeometryView)
@@ -79,94 +79,96 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
     robot = services.resources.get("robot", robot_id)
     if (geometry := robot.objects.get(GEOMETRY)) is not None:
         return Response(services.objects.get(geometry.key), media_type="application/json")
-    with importing():
+    with hold_import_lock():
         from dynident_service.adapters.geometry import describe_geometry
-        from dynident_service.adapters.robots import robot_of
+        from dynident_service.adapters.robots import restore_robot
 
-    return describe_geometry(robot_of(robot.request))
+    return describe_geometry(restore_robot(robot.request))
 
 
 @router.post("/{robot_id}/poses")
 def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> PosesView:
     """Say where the frames of the robot's geometry are at postures of its joints; closed loops are followed."""
-    with importing():
+    with hold_import_lock():
         import numpy as np
 
         from dynident_service.adapters.geometry import describe_poses
-        from dynident_service.adapters.robots import robot_of
+        from dynident_service.adapters.robots import restore_robot
 
-    robot = robot_of(services.resources.get("robot", robot_id).request)
+    robot = restore_robot(services.resources.get("robot", robot_id).request)
     for index, posture in enumerate(body.positions):
         if len(posture) != robot.n:
-            raise unusable(f"give a position for each of its joints: {robot.n}", f"/positions/{index}")
+            raise make_unusable(f"give a position for each of its joints: {robot.n}", f"/positions/{index}")
     return describe_poses(robot, np.array(body.positions))
 
 
-async def inherited(
+async def inherit_meshes(
     request: Request,
     services: Services,
     source_id: str | None,
     mesh_names: Set[str],
     robot_request: Mapping[str, object],
-) -> tuple[Owned, ...]:
+) -> tuple[OwnedObject, ...]:
     """What a new robot, whose description names these meshes, has of another one's."""
     if source_id is None:
         return ()
-    source = await to_thread.run_sync(needed, services, "robot", source_id, "/meshes_of")
-    inherited_files = {name: file for name, file in meshes_of(source).items() if name in mesh_names}
+    source = await to_thread.run_sync(require_resource, services, "robot", source_id, "/meshes_of")
+    inherited_files = {name: file for name, file in find_mesh_files(source).items() if name in mesh_names}
     if not inherited_files:
         return ()
-    with services.scratch() as folder:
-        stored_meshes = await _taken(request, services, robot_request, {}, inherited_files, folder)
+    with services.create_scratch_folder() as folder:
+        stored_meshes = await _read_and_store(request, services, robot_request, {}, inherited_files, folder)
     owned = [
-        replace(stored_meshes.files[mesh["name"]], role=role_of(k))
-        for k, mesh in enumerate(stored_meshes.named)
+        replace(stored_meshes.files[mesh["name"]], role=get_mesh_role(k))
+        for k, mesh in enumerate(stored_meshes.entries)
         if mesh["name"] in inherited_files
     ]
     return (*stored_meshes.objects, *owned)
 
 
-def _receive(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
+def _receive_meshes(services: Services, files: Sequence[UploadFile], folder: Path) -> dict[str, Path]:
     received: dict[str, Path] = {}
     for place, file in enumerate(files):
         name = file.filename or f"file {place + 1}"
         if name in received:
-            raise unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
+            raise make_unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
         received[name] = folder / f"sent-{place}"
-        receive(services, [file], received[name])
+        receive_files(services, [file], received[name])
     return received
 
 
-async def _taken(
+async def _read_and_store(
     request: Request,
     services: Services,
     robot: Mapping[str, Any],
     sent: Mapping[str, Path],
-    existing_files: Mapping[str, Owned],
+    existing_files: Mapping[str, OwnedObject],
     folder: Path,
-) -> Taken:
+) -> StoredMeshes:
     """Have a child read the meshes, then put what came into the object store."""
     geometry = folder / "geometry.json"
 
-    def asked() -> dict[str, Any]:  # in a thread: files that are kept are compared with their hashes
+    def collect_arguments() -> dict[str, Any]:  # in a thread: files that are kept are compared with their hashes
         return {
             "request": dict(robot),
             "sent": {name: str(file) for name, file in sent.items()},
-            "kept": {name: str(services.objects.path(owned.key)) for name, owned in existing_files.items()},
+            "kept": {name: str(services.objects.fetch_file(owned.key)) for name, owned in existing_files.items()},
             "destination": str(geometry),
         }
 
     sizes = [*(file.stat().st_size for file in sent.values()), *(owned.size for owned in existing_files.values())]
-    arguments = await to_thread.run_sync(asked)
-    read_meshes = await services.awaited.call(request, TAKE, dict, arguments, Limits.for_files(*sizes), is_long=True)
+    arguments = await to_thread.run_sync(collect_arguments)
+    read_meshes = await services.interactive.call(
+        request, TAKE_MESHES, dict, arguments, ComputationLimits.from_file_sizes(*sizes), is_long=True
+    )
 
-    def stored() -> Taken:
-        files, put = dict(existing_files), services.resources.put_as
+    def store_objects() -> StoredMeshes:
+        files, put = dict(existing_files), services.resources.put_with_role
         new = [put(GEOMETRY, geometry, "application/json")]
         for place, mesh in enumerate(read_meshes["meshes"]):
             if (file := read_meshes["chosen"].get(mesh["name"])) is not None:
-                files[mesh["name"]] = put(role_of(place), sent[file], "application/octet-stream")
+                files[mesh["name"]] = put(get_mesh_role(place), sent[file], "application/octet-stream")
                 new.append(files[mesh["name"]])
-        return Taken(read_meshes["meshes"], tuple(new), files, tuple(read_meshes["unused"]))
+        return StoredMeshes(read_meshes["meshes"], tuple(new), files, tuple(read_meshes["unused"]))
 
-    return await to_thread.run_sync(stored)
+    return await to_thread.run_sync(store_objects)

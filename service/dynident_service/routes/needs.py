@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from dynident_service.models.robots import JointView, RobotResult
-from dynident_service.problems import not_found, unusable
-from dynident_service.storage.records import Kind, Resource, RestsOn
+from dynident_service.problems import make_not_found, make_unusable
+from dynident_service.storage.records import Dependency, Kind, Resource
 from dynident_service.storage.resources import Resources
 
 
-class Readable(Protocol):
+class ResourceReader(Protocol):
     """Reads resources by their ids."""
 
     def find(self, identifier: str) -> Resource | None:
@@ -21,15 +21,15 @@ class Readable(Protocol):
         """Read one resource; a problem 404 if there is none."""
 
 
-class Reading(Protocol):
+class HasResources(Protocol):
     """The part of the services that a check of a request needs: its resources."""
 
     @property
-    def resources(self) -> Readable:
+    def resources(self) -> ResourceReader:
         """The resources."""
 
 
-class ReadAhead:
+class PrefetchedResources:
     """Resources that are read with one query, before a batch asks for them one by one."""
 
     def __init__(self, resources: Resources, identifiers: Iterable[str]) -> None:
@@ -37,7 +37,7 @@ class ReadAhead:
         self._found: dict[str, Resource | None] = dict(resources.find_all(identifiers))
 
     @property
-    def resources(self) -> Readable:
+    def resources(self) -> ResourceReader:
         """Itself, so that it can stand in for the services."""
         return self
 
@@ -51,88 +51,88 @@ class ReadAhead:
         """Give a resource of a kind; a problem 404 if there is none."""
         resource = self.find(identifier)
         if resource is None or resource.kind != kind:
-            raise not_found(kind, identifier)
+            raise make_not_found(kind, identifier)
         return resource
 
 
-def needed(services: Reading, kind: Kind, identifier: str, pointer: str) -> Resource:
+def require_resource(services: HasResources, kind: Kind, identifier: str, pointer: str) -> Resource:
     """Find a resource that the request names."""
     resource = services.resources.find(identifier)
     if resource is None or resource.kind != kind:
-        raise unusable(f"there is no {kind} {identifier!r}", pointer, title="Unknown resource")
+        raise make_unusable(f"there is no {kind} {identifier!r}", pointer, title="Unknown resource")
     return resource
 
 
-def needed_robot(services: Reading, identifier: str) -> Resource:
+def require_robot(services: HasResources, identifier: str) -> Resource:
     """Find the robot that the request names."""
-    return needed(services, "robot", identifier, "/robot_id")
+    return require_resource(services, "robot", identifier, "/robot_id")
 
 
-def needed_result(
-    services: Reading, kind: Kind, identifier: str, pointer: str, title: str = "Unusable input"
+def require_result(
+    services: HasResources, kind: Kind, identifier: str, pointer: str, title: str = "Unusable input"
 ) -> Resource:
     """Find a resource that the request names, and whose job must have succeeded."""
-    resource = needed(services, kind, identifier, pointer)
+    resource = require_resource(services, kind, identifier, pointer)
     state = resource.job.state if resource.job is not None else "failed"
     if state != "succeeded":
         detail = f"the {kind} {identifier!r} is {state}; one that succeeded is needed"
-        raise unusable(detail, pointer, title=title)
+        raise make_unusable(detail, pointer, title=title)
     return resource
 
 
-def needed_model(services: Reading, identifier: str) -> Resource:
+def require_model(services: HasResources, identifier: str) -> Resource:
     """Find the identification that the request names; it must have succeeded."""
-    return needed_result(services, "identification", identifier, "/identification_id", "Not identified")
+    return require_result(services, "identification", identifier, "/identification_id", "Not identified")
 
 
-def needed_design(services: Reading, identifier: str, robot: Resource) -> RestsOn:
+def require_design(services: HasResources, identifier: str, robot: Resource) -> Dependency:
     """Return the dependency on a design; it must be computed, and for this robot."""
-    design = needed_result(services, "design", identifier, "/design_id")
-    if design.one("robot") != robot.id:
-        detail = f"the design {identifier!r} is for another robot, {design.one('robot')}"
-        raise unusable(detail, "/design_id")
-    return RestsOn(identifier, "design", "design", "/design_id")
+    design = require_result(services, "design", identifier, "/design_id")
+    if design.get_dependency("robot") != robot.id:
+        detail = f"the design {identifier!r} is for another robot, {design.get_dependency('robot')}"
+        raise make_unusable(detail, "/design_id")
+    return Dependency(identifier, "design", "design", "/design_id")
 
 
-def resting_on(resource: Resource) -> RestsOn:
+def depend_on(resource: Resource) -> Dependency:
     """Return the dependency on a robot or a model that the request names by the id of its kind."""
-    return RestsOn(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
+    return Dependency(resource.id, resource.kind, resource.kind, f"/{resource.kind}_id")
 
 
-def needed_measurements(
-    services: Reading, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
-) -> tuple[RestsOn, ...]:
+def require_measurements(
+    services: HasResources, robot: Resource, identifiers: Sequence[str], role: str, pointer: str
+) -> tuple[Dependency, ...]:
     """Find the measurements that the request names; they must be of this robot, or of one with the same drives."""
     needs = []
     for index, identifier in enumerate(identifiers):
         item_pointer = f"{pointer}/{index}"
-        measurement = needed(services, "measurement", identifier, item_pointer)
+        measurement = require_resource(services, "measurement", identifier, item_pointer)
         if identifier in identifiers[:index]:
-            raise unusable(f"the measurement {identifier!r} is named twice", item_pointer)
+            raise make_unusable(f"the measurement {identifier!r} is named twice", item_pointer)
         require_same_drives(services, robot, measurement, item_pointer)
-        needs.append(RestsOn(identifier, "measurement", role, item_pointer))
+        needs.append(Dependency(identifier, "measurement", role, item_pointer))
     return tuple(needs)
 
 
-def require_same_drives(services: Reading, robot: Resource, measurement: Resource, pointer: str) -> None:
+def require_same_drives(services: HasResources, robot: Resource, measurement: Resource, pointer: str) -> None:
     """Refuse a measurement whose torques were computed with other drive gains, or of other joints."""
-    own = measurement.one("robot")
+    own = measurement.get_dependency("robot")
     if own == robot.id:
         return
     other = services.resources.get("robot", own)
-    if _drives(robot) != _drives(other):
+    if _list_drives(robot) != _list_drives(other):
         detail = (
             f"the measurement {measurement.id!r} is of the robot {other.name!r} ({own}), which has other joints or "
             f"drive gains; upload its file for the robot {robot.id}"
         )
-        raise unusable(detail, pointer, title="Another robot's measurement")
+        raise make_unusable(detail, pointer, title="Another robot's measurement")
 
 
 def refuse_coupled(robot: Resource, reason: str) -> None:
     """Refuse a robot of which a motor acts on several joints."""
     coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
     if coupled:
-        raise unusable(
+        raise make_unusable(
             f"the motors of {', '.join(coupled)} of this robot act on several joints; "
             f"{reason} motors of one joint each",
             "/robot_id",
@@ -140,6 +140,6 @@ def refuse_coupled(robot: Resource, reason: str) -> None:
         )
 
 
-def _drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
+def _list_drives(robot: Resource) -> list[tuple[str, str, float | None, dict[str, float]]]:
     joints: list[JointView] = RobotResult.model_validate(robot.result).joints
     return [(joint.name, joint.type, joint.drive_gain, joint.coupling) for joint in joints]

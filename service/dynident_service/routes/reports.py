@@ -9,51 +9,58 @@ from fastapi.responses import StreamingResponse
 
 from dynident.reports.stated import MEDIA_TYPES
 from dynident_service.models.reports import ReportRequest, ReportView
-from dynident_service.problems import unusable
-from dynident_service.routes.common import succeeded
-from dynident_service.routes.kept import Kept, asked_for
-from dynident_service.routes.needs import needed_design, needed_measurements, needed_model, needed_result, resting_on
+from dynident_service.problems import make_unusable
+from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.kept import ResourceRoutes, add_create_route
+from dynident_service.routes.needs import depend_on, require_design, require_measurements, require_model, require_result
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.records import NewJob, Resource, RestsOn
+from dynident_service.storage.records import Dependency, NewJob, Resource
 
 router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 
-def _address(request: Request, body: Mapping[str, object]) -> dict[str, object]:
+def _build_address(request: Request, body: Mapping[str, object]) -> dict[str, object]:
     """Where a report that is sent on leads back to: what the settings say, or where this request was received.
 
     Never what its `Host` header says, which whoever sends the request makes up.
     """
-    base = request.app.state.services.settings.public_url or _received_at(request)
+    base = request.app.state.services.settings.public_url or _server_address(request)
     return {"address": f"{base.rstrip('/')}/?identification={body['identification_id']}" if base else ""}
 
 
-def _received_at(request: Request) -> str:
+def _server_address(request: Request) -> str:
     host, port = request.scope.get("server") or ("", None)
     if port is None:  # a Unix socket
         return ""
     return f"{request.url.scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-@asked_for(
+@add_create_route(
     router,
-    Kept("report", ReportView, of="identification", shown="Show a report; its result says where the document is."),
+    ResourceRoutes(
+        "report",
+        ReportView,
+        parent_kind="identification",
+        show_description="Show a report; its result says where the document is.",
+    ),
     NewJob("report", "dynident_service.work.reports:write_report"),
-    _address,
+    _build_address,
 )
-def create_report(services: Services, body: ReportRequest) -> Sequence[RestsOn]:
+def create_report(services: Services, body: ReportRequest) -> Sequence[Dependency]:
     """Write a report of an identified model, with its ladder and a diagnosis if asked."""
-    model = needed_model(services, body.identification_id)
-    robot = services.resources.get("robot", model.one("robot"))
+    model = require_model(services, body.identification_id)
+    robot = services.resources.get("robot", model.get_dependency("robot"))
     needs = [
-        resting_on(model),
-        *needed_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
+        depend_on(model),
+        *require_measurements(services, robot, body.measurement_ids or [], "measurement", "/measurement_ids"),
     ]
     if body.design_id is not None:
-        needs.append(needed_design(services, body.design_id, robot))
-    needs += [_validation(services, identifier, index, model) for index, identifier in enumerate(body.validation_ids)]
+        needs.append(require_design(services, body.design_id, robot))
+    needs += [
+        _require_validation(services, identifier, index, model) for index, identifier in enumerate(body.validation_ids)
+    ]
     if body.diagnosis_id is not None:
-        needs.append(_diagnosis(services, body.diagnosis_id, model))
+        needs.append(_require_diagnosis(services, body.diagnosis_id, model))
     return needs
 
 
@@ -64,7 +71,7 @@ def create_report(services: Services, body: ReportRequest) -> Sequence[RestsOn]:
 )
 def get_report_content(report_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the document."""
-    document = succeeded(services.resources.get("report", report_id)).objects["content"]
+    document = require_succeeded(services.resources.get("report", report_id)).objects["content"]
     # The document shows names that users gave: no script in it may run, whatever they are.
     headers = {
         "Content-Length": str(document.size),
@@ -73,24 +80,24 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
     return StreamingResponse(services.objects.stream(document.key), media_type=document.media_type, headers=headers)
 
 
-def _validation(services: Services, identifier: str, index: int, model: Resource) -> RestsOn:
+def _require_validation(services: Services, identifier: str, index: int, model: Resource) -> Dependency:
     """The validation must be of this model, and have ended."""
     pointer = f"/validation_ids/{index}"
-    validation = needed_result(services, "validation", identifier, pointer)
-    if validation.one("identification") != model.id:
-        raise unusable(f"the validation {identifier!r} is of another model", pointer)
-    return RestsOn(identifier, "validation", "validation", pointer)
+    validation = require_result(services, "validation", identifier, pointer)
+    if validation.get_dependency("identification") != model.id:
+        raise make_unusable(f"the validation {identifier!r} is of another model", pointer)
+    return Dependency(identifier, "validation", "validation", pointer)
 
 
-def _diagnosis(services: Services, identifier: str, model: Resource) -> RestsOn:
+def _require_diagnosis(services: Services, identifier: str, model: Resource) -> Dependency:
     """The diagnosis must be of this model or of one that it was extended from."""
-    diagnosis = needed_result(services, "diagnosis", identifier, "/diagnosis_id")
-    diagnosed = diagnosis.one("identification")
+    diagnosis = require_result(services, "diagnosis", identifier, "/diagnosis_id")
+    diagnosed = diagnosis.get_dependency("identification")
     ancestor: Resource | None = model
     while ancestor is not None and ancestor.id != diagnosed:
-        parents = ancestor.all("parent")
+        parents = ancestor.get_dependencies("parent")
         ancestor = services.resources.get("identification", parents[0]) if parents else None
     if ancestor is None:
         detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor what it came from"
-        raise unusable(detail, "/diagnosis_id")
-    return RestsOn(identifier, "diagnosis", "diagnosis", "/diagnosis_id")
+        raise make_unusable(detail, "/diagnosis_id")
+    return Dependency(identifier, "diagnosis", "diagnosis", "/diagnosis_id")

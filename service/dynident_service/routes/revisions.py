@@ -9,13 +9,13 @@ from typing import Any
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.models.revisions import RevisionRequest
-from dynident_service.problems import Problem, ProblemError, unusable
+from dynident_service.problems import Problem, ProblemError, make_unusable
 from dynident_service.routes.common import RetryKeyDep
-from dynident_service.routes.measurements import Received, checked, original_of
-from dynident_service.science import importing
+from dynident_service.routes.measurements import ReceivedFile, check_and_store, find_original
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource, Retry
 
@@ -34,46 +34,48 @@ async def revise_measurement(
     response: Response,
 ) -> MeasurementView:
     """Say something else of a measurement's file: a new measurement, checked anew, whose parent is this one."""
-    with services.scratch() as folder:
-        received = await to_thread.run_sync(_received, services, measurement_id, body, folder, retry.of(body))
+    with services.create_scratch_folder() as folder:
+        received = await to_thread.run_sync(
+            _prepare_revision, services, measurement_id, body, folder, retry.bind_to_body(body)
+        )
         try:
-            return await checked(request, services, received, response)
+            return await check_and_store(request, services, received, response)
         except ProblemError as error:
-            raise _of_body(error.problem) from error
+            raise _repoint_to_body(error.problem) from error
 
 
-def _received(
+def _prepare_revision(
     services: Services, measurement_id: str, body: RevisionRequest, folder: Path, key: Retry | None
-) -> Received | Resource:
+) -> ReceivedFile | Resource:
     parent = services.resources.get("measurement", measurement_id)
-    if (existing := services.resources.known(key)) is not None:
+    if (existing := services.resources.find_retried(key)) is not None:
         return existing
-    metadata, edits = _said(parent, body)
-    original = original_of(parent)
+    metadata, edits = _merge_revision(parent, body)
+    original = find_original(parent)
     sha256 = original.key if parent.result is None else parent.result["sha256"]
     robot = services.resources.get("robot", metadata.robot_id).request
-    source = services.objects.path(original.key)
-    return Received(metadata, source, folder, sha256, key, robot, revised=parent, edits=edits)
+    source = services.objects.fetch_file(original.key)
+    return ReceivedFile(metadata, source, folder, sha256, key, robot, parent=parent, edits=edits)
 
 
-def _said(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
+def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
     """What is said of the file from now on, and all that was said anew since it was uploaded."""
-    with importing():
-        from dynident_service.adapters.revisions import revised
+    with hold_import_lock():
+        from dynident_service.adapters.revisions import apply_revision
 
-    change = plain(body)
+    change = to_plain_json(body)
     if not change:
-        raise unusable("give at least one field that is to change", "/", title="Nothing to revise")
+        raise make_unusable("give at least one field that is to change", "/", title="Nothing to revise")
     edits = [*(parent.result or {}).get("edits", []), change]
     own_name = f"{_NUMBERED.sub('', parent.name or 'measurement')[:190]} r{len(edits)}"
-    return revised(
+    return apply_revision(
         MeasurementMetadata.model_validate(parent.request), body.model_copy(update={"name": body.name or own_name})
     ), edits
 
 
-def _of_body(problem: Problem) -> ProblemError:
+def _repoint_to_body(problem: Problem) -> ProblemError:
     """What is wrong with a file, told by the fields of a revision: there is no form around them."""
     fields = [
         field.model_copy(update={"pointer": field.pointer.removeprefix("/metadata")}) for field in problem.errors or []
     ]
-    return ProblemError.of(problem.model_copy(update={"errors": fields or None}))
+    return ProblemError.from_problem(problem.model_copy(update={"errors": fields or None}))

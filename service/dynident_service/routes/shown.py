@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dynident_service.routes import batches, jobs
-from dynident_service.routes.kept import SHOWN
+from dynident_service.routes.kept import SHOW_FUNCTIONS
 from dynident_service.storage.records import Kind, Resource
 
 _FILES: Mapping[Kind, frozenset[str]] = {
@@ -21,7 +21,7 @@ _FILES: Mapping[Kind, frozenset[str]] = {
 """What there is of each, once it has been computed."""
 
 
-def look_at(resource: Resource) -> None:
+def check_stored_resource(resource: Resource) -> None:
     """Show a resource and its job; raises ValueError, or whatever showing it does, where this service could not."""
     show_resource(resource)
     if resource.job is None or resource.job.state == "succeeded":
@@ -33,8 +33,8 @@ def look_at(resource: Resource) -> None:
 def show_resource(resource: Resource) -> None:
     """Show a resource and its job, whatever files it has; raises what showing it does where this service cannot."""
     if resource.job is not None:
-        jobs.show(resource.job)
+        jobs.show_job(resource.job)
     if resource.kind == "batch":
-        batches.members(resource)
+        batches.member_ids(resource)
     else:
-        SHOWN[resource.kind](resource)
+        SHOW_FUNCTIONS[resource.kind](resource)

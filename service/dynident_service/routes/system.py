@@ -43,7 +43,7 @@ async def readiness(services: ServicesDep, response: Response) -> Readiness:
     second old. While the engine starts, jobs are accepted already; one that is draining takes none, since the service
     ends.
     """
-    checks = await services.readiness.states()
+    checks = await services.readiness.collect_states()
     checks["engine"] = services.engine.condition
     checks["stored"] = services.housekeeping.condition
     ready = all(value in ("ok", "starting", "ready") for value in checks.values())

@@ -11,15 +11,15 @@ from fastapi import APIRouter, Query, Request
 from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView, IdentificationResult
 from dynident_service.models.verdicts import VerdictView
 from dynident_service.problems import ProblemError
-from dynident_service.routes.common import succeeded
-from dynident_service.science import importing
+from dynident_service.routes.common import require_succeeded
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
 
 AWAITED = "dynident_service.work.awaited"
 MOST_OUTCOMES = 100
 """Validations of a model that are looked through, the newest first."""
-JUDGE = "dynident_service.work.verdicts:judge"
+JUDGE = "dynident_service.work.verdicts:judge_model"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -32,55 +32,64 @@ async def get_essential_parameters(
     query: Annotated[EssentialQuery, Query()],
 ) -> EssentialView:
     """Find the essential parameters by backward elimination, with the errors along the way."""
-    sent = {"model": await model_file(services, identification_id), "ratio": query.ratio}
-    return EssentialView.model_validate(await services.awaited.call(request, f"{AWAITED}:essential", dict, sent))
+    sent = {"model": await find_model_file(services, identification_id), "ratio": query.ratio}
+    return EssentialView.model_validate(await services.interactive.call(request, f"{AWAITED}:essential", dict, sent))
 
 
 @router.get("/{identification_id}/correlation")
 async def get_correlation(identification_id: str, request: Request, services: ServicesDep) -> CorrelationView:
     """Show the correlation of the estimates, and say in words which of them the motion determines only together."""
-    arguments = {"model": await model_file(services, identification_id)}
+    arguments = {"model": await find_model_file(services, identification_id)}
     return CorrelationView.model_validate(
-        await services.awaited.call(request, f"{AWAITED}:correlation", dict, arguments)
+        await services.interactive.call(request, f"{AWAITED}:correlation", dict, arguments)
     )
 
 
-async def model_file(services: Services, identifier: str) -> str:
+async def find_model_file(services: Services, identifier: str) -> str:
     """Give the path of the file that holds an identified model; it must have succeeded."""
 
-    def find() -> str:
-        identification = succeeded(services.resources.get("identification", identifier))
-        return str(services.objects.path(identification.objects["model"].key))
+    def find_path() -> str:
+        identification = require_succeeded(services.resources.get("identification", identifier))
+        return str(services.objects.fetch_file(identification.objects["model"].key))
 
-    return await to_thread.run_sync(find)
+    return await to_thread.run_sync(find_path)
 
 
 @router.get("/{identification_id}/verdict")
 async def get_verdict(identification_id: str, request: Request, services: ServicesDep) -> VerdictView:
     """Say for which uses a model is fit and why or why not; `stop` names the most probable cause of a gross mistake."""
 
-    def find() -> dict[str, Any]:
-        identification = succeeded(services.resources.get("identification", identification_id))
+    def collect_arguments() -> dict[str, Any]:
+        identification = require_succeeded(services.resources.get("identification", identification_id))
         return {
-            "fitted": [_measurement(services, identifier) for identifier in identification.all("training")],
-            "held_out": [_measurement(services, identifier) for identifier in identification.all("validation")],
-            "outcomes": _outcomes(services, identification_id),
+            "fitted": [
+                _describe_measurement(services, identifier)
+                for identifier in identification.get_dependencies("training")
+            ],
+            "held_out": [
+                _describe_measurement(services, identifier)
+                for identifier in identification.get_dependencies("validation")
+            ],
+            "outcomes": _newest_outcomes(services, identification_id),
         }
 
-    arguments = {"model": await model_file(services, identification_id), **await to_thread.run_sync(find)}
+    arguments = {
+        "model": await find_model_file(services, identification_id),
+        **await to_thread.run_sync(collect_arguments),
+    }
     # A model and its measurements never change: what is said of them changes with its validations alone.
     key = f"{identification_id} {json.dumps(arguments['outcomes'])}"
     if (cached := services.verdicts.get(key)) is not None:
         return cached
-    answer = await services.awaited.call(request, JUDGE, dict, arguments)
+    answer = await services.interactive.call(request, JUDGE, dict, arguments)
     verdict = VerdictView.model_validate(answer)
-    services.verdicts.keep(key, verdict)
+    services.verdicts.put(key, verdict)
     return verdict
 
 
-def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
+def _newest_outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
     """How the newest validation of every kind ended."""
-    page = services.resources.page("validation", MOST_OUTCOMES, on_id=identification_id)
+    page = services.resources.list_page("validation", MOST_OUTCOMES, on_id=identification_id)
     newest = {
         validation.request["kind"]: validation.result
         for validation in reversed(page.items)
@@ -95,7 +104,7 @@ def _outcomes(services: Services, identification_id: str) -> list[dict[str, Any]
 
 def refuse_stopped(identification: Resource) -> None:
     """Raise a problem 409 for a model that its error, or held-out data of the fit, say not to use."""
-    with importing():
+    with hold_import_lock():
         from dynident.identification.thresholds import STOP
 
     result = IdentificationResult.model_validate(identification.result)
@@ -116,8 +125,8 @@ def refuse_stopped(identification: Resource) -> None:
         raise ProblemError(409, detail, title="Not fit for use")
 
 
-def _measurement(services: Services, identifier: str) -> dict[str, Any]:
+def _describe_measurement(services: Services, identifier: str) -> dict[str, Any]:
     measurement = services.resources.get("measurement", identifier)
-    path = services.objects.path(measurement.objects["recording"].key)
+    path = services.objects.fetch_file(measurement.objects["recording"].key)
     checks = [] if measurement.result is None else measurement.result["checks"]
     return {"id": measurement.id, "recording": str(path), "request": dict(measurement.request), "checks": checks}

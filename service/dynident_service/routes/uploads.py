@@ -8,12 +8,20 @@ from pathlib import Path, PurePath
 from fastapi import UploadFile
 
 from dynident.recordings.packing import MOST_FILES, pack_files
-from dynident_service.problems import unusable
+from dynident_service.problems import make_unusable
 from dynident_service.services import Services
-from dynident_service.storage.objects import digest
-from dynident_service.storage.space import require_room
+from dynident_service.storage.objects import compute_digest
+from dynident_service.storage.space import check_disk_space
 
-__all__ = ["FURTHER", "MEDIA_TYPES", "MOST_FILES", "media_type_of", "receive", "require_room_for", "sha256_of"]
+__all__ = [
+    "FURTHER",
+    "MEDIA_TYPES",
+    "MOST_FILES",
+    "detect_media_type",
+    "hash_file",
+    "receive_files",
+    "require_room_for",
+]
 
 FURTHER = "Further files of the same recording: signals in files of their own, joined by time or row by row"
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
@@ -21,10 +29,10 @@ MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 def require_room_for(services: Services, size: int) -> None:
     """Refuse a file of so many bytes for which there is no room, with what is made of it."""
-    require_room(services.settings.data_dir, 2 * size, services.settings.reserved_bytes)
+    check_disk_space(services.settings.data_dir, 2 * size, services.settings.reserved_bytes)
 
 
-def receive(services: Services, files: Sequence[UploadFile], target: Path) -> None:
+def receive_files(services: Services, files: Sequence[UploadFile], target: Path) -> None:
     """Move what was uploaded to where it is wanted; several files that are one recording become an archive."""
     require_room_for(services, sum(file.size or 0 for file in files))
     sent = [Path(file.file.name) for file in files]
@@ -35,17 +43,17 @@ def receive(services: Services, files: Sequence[UploadFile], target: Path) -> No
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated is not None:
         detail = f"two files are called {repeated!r}; their names tell the signals of one from those of another"
-        raise unusable(detail, "/further", title="Unusable file")
+        raise make_unusable(detail, "/further", title="Unusable file")
     pack_files(list(zip(names, sent, strict=True)), target)
 
 
-def sha256_of(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Return the SHA-256 of a file, in hex."""
     with path.open("rb") as opened:
-        return digest(opened)[0]
+        return compute_digest(opened)[0]
 
 
-def media_type_of(source: Path) -> str:
+def detect_media_type(source: Path) -> str:
     """Return the media type of a file, by its first bytes."""
     with source.open("rb") as opened:
         start = opened.read(16)

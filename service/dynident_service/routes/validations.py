@@ -9,68 +9,68 @@ from fastapi import APIRouter
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.tables import Table
 from dynident_service.models.validations import ValidationRequest, ValidationResult, ValidationView
-from dynident_service.problems import unusable
-from dynident_service.routes.kept import Kept, asked_for
-from dynident_service.routes.needs import needed_measurements, needed_model, resting_on
-from dynident_service.science import importing
+from dynident_service.problems import make_unusable
+from dynident_service.routes.kept import ResourceRoutes, add_create_route
+from dynident_service.routes.needs import depend_on, require_measurements, require_model
+from dynident_service.science import hold_import_lock
 from dynident_service.services import Services
-from dynident_service.storage.records import NewJob, Resource, RestsOn
+from dynident_service.storage.records import Dependency, NewJob, Resource
 
 router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 
-def _tables(services: Services, resource: Resource) -> list[Table]:
-    with importing():
+def _build_tables(services: Services, resource: Resource) -> list[Table]:
+    with hold_import_lock():
         from dynident_service.adapters.tables import show_tables
-        from dynident_service.adapters.validation_tables import tables_of
+        from dynident_service.adapters.validation_tables import build_validation_tables
 
-    model = services.resources.get("identification", resource.one("identification"))
+    model = services.resources.get("identification", resource.get_dependency("identification"))
     joints = [] if model.result is None else model.result["joints"]
-    return show_tables(tables_of(ValidationResult.model_validate(resource.result), joints))
+    return show_tables(build_validation_tables(ValidationResult.model_validate(resource.result), joints))
 
 
-@asked_for(
+@add_create_route(
     router,
-    Kept("validation", ValidationView, of="identification", tables=_tables),
+    ResourceRoutes("validation", ValidationView, parent_kind="identification", tables=_build_tables),
     NewJob("validation", "dynident_service.work.validations:validate_model"),
 )
-def create_validation(services: Services, body: ValidationRequest) -> Sequence[RestsOn]:
+def create_validation(services: Services, body: ValidationRequest) -> Sequence[Dependency]:
     """Try an identified model: on its own data, on data it has not seen, or for physical sense."""
     _check_fields(body)
-    model = needed_model(services, body.identification_id)
+    model = require_model(services, body.identification_id)
     return (
-        resting_on(model),
-        *_measurements(services, body, model),
+        depend_on(model),
+        *_require_measurements(services, body, model),
     )
 
 
 def _check_fields(body: ValidationRequest) -> None:
     """Refuse what the test that is asked for does not take."""
-    with importing():
+    with hold_import_lock():
         from dynident_service.adapters.validations import trial_from_request
 
     trial = trial_from_request(body)
     if body.measurement_ids is not None and not trial.takes_recordings:
-        raise unusable(f"{body.kind} takes no measurement_ids; leave it out", "/measurement_ids")
+        raise make_unusable(f"{body.kind} takes no measurement_ids; leave it out", "/measurement_ids")
 
 
-def _measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[RestsOn, ...]:
+def _require_measurements(services: Services, body: ValidationRequest, model: Resource) -> tuple[Dependency, ...]:
     model_request = StoredIdentification.model_validate(model.request)
-    robot = services.resources.get("robot", model.one("robot"))
-    chosen_ids = _chosen(body, model_request, _motions(services, model_request.measurement_ids))
+    robot = services.resources.get("robot", model.get_dependency("robot"))
+    chosen_ids = _select_measurements(body, model_request, _select_motions(services, model_request.measurement_ids))
     if body.kind in ("cross", "methods"):
         for index, identifier in enumerate(chosen_ids):
             if identifier in model_request.measurement_ids:
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"
-                raise unusable(detail, f"/measurement_ids/{index}")
-    needs = needed_measurements(services, robot, chosen_ids, "measurement", "/measurement_ids")
+                raise make_unusable(detail, f"/measurement_ids/{index}")
+    needs = require_measurements(services, robot, chosen_ids, "measurement", "/measurement_ids")
     if body.kind == "payload":
         _check_loads(services, body, chosen_ids, model_request)
-        needs += needed_measurements(
-            services, robot, _motions(services, model_request.measurement_ids), "training", "/"
+        needs += require_measurements(
+            services, robot, _select_motions(services, model_request.measurement_ids), "training", "/"
         )
     if body.kind == "methods":
-        needs += needed_measurements(services, robot, model_request.measurement_ids, "training", "/identification_id")
+        needs += require_measurements(services, robot, model_request.measurement_ids, "training", "/identification_id")
     return needs
 
 
@@ -82,13 +82,13 @@ def _check_loads(
     for index, identifier in enumerate(loaded):
         if identifier in model_request.measurement_ids:
             detail = f"the model was identified from {identifier!r}; give runs with the load"
-            raise unusable(detail, f"/measurement_ids/{index}")
+            raise make_unusable(detail, f"/measurement_ids/{index}")
         payload = services.resources.get("measurement", identifier).request.get("payload") or {}
         if mass is None and "mass" not in payload:
-            raise unusable(f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg', "/mass")
+            raise make_unusable(f'{identifier!r} does not state "payload": {{"mass": …}}; give mass, in kg', "/mass")
 
 
-def _motions(services: Services, identifiers: list[str]) -> list[str]:
+def _select_motions(services: Services, identifiers: list[str]) -> list[str]:
     """Measurements of motions, without the tests of single joints' friction among them."""
     roles = {
         identifier: services.resources.get("measurement", identifier).request.get("role") for identifier in identifiers
@@ -96,7 +96,7 @@ def _motions(services: Services, identifiers: list[str]) -> list[str]:
     return [identifier for identifier in identifiers if roles[identifier] != "friction"]
 
 
-def _chosen(body: ValidationRequest, model_request: StoredIdentification, motions: list[str]) -> list[str]:
+def _select_measurements(body: ValidationRequest, model_request: StoredIdentification, motions: list[str]) -> list[str]:
     """The measurements that the test is made on; `motions` of those that the model was identified from."""
     stated_ids = body.measurement_ids
     match body.kind:
@@ -106,18 +106,18 @@ def _chosen(body: ValidationRequest, model_request: StoredIdentification, motion
             return []
         case "cross":
             if not (stated_ids or model_request.validation_ids):
-                raise unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
+                raise make_unusable("the model has no validation data; give measurement_ids", "/measurement_ids")
             return stated_ids or model_request.validation_ids
         case "methods":
             return stated_ids or model_request.validation_ids
         case "payload":
             if not stated_ids:
-                raise unusable("give the measurements with the load", "/measurement_ids")
+                raise make_unusable("give the measurements with the load", "/measurement_ids")
             return stated_ids
         case "simulation":
             return stated_ids or (model_request.validation_ids or motions)[:1]
         case "filters":
             if stated_ids is not None and len(stated_ids) > 1:
-                raise unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
+                raise make_unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
             return stated_ids or motions[:1]
-    raise unusable(f"there is no validation {body.kind!r}", "/kind")
+    raise make_unusable(f"there is no validation {body.kind!r}", "/kind")

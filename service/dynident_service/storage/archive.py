@@ -36,21 +36,21 @@ from dynident_service.storage.tables import UtcDateTime
 
 FORMAT = 2
 """Version of the format that this code writes."""
-READABLE = (1, 2)
+READABLE_FORMATS = (1, 2)
 """Versions that can be read. Version 1 always had its tables in the folder `tables`."""
 CHUNK = 1 << 20
 """Bytes that are read at a time."""
-LONGEST_ROW = 64 * CHUNK
+MAX_ROW_BYTES = 64 * CHUNK
 """Upper limit in bytes for one line; the largest request body that the service accepts gives a shorter one."""
-DENSEST = 200
+MAX_COMPRESSION_RATIO = 200
 """Largest ratio of unpacked to packed size. A ZIP beyond it is taken for a decompression bomb: recordings and tables
 compress to a twentieth at best.
 """
-LISTED = 200
+DIRECTORY_BYTES_PER_FILE = 200
 """Bytes of the ZIP directory per file; entries of our own archives need less."""
-LAST = 66_000
+END_RECORD_BYTES = 66_000
 """Bytes at the end of a ZIP that are searched for the record with the size of its directory."""
-NO_SIZE = 2**32 - 1
+ZIP64_MARKER = 2**32 - 1
 """Marker in the short end record of a ZIP: the actual size stands in the ZIP64 record."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, OSError)
 """Exceptions raised while reading a ZIP that is truncated, encrypted, packed by an unknown method or forged."""
@@ -62,7 +62,7 @@ Row = dict[str, object]
 Content = Literal["everything", "robot"]
 
 
-class Folder:
+class ArchiveFolder:
     """Archive in a folder; a file appears under its name only when it is complete."""
 
     def __init__(self, path: Path) -> None:
@@ -70,11 +70,11 @@ class Folder:
         self.tables = TABLES
         """Folder of the tables, as the manifest names it."""
 
-    def begin_tables(self) -> None:
+    def choose_tables_folder(self) -> None:
         """Choose a new, unused folder for the tables."""
         self.tables = f"{TABLES}-{secrets.token_hex(8)}"
 
-    def clean(self, tables: str | None, keys: Collection[str] | None = None) -> None:
+    def remove_unused(self, tables: str | None, keys: Collection[str] | None = None) -> None:
         """Remove what belongs to no archive in this folder.
 
         Parameters
@@ -96,22 +96,22 @@ class Folder:
         """Open a file for writing."""
         path = self._path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        return _Whole(path)
+        return _AtomicFile(path)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
         """Open a file for reading; raise FileNotFoundError if there is none."""
         return (self._path / name).open("rb")
 
-    def size(self, name: str) -> int | None:
+    def get_size(self, name: str) -> int | None:
         """Return the size of a file in bytes, or None if there is none."""
         path = self._path / name
         return path.stat().st_size if path.is_file() else None
 
-    def check(self) -> None:
+    def check_compression(self) -> None:
         """Do nothing: files in a folder are not compressed."""
 
 
-class Zipped:
+class ArchiveZip:
     """Archive in a ZIP file, without compression."""
 
     def __init__(self, zipped: zipfile.ZipFile) -> None:
@@ -126,28 +126,28 @@ class Zipped:
         """Open a file for reading; raise KeyError if there is none."""
         return self._zipped.open(name)
 
-    def size(self, name: str) -> int | None:
+    def get_size(self, name: str) -> int | None:
         """Return the size of a file in bytes, or None if there is none."""
         try:
             return self._zipped.getinfo(name).file_size
         except KeyError:
             return None
 
-    def check(self) -> None:
+    def check_compression(self) -> None:
         """Raise DynidentError if the ZIP is a decompression bomb."""
         file = self._zipped.fp
         whole = 0 if file is None else file.seek(0, os.SEEK_END)
         # The ZIP states the unpacked sizes itself, so nothing has to be unpacked to find a bomb.
         unpacked = sum(member.file_size for member in self._zipped.infolist())
-        if unpacked > DENSEST * whole:
-            raise unusable(f"it has {whole} bytes and would be unpacked to {unpacked}")
+        if unpacked > MAX_COMPRESSION_RATIO * whole:
+            raise make_archive_error(f"it has {whole} bytes and would be unpacked to {unpacked}")
 
 
-Files = Folder | Zipped
+ArchiveFiles = ArchiveFolder | ArchiveZip
 """Named files of an archive, in a folder or in a ZIP."""
 
 
-class _Whole:
+class _AtomicFile:
     """Context manager for a file that gets its name only once all its bytes are on the disk."""
 
     def __init__(self, path: Path) -> None:
@@ -165,12 +165,12 @@ class _Whole:
             os.fsync(self._file.fileno())
         if kind is None:
             self._unfinished.replace(self._path)
-            _write_names(self._path.parent)
+            _flush_folder(self._path.parent)
         else:
             self._unfinished.unlink()
 
 
-def _write_names(folder: Path) -> None:
+def _flush_folder(folder: Path) -> None:
     """Flush the entries of a folder, so that a manifest never reaches the disk before the files that it names."""
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -182,18 +182,20 @@ def _write_names(folder: Path) -> None:
 def check_listing(source: Path, most: int) -> None:
     """Raise DynidentError for a ZIP that lists far more than `most` files, before its directory is read into memory."""
     with source.open("rb") as file:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - LAST))
+        file.seek(max(0, file.seek(0, os.SEEK_END) - END_RECORD_BYTES))
         end = file.read()
     # The end record of a ZIP and its ZIP64 counterpart: signature, offset of the directory's size, and its format.
     for mark, place, form in ((b"PK\5\6", 12, "<L"), (b"PK\6\6", 40, "<Q")):
         at = end.rfind(mark)
         if at >= 0 and len(end) >= at + place + struct.calcsize(form):
             (size,) = struct.unpack_from(form, end, at + place)
-            if size > most * LISTED and not (form == "<L" and size == NO_SIZE):
-                raise unusable(f"its list of files has {size} bytes, and none of its kind has more than {most} files")
+            if size > most * DIRECTORY_BYTES_PER_FILE and not (form == "<L" and size == ZIP64_MARKER):
+                raise make_archive_error(
+                    f"its list of files has {size} bytes, and none of its kind has more than {most} files"
+                )
 
 
-def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -> int:
+def write_rows(files: ArchiveFiles, table: str, rows: Iterable[Mapping[str, object]]) -> int:
     """Write the rows of a table as JSON lines.
 
     Parameters
@@ -213,12 +215,12 @@ def write_rows(files: Files, table: str, rows: Iterable[Mapping[str, object]]) -
     number = 0
     with files.write(f"{files.tables}/{table}.jsonl") as file:
         for row in rows:
-            file.write(json.dumps(dict(row), default=_plain, ensure_ascii=False).encode() + b"\n")
+            file.write(json.dumps(dict(row), default=_encode_value, ensure_ascii=False).encode() + b"\n")
             number += 1
     return number
 
 
-def read_rows(files: Files, table: Table) -> Iterator[Row]:
+def read_rows(files: ArchiveFiles, table: Table) -> Iterator[Row]:
     """Read the rows of a table from an archive.
 
     Parameters
@@ -239,7 +241,7 @@ def read_rows(files: Files, table: Table) -> Iterator[Row]:
         If a line is no row.
     """
     name = f"{files.tables}/{table.name}.jsonl"
-    if files.size(name) is None:
+    if files.get_size(name) is None:
         return
     # JSON has no type for times, so they are restored by the type of the column.
     times = {column.name: isinstance(column.type, UtcDateTime) for column in table.columns}
@@ -247,15 +249,15 @@ def read_rows(files: Files, table: Table) -> Iterator[Row]:
     try:
         with files.read(name) as file:
             # The limit keeps a hostile file with one endless line from filling the memory.
-            while line := file.readline(LONGEST_ROW):
+            while line := file.readline(MAX_ROW_BYTES):
                 number += 1
-                yield _row(line, times)
+                yield _parse_row(line, times)
     except (*_BROKEN, KeyError, ValueError, TypeError, RecursionError) as error:
-        raise unusable(f"row {number} of {table.name} is none ({type(error).__name__})") from error
+        raise make_archive_error(f"row {number} of {table.name} is none ({type(error).__name__})") from error
 
 
-def _row(line: bytes, times: Mapping[str, bool]) -> Row:
-    if len(line) >= LONGEST_ROW:
+def _parse_row(line: bytes, times: Mapping[str, bool]) -> Row:
+    if len(line) >= MAX_ROW_BYTES:
         raise ValueError("too long")
     values = json.loads(line)
     if not isinstance(values, dict):
@@ -267,7 +269,7 @@ def _row(line: bytes, times: Mapping[str, bool]) -> Row:
     }
 
 
-def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
+def write_object(files: ArchiveFiles, key: str, chunks: Iterable[bytes]) -> None:
     """Write an object, and raise DynidentError if its bytes do not have the hash that is its key."""
     with files.write(f"objects/{key}") as file:
         sha256 = hashlib.sha256()
@@ -278,7 +280,7 @@ def write_object(files: Files, key: str, chunks: Iterable[bytes]) -> None:
             raise DynidentError(f"the object {key} is damaged", title="Stored file damaged")
 
 
-def read_object(files: Files, key: str, target: IO[bytes]) -> int:
+def read_object(files: ArchiveFiles, key: str, target: IO[bytes]) -> int:
     """Copy an object from the archive to `target` and compare it with its hash.
 
     Returns
@@ -292,21 +294,21 @@ def read_object(files: Files, key: str, target: IO[bytes]) -> int:
         If the object is missing or damaged.
     """
     sha256, size = hashlib.sha256(), 0
-    for chunk in _pieces(files, key):
+    for chunk in _read_chunks(files, key):
         sha256.update(chunk)
         size += target.write(chunk)
     if sha256.hexdigest() != key:
-        raise unusable(f"the object {key} is damaged")
+        raise make_archive_error(f"the object {key} is damaged")
     return size
 
 
-def _pieces(files: Files, key: str) -> Iterator[bytes]:
+def _read_chunks(files: ArchiveFiles, key: str) -> Iterator[bytes]:
     try:
         with files.read(f"objects/{key}") as file:
             while chunk := file.read(CHUNK):
                 yield chunk
     except (*_BROKEN, KeyError) as error:
-        raise unusable(f"it lacks the object {key}, or that is damaged") from error
+        raise make_archive_error(f"it lacks the object {key}, or that is damaged") from error
 
 
 class Manifest(TypedDict):
@@ -322,7 +324,7 @@ class Manifest(TypedDict):
 
 
 def write_manifest(
-    files: Files, content: Content, revision: str, counts: Mapping[str, int], subject: str | None = None
+    files: ArchiveFiles, content: Content, revision: str, counts: Mapping[str, int], subject: str | None = None
 ) -> None:
     """Write the manifest. This is the last step: an archive without a manifest is incomplete.
 
@@ -352,7 +354,7 @@ def write_manifest(
         file.write(json.dumps(manifest, indent=1).encode())
 
 
-def tables_of(folder: Folder) -> str | None:
+def find_tables_folder(folder: ArchiveFolder) -> str | None:
     """Return the folder of the tables of a complete archive in a folder, or None if there is no archive yet."""
     try:
         with folder.read("manifest.json") as file:
@@ -360,11 +362,11 @@ def tables_of(folder: Folder) -> str | None:
     except FileNotFoundError:
         return None
     except ValueError as error:
-        raise unusable("its manifest is damaged; write into another folder") from error
+        raise make_archive_error("its manifest is damaged; write into another folder") from error
     return str(manifest.get("tables", TABLES)) if isinstance(manifest, dict) else None
 
 
-def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manifest:
+def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -> Manifest:
     """Read the manifest, and set `files.tables` by it.
 
     Parameters
@@ -389,7 +391,7 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manif
             "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
     fields = read if isinstance(read, dict) else {}
-    if fields.get("dynident_archive") not in READABLE or str(fields.get("revision")) not in known:
+    if fields.get("dynident_archive") not in READABLE_FORMATS or str(fields.get("revision")) not in known:
         written = fields.get("dynident")
         detail = (
             f"the archive was written by dynident {written}, which is newer than this one ({__version__}); update first"
@@ -404,17 +406,17 @@ def read_manifest(files: Files, content: Content, known: Iterable[str]) -> Manif
     files.tables = str(fields.get("tables", TABLES))
     # The name comes from outside: a path in it must not lead out of the archive.
     if not _TABLES.fullmatch(files.tables):
-        raise unusable(f"{files.tables[:80]!r} is no folder of tables")
+        raise make_archive_error(f"{files.tables[:80]!r} is no folder of tables")
     manifest: Manifest = read
     return manifest
 
 
-def unusable(detail: str) -> DynidentError:
+def make_archive_error(detail: str) -> DynidentError:
     """Return the error for an archive that cannot be used."""
     return DynidentError(f"the archive cannot be used: {detail}", title="Unusable archive")
 
 
-def _plain(value: Any) -> str:
+def _encode_value(value: Any) -> str:
     if isinstance(value, datetime):
         return value.isoformat()
     raise TypeError(f"{type(value).__name__} has no form in an archive")

@@ -20,22 +20,22 @@ from sqlalchemy.exc import IntegrityError, StatementError
 from dynident.errors import DynidentError
 from dynident_service.problems import ProblemError
 from dynident_service.storage.archive import (
-    Files,
-    Folder,
-    Zipped,
+    ArchiveFiles,
+    ArchiveFolder,
+    ArchiveZip,
     check_listing,
+    find_tables_folder,
     read_manifest,
     read_object,
     read_rows,
-    tables_of,
     write_manifest,
     write_object,
     write_rows,
 )
 from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.migrate import configuration
+from dynident_service.storage.migrate import build_alembic_config
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import reason_of
+from dynident_service.storage.patience import describe_error
 from dynident_service.storage.records import FINAL
 from dynident_service.storage.tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.tables import Table as Base
@@ -46,7 +46,7 @@ ZIP = ".zip"
 
 
 @dataclass(frozen=True)
-class Amount:
+class ArchiveSize:
     """Numbers of rows, objects and bytes that were written or read."""
 
     rows: int
@@ -55,7 +55,7 @@ class Amount:
 
 
 @contextmanager
-def files_to_write(target: Path) -> Iterator[Files]:
+def open_archive_for_writing(target: Path) -> Iterator[ArchiveFiles]:
     """Open an archive for writing: a ZIP if the name ends in .zip, else a folder.
 
     The archive is valid once its manifest is written.
@@ -67,18 +67,18 @@ def files_to_write(target: Path) -> Iterator[Files]:
     """
     if target.suffix.lower() != ZIP:
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with _open_alone(target, os.O_RDONLY):
-            files = Folder(target)
-            files.begin_tables()
+        with _open_locked(target, os.O_RDONLY):
+            files = ArchiveFolder(target)
+            files.choose_tables_folder()
             yield files
         return
     unfinished = target.with_name(target.name + ".part")
-    with _open_alone(unfinished, os.O_RDWR | os.O_CREAT) as handle:
+    with _open_locked(unfinished, os.O_RDWR | os.O_CREAT) as handle:
         try:
             os.ftruncate(handle, 0)  # what a process left that was killed
             with os.fdopen(handle, "r+b", closefd=False) as file:
                 with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as zipped:
-                    yield Zipped(zipped)
+                    yield ArchiveZip(zipped)
                 file.flush()
                 os.fsync(handle)
             unfinished.replace(target)
@@ -87,7 +87,7 @@ def files_to_write(target: Path) -> Iterator[Files]:
 
 
 @contextmanager
-def _open_alone(path: Path, flags: int) -> Iterator[int]:
+def _open_locked(path: Path, flags: int) -> Iterator[int]:
     """Open a file or folder under an exclusive lock; the operating system releases it even if the process is killed."""
     handle = os.open(path, flags, 0o600)
     try:
@@ -100,7 +100,7 @@ def _open_alone(path: Path, flags: int) -> Iterator[int]:
 
 
 @contextmanager
-def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
+def open_archive_for_reading(source: Path, most: int | None = None) -> Iterator[ArchiveFiles]:
     """Open an archive for reading.
 
     Raises
@@ -109,7 +109,7 @@ def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
         If there is none, or if a ZIP has far more than `most` files.
     """
     if source.is_dir():
-        yield Folder(source)
+        yield ArchiveFolder(source)
         return
     try:
         if most is not None:
@@ -118,12 +118,12 @@ def files_to_read(source: Path, most: int | None = None) -> Iterator[Files]:
     except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
         raise DynidentError(f"{source} is no archive of dynident: {error}", title="Unusable archive") from error
     with zipped:
-        files = Zipped(zipped)
-        files.check()
+        files = ArchiveZip(zipped)
+        files.check_compression()
         yield files
 
 
-def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
+def back_up(database: Database, objects: ObjectStore, target: Path) -> ArchiveSize:
     """Write all stored data into an archive; an existing folder only gets the objects that are new.
 
     All rows are of one instant. Most objects are copied before that instant, as this may take hours; objects that are
@@ -144,41 +144,43 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> Amount:
     Amount
         What the archive contains.
     """
-    with files_to_write(target) as files:
-        if isinstance(files, Folder):
+    with open_archive_for_writing(target) as files:
+        if isinstance(files, ArchiveFolder):
             # Remove the remains of a backup that was killed, before the disk is needed for the new one.
-            files.clean(tables_of(files))
+            files.remove_unused(find_tables_folder(files))
         with database.engine.connect() as connection:
-            owned = _owned(connection)
+            owned = _load_object_sizes(connection)
         for key, size in owned.items():
             with contextlib.suppress(ProblemError):  # deleted meanwhile; the second round finds all others
-                _copy(objects, files, key, size)
+                _copy_object(objects, files, key, size)
         # Rows and the list of owned objects come from one snapshot, so that no row names an object that is not copied
         # below.
-        with database.one_moment() as connection:
-            counts = {table.name: write_rows(files, table.name, _rows(connection, table)) for table in tables()}
-            owned = _owned(connection)
-            revision = revision_of(connection)
+        with database.open_snapshot() as connection:
+            counts = {
+                table.name: write_rows(files, table.name, _iterate_rows(connection, table)) for table in list_tables()
+            }
+            owned = _load_object_sizes(connection)
+            revision = get_revision(connection)
         for key, size in owned.items():
-            _copy(objects, files, key, size)
+            _copy_object(objects, files, key, size)
         write_manifest(files, "everything", revision, counts)
-        if isinstance(files, Folder):
-            files.clean(files.tables, owned)
-    return Amount(sum(counts.values()), len(owned), sum(owned.values()))
+        if isinstance(files, ArchiveFolder):
+            files.remove_unused(files.tables, owned)
+    return ArchiveSize(sum(counts.values()), len(owned), sum(owned.values()))
 
 
-def _owned(connection: Connection) -> dict[str, int]:
+def _load_object_sizes(connection: Connection) -> dict[str, int]:
     """Return the sizes in bytes of all objects that belong to a resource, by key."""
     rows = connection.execute(select(ObjectRow.key, ObjectRow.size).distinct()).all()
     return {row.key: row.size for row in rows}
 
 
-def _copy(objects: ObjectStore, files: Files, key: str, size: int) -> None:
-    if files.size(f"objects/{key}") != size:
+def _copy_object(objects: ObjectStore, files: ArchiveFiles, key: str, size: int) -> None:
+    if files.get_size(f"objects/{key}") != size:
         write_object(files, key, objects.stream(key))
 
 
-def restore(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> Amount:
+def restore(database: Database, objects: ObjectStore, source: Path, scratch: Path) -> ArchiveSize:
     """Read an archive into an empty database, which has all migrations, and into its object store.
 
     Jobs that were running when the backup was made are queued again.
@@ -188,9 +190,9 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
     DynidentError
         If the database is not empty, or the archive is truncated or damaged.
     """
-    with files_to_read(source) as files:
+    with open_archive_for_reading(source) as files:
         with database.engine.connect() as connection:
-            manifest = read_manifest(files, "everything", known_revisions(connection))
+            manifest = read_manifest(files, "everything", list_revisions(connection))
             if connection.execute(select(ResourceRow.id).limit(1)).first() is not None:
                 detail = "there is data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
@@ -201,25 +203,25 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
         try:
             read = _read_tables(database, files, manifest["counts"])
         except (IntegrityError, StatementError, ValueError, TypeError) as error:
-            detail = f"the archive is cut or damaged: {reason_of(error)}"
+            detail = f"the archive is cut or damaged: {describe_error(error)}"
             raise DynidentError(detail, title="Unusable archive") from error
-    return Amount(sum(read.values()), len(keys), size)
+    return ArchiveSize(sum(read.values()), len(keys), size)
 
 
-def _read_tables(database: Database, files: Files, counts: Mapping[str, int]) -> dict[str, int]:
+def _read_tables(database: Database, files: ArchiveFiles, counts: Mapping[str, int]) -> dict[str, int]:
     with database.engine.execution_options(**{WRITES: True}).begin() as connection:
         # In reverse order, as rows refer to rows of earlier tables.
-        for table in reversed(tables()):
+        for table in reversed(list_tables()):
             connection.execute(table.delete())
-        read = {table.name: _insert(connection, table, files) for table in tables()}
-        _count_on(connection)
+        read = {table.name: _insert_rows(connection, table, files) for table in list_tables()}
+        _advance_event_ids(connection)
         lacking = [name for name, number in read.items() if number != counts.get(name, 0)]
         if lacking:
             raise ValueError(f"rows are missing in {', '.join(lacking)}")
     return read
 
 
-def put_object(files: Files, objects: ObjectStore, key: str, scratch: Path) -> int:
+def put_object(files: ArchiveFiles, objects: ObjectStore, key: str, scratch: Path) -> int:
     """Copy an object of an archive into the object store.
 
     Returns
@@ -234,7 +236,7 @@ def put_object(files: Files, objects: ObjectStore, key: str, scratch: Path) -> i
     return size
 
 
-def tables() -> list[Table]:
+def list_tables() -> list[Table]:
     """Return the tables that a backup contains, in the order of their foreign keys.
 
     Checkpoints are left out, as they only save time.
@@ -242,26 +244,26 @@ def tables() -> list[Table]:
     return [table for table in Base.metadata.sorted_tables if table.name != CheckpointRow.__tablename__]
 
 
-def revision_of(connection: Connection) -> str:
+def get_revision(connection: Connection) -> str:
     """Return the migration that a database is at."""
     return str(connection.execute(text("SELECT version_num FROM alembic_version")).scalar_one())
 
 
-def known_revisions(connection: Connection) -> set[str]:
+def list_revisions(connection: Connection) -> set[str]:
     """Return all migrations that this version knows; archives of any of them can be read."""
-    scripts = ScriptDirectory.from_config(configuration(connection))
+    scripts = ScriptDirectory.from_config(build_alembic_config(connection))
     return {script.revision for script in scripts.walk_revisions()}
 
 
-def _rows(connection: Connection, table: Table) -> Iterator[Any]:
+def _iterate_rows(connection: Connection, table: Table) -> Iterator[Any]:
     for part in connection.execute(select(table)).mappings().partitions(AT_ONCE):
         yield from part
 
 
-def _insert(connection: Connection, table: Table, files: Files) -> int:
+def _insert_rows(connection: Connection, table: Table, files: ArchiveFiles) -> int:
     number, batch = 0, []
     for row in read_rows(files, table):
-        batch.append(_at_rest(row) if table.name == "jobs" else row)
+        batch.append(_reset_job(row) if table.name == "jobs" else row)
         number += 1
         if len(batch) == AT_ONCE:
             connection.execute(insert(table), batch)
@@ -271,14 +273,14 @@ def _insert(connection: Connection, table: Table, files: Files) -> int:
     return number
 
 
-def _at_rest(job: dict[str, Any]) -> dict[str, Any]:
+def _reset_job(job: dict[str, Any]) -> dict[str, Any]:
     """Return the row of a job that nobody works on: a job that had not ended is queued again."""
     if job["state"] in FINAL:
         return job
     return {**job, "state": "queued", "lease_until": None, "started_at": None, "fraction": 0.0, "message": ""}
 
 
-def _count_on(connection: Connection) -> None:
+def _advance_event_ids(connection: Connection) -> None:
     """Set PostgreSQL's sequence of event ids, which explicit ids do not advance, to the largest id that was read."""
     if connection.dialect.name == "postgresql":
         events = Base.metadata.tables["job_events"]

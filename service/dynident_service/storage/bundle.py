@@ -15,51 +15,51 @@ from sqlalchemy.exc import DataError, IntegrityError
 
 from dynident.errors import DynidentError
 from dynident_service.storage.archive import (
-    Files,
-    Zipped,
+    ArchiveFiles,
+    ArchiveZip,
+    make_archive_error,
     read_manifest,
     read_rows,
-    unusable,
     write_manifest,
     write_rows,
 )
 from dynident_service.storage.backup import (
-    Amount,
-    files_to_read,
-    known_revisions,
+    ArchiveSize,
+    get_revision,
+    list_revisions,
+    open_archive_for_reading,
     put_object,
-    revision_of,
 )
 from dynident_service.storage.checking import check_rows
 from dynident_service.storage.database import Database
 from dynident_service.storage.identifiers import KINDS
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import reason_of
-from dynident_service.storage.reading import OF_JOBS, OF_RESOURCES, as_resource
-from dynident_service.storage.records import FINAL, Kind, Owned, Resource
-from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, table_of
-from dynident_service.storage.tombstones import announce, hold
+from dynident_service.storage.patience import describe_error
+from dynident_service.storage.reading import JOB_COLUMNS, RESOURCE_COLUMNS, to_resource
+from dynident_service.storage.records import FINAL, Kind, OwnedObject, Resource
+from dynident_service.storage.tables import DependencyRow, JobEventRow, JobRow, ObjectRow, ResourceRow, get_table
+from dynident_service.storage.tombstones import lock_objects, raise_tombstones
 
 AT_ONCE = 200
-PARTS: tuple[tuple[Any, Any], ...] = (
+BUNDLE_TABLES: tuple[tuple[Any, Any], ...] = (
     (ResourceRow, ResourceRow.id),
     (DependencyRow, DependencyRow.dependent_id),
     (ObjectRow, ObjectRow.resource_id),
     (JobRow, JobRow.resource_id),
 )
 """Tables of a bundle, each with the column that holds the id of a resource."""
-TABLES = (*(table for table, _ in PARTS), JobEventRow)
+TABLES = (*(table for table, _ in BUNDLE_TABLES), JobEventRow)
 _Row = dict[str, Any]
 _ID = re.compile("([a-z]{3})_[0-9a-hjkmnp-tv-z]{26}")
 _KEY = re.compile("[0-9a-f]{64}")
 _MEDIA_TYPE = re.compile(r"[\w.+-]+/[\w.+-]+(; ?[\w-]+=[\w.-]+)*", re.ASCII)
 EVENTS = frozenset({"state", "progress"})
 """Names of events that a job may have."""
-MOST_FILES = 100_000
+MAX_FILES = 100_000
 """Upper limit for the files of a bundle: a robot has a few for each recording and each model."""
 
 
-def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> Amount:
+def export_robot(database: Database, objects: ObjectStore, robot_id: str, target: Path) -> ArchiveSize:
     """Write the bundle of a robot into a file, which appears once it is complete.
 
     Raises
@@ -67,7 +67,7 @@ def export_robot(database: Database, objects: ObjectStore, robot_id: str, target
     DynidentError
         If there is no such robot.
     """
-    bundle = Bundle(database, objects, robot_id)
+    bundle = RobotBundle(database, objects, robot_id)
     unfinished = target.with_name(target.name + ".part")
     try:
         with unfinished.open("wb") as file:
@@ -78,7 +78,7 @@ def export_robot(database: Database, objects: ObjectStore, robot_id: str, target
     return bundle.amount
 
 
-class Bundle:
+class RobotBundle:
     """Bundle of a robot and of all resources that depend on it, except for those whose job has not ended.
 
     Raises
@@ -91,28 +91,28 @@ class Bundle:
         self._objects = objects
         self._robot_id = robot_id
         # One snapshot, so that no row refers to one that was deleted in between.
-        with database.one_moment() as connection:
+        with database.open_snapshot() as connection:
             if connection.execute(select(ResourceRow.kind).where(ResourceRow.id == robot_id)).scalar() != "robot":
                 raise DynidentError(f"there is no robot {robot_id!r}", title="Unknown resource")
-            ids = _family(connection, robot_id)
+            ids = _list_bundle_ids(connection, robot_id)
             self._rows: dict[Any, list[Any]] = {
-                table: list(_of(connection, table, column, ids)) for table, column in PARTS
+                table: list(_select_rows(connection, table, column, ids)) for table, column in BUNDLE_TABLES
             }
             jobs = [row["id"] for row in self._rows[JobRow]]
-            self._rows[JobEventRow] = list(_of(connection, JobEventRow, JobEventRow.job_id, jobs))
-            self._revision = revision_of(connection)
+            self._rows[JobEventRow] = list(_select_rows(connection, JobEventRow, JobEventRow.job_id, jobs))
+            self._revision = get_revision(connection)
         self._sizes = {row["key"]: row["size"] for row in self._rows[ObjectRow]}
 
     @property
-    def amount(self) -> Amount:
+    def amount(self) -> ArchiveSize:
         """Numbers of rows, objects and bytes in the bundle."""
-        return Amount(sum(map(len, self._rows.values())), len(self._sizes), sum(self._sizes.values()))
+        return ArchiveSize(sum(map(len, self._rows.values())), len(self._sizes), sum(self._sizes.values()))
 
     def stream(self) -> Iterator[bytes]:
         """Yield the ZIP piece by piece, so that a slow reader does not keep it in memory."""
-        pieces = _Pieces()
+        pieces = _StreamedFile()
         with zipfile.ZipFile(pieces, "w", zipfile.ZIP_STORED) as zipped:
-            files = Zipped(zipped)
+            files = ArchiveZip(zipped)
             counts = {row.__tablename__: write_rows(files, row.__tablename__, self._rows[row]) for row in self._rows}
             yield pieces.take()
             for key in self._sizes:
@@ -125,7 +125,7 @@ class Bundle:
         yield pieces.take()
 
 
-class _Pieces(io.RawIOBase):
+class _StreamedFile(io.RawIOBase):
     """Write-only file whose content is taken out while it is written."""
 
     def __init__(self) -> None:
@@ -146,7 +146,7 @@ class _Pieces(io.RawIOBase):
 
 def import_robot(
     database: Database, objects: ObjectStore, source: Path, scratch: Path, look_at: Callable[[Resource], object]
-) -> tuple[str, Amount]:
+) -> tuple[str, ArchiveSize]:
     """Read the bundle of a robot. Resources keep their ids; those that exist already are left as they are.
 
     Parameters
@@ -173,28 +173,30 @@ def import_robot(
         If the archive is no bundle, was modified, or holds anything that a service would not have written. Nothing is
         imported then.
     """
-    with files_to_read(source, MOST_FILES) as files:
+    with open_archive_for_reading(source, MAX_FILES) as files:
         with database.engine.connect() as connection:
-            robot = str(read_manifest(files, "robot", known_revisions(connection))["subject"])
-            rows: dict[Any, list[_Row]] = {table: list(read_rows(files, table_of(table))) for table in TABLES}
-            _check(files, rows, robot, look_at)
-            known = {row["id"] for row in _of(connection, ResourceRow, ResourceRow.id, _ids(rows[ResourceRow]))}
+            robot = str(read_manifest(files, "robot", list_revisions(connection))["subject"])
+            rows: dict[Any, list[_Row]] = {table: list(read_rows(files, get_table(table))) for table in TABLES}
+            _check_bundle(files, rows, robot, look_at)
+            known = {
+                row["id"] for row in _select_rows(connection, ResourceRow, ResourceRow.id, _list_ids(rows[ResourceRow]))
+            }
         new = {row["id"] for row in rows[ResourceRow]} - known
         keys = {row["key"] for row in rows[ObjectRow] if row["resource_id"] in new}
         with database.write() as session:
-            announce(session, keys)
+            raise_tombstones(session, keys)
         size = sum(put_object(files, objects, key, scratch) for key in sorted(keys))
-        owned = [Owned(row["role"], row["key"], row["size"], "") for row in rows[ObjectRow] if row["key"] in keys]
+        owned = [OwnedObject(row["role"], row["key"], row["size"], "") for row in rows[ObjectRow] if row["key"] in keys]
         try:
             with database.write() as session:
-                hold(session, objects, owned)
-                number = _store(session.connection(), rows, new)
+                lock_objects(session, objects, owned)
+                number = _insert_new(session.connection(), rows, new)
         except (IntegrityError, DataError) as error:
-            raise unusable(f"it does not go with what is stored here: {reason_of(error)}") from error
-    return robot, Amount(number, len(keys), size)
+            raise make_archive_error(f"it does not go with what is stored here: {describe_error(error)}") from error
+    return robot, ArchiveSize(number, len(keys), size)
 
 
-def _family(connection: Connection, robot_id: str) -> list[str]:
+def _list_bundle_ids(connection: Connection, robot_id: str) -> list[str]:
     """Return the ids of a robot, of all that depends on it, and of what these need.
 
     Resources whose job has not ended are left out, with all that depends on them.
@@ -209,12 +211,12 @@ def _family(connection: Connection, robot_id: str) -> list[str]:
         resting.setdefault(on, []).append(dependent)
         needed.setdefault(dependent, []).append(on)
     # A resource whose job has not ended cannot be exported, and neither can anything that depends on it.
-    unfinished = _closure(unfinished, resting)
-    family = _closure({robot_id}, resting) - unfinished
-    return sorted(_closure(family, needed))
+    unfinished = _find_reachable(unfinished, resting)
+    family = _find_reachable({robot_id}, resting) - unfinished
+    return sorted(_find_reachable(family, needed))
 
 
-def _closure(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
+def _find_reachable(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
     """Return the nodes that are reachable from `first`."""
     reached, pending = set(first), list(first)
     while pending:
@@ -225,7 +227,7 @@ def _closure(first: set[Any], next_of: dict[str, list[str]]) -> set[str]:
     return reached
 
 
-def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[_Row]:
+def _select_rows(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterator[_Row]:
     for start in range(0, len(ids), AT_ONCE):
         query = select(row.__table__).where(column.in_(ids[start : start + AT_ONCE]))
         for values in connection.execute(query).mappings():
@@ -233,22 +235,24 @@ def _of(connection: Connection, row: Any, column: Any, ids: list[str]) -> Iterat
             yield {name: value for name, value in values.items() if name != "owner"}
 
 
-def _ids(rows: list[_Row]) -> list[str]:
+def _list_ids(rows: list[_Row]) -> list[str]:
     return [str(row["id"]) for row in rows]
 
 
-def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Callable[[Resource], object]) -> None:
+def _check_bundle(
+    files: ArchiveFiles, rows: dict[Any, list[_Row]], robot: str, look_at: Callable[[Resource], object]
+) -> None:
     """Raise DynidentError if the rows are not what a service would have written."""
     try:
         for table, several in rows.items():
             check_rows(table.__table__, several)
     except ValueError as error:
-        raise unusable(str(error)) from error
-    ids = set(_ids(rows[ResourceRow]))
-    jobs = set(_ids(rows[JobRow]))
+        raise make_archive_error(str(error)) from error
+    ids = set(_list_ids(rows[ResourceRow]))
+    jobs = set(_list_ids(rows[JobRow]))
     for row in rows[ResourceRow]:
         if row["kind"] not in get_args(Kind) or not _is_id(row["id"], row["kind"]):
-            raise unusable(f"{row['id']!r} is no id of a {row['kind']}")
+            raise make_archive_error(f"{row['id']!r} is no id of a {row['kind']}")
     # The archive may come from anybody. Ids are unique, every reference has its target, and only jobs that ended come
     # in: a queued one would run a function that a stranger chose.
     sound = (
@@ -262,16 +266,16 @@ def _check(files: Files, rows: dict[Any, list[_Row]], robot: str, look_at: Calla
         and all(row["job_id"] in jobs and row["event"] in EVENTS for row in rows[JobEventRow])
     )
     if not sound:
-        raise unusable("it names what it does not hold, or twice, or what has not been computed")
+        raise make_archive_error("it names what it does not hold, or twice, or what has not been computed")
     if (robot, "robot") not in {(row["id"], row["kind"]) for row in rows[ResourceRow]}:
-        raise unusable("it holds no robot")
+        raise make_archive_error("it holds no robot")
     _check_objects(files, rows[ObjectRow])
     _check_order(rows[DependencyRow])
-    for resource in _resources(rows):
+    for resource in _build_resources(rows):
         try:
             look_at(resource)
         except Exception as error:
-            raise unusable(f"the {resource.kind} {resource.id} is none: {reason_of(error)}") from error
+            raise make_archive_error(f"the {resource.kind} {resource.id} is none: {describe_error(error)}") from error
 
 
 def _is_id(identifier: str, kind: str) -> bool:
@@ -279,13 +283,13 @@ def _is_id(identifier: str, kind: str) -> bool:
     return match is not None and KINDS.get(match[1]) == kind
 
 
-def _check_objects(files: Files, rows: list[_Row]) -> None:
+def _check_objects(files: ArchiveFiles, rows: list[_Row]) -> None:
     for row in rows:
         if not _KEY.fullmatch(row["key"]) or not _MEDIA_TYPE.fullmatch(row["media_type"]):
-            raise unusable(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
-        size = files.size(f"objects/{row['key']}")
+            raise make_archive_error(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
+        size = files.get_size(f"objects/{row['key']}")
         if size != row["size"]:
-            raise unusable(f"the file {row['key']} has {size} bytes instead of {row['size']}")
+            raise make_archive_error(f"the file {row['key']} has {size} bytes instead of {row['size']}")
 
 
 def _check_order(rows: list[_Row]) -> None:
@@ -296,39 +300,39 @@ def _check_order(rows: list[_Row]) -> None:
     try:
         TopologicalSorter(on).prepare()
     except CycleError as error:
-        raise unusable(f"{error.args[1][0]} rests on itself") from error
+        raise make_archive_error(f"{error.args[1][0]} rests on itself") from error
 
 
-def _resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
+def _build_resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:
     """Yield the resources as the service would read them from its tables."""
     needs: dict[str, list[tuple[str, str]]] = {}
-    owned: dict[str, dict[str, Owned]] = {}
+    owned: dict[str, dict[str, OwnedObject]] = {}
     for row in rows[DependencyRow]:
         needs.setdefault(row["dependent_id"], []).append((row["role"], row["on_id"]))
     for row in rows[ObjectRow]:
-        owned_object = Owned(row["role"], row["key"], row["size"], row["media_type"])
+        owned_object = OwnedObject(row["role"], row["key"], row["size"], row["media_type"])
         owned.setdefault(row["resource_id"], {})[row["role"]] = owned_object
     jobs = {row["resource_id"]: row for row in rows[JobRow]}
     for row in rows[ResourceRow]:
         job = jobs.get(row["id"], {})
-        columns = [*(row.get(name) for name in OF_RESOURCES), *(job.get(name) for name in OF_JOBS)]
-        yield as_resource(columns, needs.get(row["id"], ()), owned.get(row["id"], {}))
+        columns = [*(row.get(name) for name in RESOURCE_COLUMNS), *(job.get(name) for name in JOB_COLUMNS)]
+        yield to_resource(columns, needs.get(row["id"], ()), owned.get(row["id"], {}))
 
 
-def _store(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:
+def _insert_new(connection: Connection, rows: dict[Any, list[_Row]], new: set[str]) -> int:
     number = 0
     owner = {ResourceRow: "id", DependencyRow: "dependent_id", ObjectRow: "resource_id", JobRow: "resource_id"}
     for row, name in owner.items():
-        number += _add(connection, row.__table__, [values for values in rows[row] if values[name] in new])
+        number += _insert_rows(connection, row.__table__, [values for values in rows[row] if values[name] in new])
     jobs = {job["id"] for job in rows[JobRow] if job["resource_id"] in new}
     # Event ids are of the other service. The order is kept, and new ids are given here.
     events = sorted(
         (event for event in rows[JobEventRow] if event["job_id"] in jobs), key=lambda event: int(event["id"])
     )
-    return number + _add(connection, JobEventRow.__table__, [{**event, "id": None} for event in events])
+    return number + _insert_rows(connection, JobEventRow.__table__, [{**event, "id": None} for event in events])
 
 
-def _add(connection: Connection, table: Any, rows: list[_Row]) -> int:
+def _insert_rows(connection: Connection, table: Any, rows: list[_Row]) -> int:
     # An owner is a key of another service, whatever the archive says.
     inserts = [{k: value for k, value in row.items() if k != "owner" and (k, value) != ("id", None)} for row in rows]
     if inserts:

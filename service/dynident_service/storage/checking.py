@@ -25,7 +25,7 @@ def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
         For the first row that does not.
     """
     named = set(rows[0]) if rows else set()
-    lacking = [column.name for column in table.columns if column.name not in named and not _may_be_left_out(column)]
+    lacking = [column.name for column in table.columns if column.name not in named and not _is_optional_column(column)]
     if rows and lacking:
         raise ValueError(f"{table.name} has no {lacking[0]}")
     for number, row in enumerate(rows, 1):
@@ -36,16 +36,16 @@ def check_rows(table: Table, rows: Sequence[Mapping[str, object]]) -> None:
             if value is None:
                 if column.name in row and not column.nullable:
                     raise ValueError(f"row {number} of {table.name} has no {column.name}")
-            elif not _fits(column.type, value):
+            elif not _fits_column(column.type, value):
                 raise ValueError(f"row {number} of {table.name} has {str(value)[:40]!r} as its {column.name}")
 
 
-def _may_be_left_out(column: Column[Any]) -> bool:
+def _is_optional_column(column: Column[Any]) -> bool:
     """Return whether a row may lack the column: older versions did not have every one."""
     return column.nullable or column.default is not None or column.server_default is not None
 
 
-def _fits(kind: TypeEngine[Any], value: Any) -> bool:
+def _fits_column(kind: TypeEngine[Any], value: Any) -> bool:
     if isinstance(kind, Text):
         longest = getattr(kind.impl, "length", None) or math.inf
         return isinstance(value, str) and len(value) <= longest and _is_text(value)
@@ -60,7 +60,7 @@ def _fits(kind: TypeEngine[Any], value: Any) -> bool:
     if isinstance(kind, Float):
         return isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(kind, JSON):
-        return isinstance(value, dict | list) and _is_plain(value)
+        return isinstance(value, dict | list) and _is_json_value(value)
     return False
 
 
@@ -69,7 +69,7 @@ def _is_text(value: str) -> bool:
     return "\0" not in value and not any("\ud800" <= character <= "\udfff" for character in value)
 
 
-def _is_plain(value: Any) -> bool:
+def _is_json_value(value: Any) -> bool:
     """Return whether a value survives a round trip through JSON."""
     # A list instead of recursion: a hostile file may nest deeper than Python's stack.
     pending = [value]

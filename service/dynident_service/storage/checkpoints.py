@@ -8,11 +8,11 @@ from dynident_service.storage.database import Database
 from dynident_service.storage.tables import CheckpointRow, JobRow
 from dynident_service.storage.turns import Claim
 
-MOST = 20_000_000
+MAX_CHECKPOINT_BYTES = 20_000_000
 """Upper limit in bytes; a larger checkpoint is not worth its place in the database."""
 
 
-class Checkpointing:
+class CheckpointStore:
     """Store with the last checkpoint of each job."""
 
     def __init__(self, database: Database) -> None:
@@ -23,9 +23,9 @@ class Checkpointing:
         with self._database.read() as session:
             return session.scalar(select(CheckpointRow.content).where(CheckpointRow.job_id == job_id))
 
-    def keep(self, claim: Claim, content: bytes) -> None:
+    def save(self, claim: Claim, content: bytes) -> None:
         """Replace the checkpoint of a job, unless the worker has lost its claim or the checkpoint is too large."""
-        if len(content) > MOST:
+        if len(content) > MAX_CHECKPOINT_BYTES:
             return
         with self._database.write() as session:
             # The lock on the job's row keeps it from ending in between, which would leave a checkpoint of a job that

@@ -33,7 +33,7 @@ def prepare_data_directory(folder: Path) -> None:
         check_writable(folder)
         mode = folder.stat().st_mode
     except OSError as error:
-        raise _unusable(folder, error) from error
+        raise _make_directory_error(folder, error) from error
     if mode & OTHERS:
         log.warning("every user of this machine may enter the data directory; `chmod o= %s` keeps them out", folder)
 
@@ -44,10 +44,10 @@ def check_writable(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise _unusable(folder, error) from error
+        raise _make_directory_error(folder, error) from error
 
 
-def _unusable(folder: Path, error: OSError) -> DynidentError:
+def _make_directory_error(folder: Path, error: OSError) -> DynidentError:
     detail = (
         f"nothing can be written into the data directory {folder} ({error.strerror or error}); make it writable for "
         "this user, or say where else data is to be kept (--data-dir, DYNIDENT_DATA_DIR)"
@@ -56,7 +56,7 @@ def _unusable(folder: Path, error: OSError) -> DynidentError:
 
 
 @contextmanager
-def private_files() -> Iterator[None]:
+def restrict_file_permissions() -> Iterator[None]:
     """Make files and folders that are created in this context unreadable for other users of the machine."""
     before = os.umask(PRIVATE)
     os.umask(before | PRIVATE)

@@ -43,11 +43,11 @@ class Database:
     def __init__(self, url: str) -> None:
         self.url = url
         self.is_sqlite = make_url(url).get_backend_name() == "sqlite"
-        self.engine = _sqlite_engine(url) if self.is_sqlite else _postgresql_engine(url)
+        self.engine = _create_sqlite_engine(url) if self.is_sqlite else _create_postgresql_engine(url)
         self._writer = self.engine.execution_options(**{WRITES: True})
         one_moment: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         self._reader = self.engine.execution_options(**one_moment)
-        self._turn: AbstractContextManager[object] = _turn_of(url) if self.is_sqlite else nullcontext()
+        self._turn: AbstractContextManager[object] = _get_write_lock(url) if self.is_sqlite else nullcontext()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -56,7 +56,7 @@ class Database:
             yield session
 
     @contextmanager
-    def one_moment(self) -> Iterator[Connection]:
+    def open_snapshot(self) -> Iterator[Connection]:
         """Open a read-only connection that sees one snapshot, like `read`."""
         with self._reader.connect() as connection, connection.begin():
             yield connection
@@ -78,7 +78,7 @@ class Database:
 
 
 @cache
-def _turn_of(url: str) -> threading.Lock:
+def _get_write_lock(url: str) -> threading.Lock:
     """Return the lock that the threads of this process take before they write to an SQLite file.
 
     Without it a writer that meets another one sleeps inside SQLite for up to 0.1 s, again and again.
@@ -86,7 +86,7 @@ def _turn_of(url: str) -> threading.Lock:
     return threading.Lock()
 
 
-def clock(session: Session) -> datetime:
+def get_database_time(session: Session) -> datetime:
     """Return the current time by the clock that all services of a database agree on, which is the database's own."""
     # An SQLite file has no server; all its users run on this machine.
     if session.get_bind().dialect.name == "sqlite":
@@ -95,7 +95,7 @@ def clock(session: Session) -> datetime:
     return cast(datetime, moment).astimezone(UTC)
 
 
-def _sqlite_engine(url: str) -> Engine:
+def _create_sqlite_engine(url: str) -> Engine:
     database = make_url(url).database
     if database and database != ":memory:":
         Path(database).parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def _sqlite_engine(url: str) -> Engine:
     return engine
 
 
-def _postgresql_engine(url: str) -> Engine:
+def _create_postgresql_engine(url: str) -> Engine:
     engine = create_engine(
         url, pool_pre_ping=True, isolation_level="READ COMMITTED", connect_args={"connect_timeout": CONNECT_TIMEOUT}
     )

@@ -28,7 +28,7 @@ PREFIXES = {
 KINDS = {prefix: kind for kind, prefix in PREFIXES.items()}
 
 
-class _Clock:
+class _NumberSequence:
     """Source of increasing 128-bit numbers: 48 bits of time in milliseconds, 80 random bits.
 
     Within one millisecond, or after the clock was set back, a number is the previous one plus a random step. Lists and
@@ -39,7 +39,7 @@ class _Clock:
         self._lock = threading.Lock()
         self._last = 0
 
-    def tick(self) -> int:
+    def draw_number(self) -> int:
         fresh = (time.time_ns() // 1_000_000) << 80 | secrets.randbits(80)
         with self._lock:
             # The step is 64 bits of chance: nobody guesses the next identifier from the last.
@@ -49,10 +49,10 @@ class _Clock:
             return self._last
 
 
-_CLOCK = _Clock()
+_CLOCK = _NumberSequence()
 
 
-def new_identifier(kind: str) -> str:
+def create_identifier(kind: str) -> str:
     """Return a new identifier: the prefix of its kind and a 128-bit number in Crockford's base 32.
 
     Parameters
@@ -60,7 +60,7 @@ def new_identifier(kind: str) -> str:
     kind : str
         Key of `PREFIXES`.
     """
-    number = _CLOCK.tick()
+    number = _CLOCK.draw_number()
     # 26 digits of 5 bits are 130 bits; the first digit holds only the upper 3 of the 128.
     digits = [ALPHABET[number >> shift & 31] for shift in range(125, -1, -5)]
     return f"{PREFIXES[kind]}_{''.join(digits)}"

@@ -14,13 +14,13 @@ from typing import Any
 from sqlalchemy import Connection, Table, bindparam, insert, select
 from sqlalchemy.orm import Session
 
-from dynident_service.problems import unusable
-from dynident_service.storage.database import AT_ONCE, clock
-from dynident_service.storage.identifiers import new_identifier
+from dynident_service.problems import make_unusable
+from dynident_service.storage.database import AT_ONCE, get_database_time
+from dynident_service.storage.identifiers import create_identifier
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import NewResource, Owned, Resource, RestsOn, Retry
+from dynident_service.storage.records import Dependency, NewResource, OwnedObject, Resource, Retry
 from dynident_service.storage.tables import DEPENDENCIES, OBJECTS, RESOURCES, RETRIES
-from dynident_service.storage.tombstones import hold
+from dynident_service.storage.tombstones import lock_objects
 from dynident_service.storage.turns import add_jobs
 
 IDS = "ids"
@@ -34,7 +34,7 @@ _KINDS = (
 _INSERTING = {table: insert(table) for table in (RESOURCES, DEPENDENCIES, OBJECTS, RETRIES)}
 
 
-def insert_one(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
+def insert_resource(session: Session, objects: ObjectStore, new: NewResource, owner: str | None) -> Resource:
     """Insert one resource within a transaction; the caller commits.
 
     Parameters
@@ -53,11 +53,11 @@ def insert_one(session: Session, objects: ObjectStore, new: NewResource, owner: 
     Resource
         As stored.
     """
-    (resource,) = insert_all(session, objects, [new], owner)
+    (resource,) = insert_resources(session, objects, [new], owner)
     return resource
 
 
-def insert_all(
+def insert_resources(
     session: Session, objects: ObjectStore, several: Sequence[NewResource], owner: str | None
 ) -> list[Resource]:
     """Insert several resources of one owner within a transaction; the caller commits.
@@ -86,37 +86,43 @@ def insert_all(
         If an object that one owns does not exist.
     """
     connection = session.connection()
-    _require(connection, [need for new in several for need in new.rests_on])
+    _check_dependencies(connection, [need for new in several for need in new.rests_on])
     # One time for all of them: a batch sorts as a whole.
-    moment = clock(session)
-    resources = [_resource(new, moment) for new in several]
+    moment = get_database_time(session)
+    resources = [_build_resource(new, moment) for new in several]
     pairs = list(zip(resources, several, strict=True))
-    _insert(connection, RESOURCES, [{**_row(resource), "owner": owner} for resource in resources])
-    rest(session, [(resource.id, on_id, role) for resource in resources for role, on_id in resource.rests_on])
-    own(session, objects, [(resource.id, owned) for resource in resources for owned in resource.objects.values()])
-    _insert(connection, RETRIES, [_key(resource, new.retry) for resource, new in pairs if new.retry is not None])
+    _insert_rows(connection, RESOURCES, [{**_to_row(resource), "owner": owner} for resource in resources])
+    insert_dependencies(
+        session, [(resource.id, on_id, role) for resource in resources for role, on_id in resource.rests_on]
+    )
+    insert_objects(
+        session, objects, [(resource.id, owned) for resource in resources for owned in resource.objects.values()]
+    )
+    _insert_rows(
+        connection, RETRIES, [_to_retry_row(resource, new.retry) for resource, new in pairs if new.retry is not None]
+    )
     jobs = add_jobs(session, [(new.job, resource.id) for resource, new in pairs if new.job is not None], moment, owner)
     job_of = {job.resource_id: job for job in jobs}
     return [replace(resource, job=job_of.get(resource.id)) for resource in resources]
 
 
-def rest(session: Session, several: Iterable[tuple[str, str, str]]) -> None:
+def insert_dependencies(session: Session, several: Iterable[tuple[str, str, str]]) -> None:
     """Insert dependencies between resources, each as (dependent, needed, role)."""
     rows = [{"dependent_id": dependent, "on_id": on_id, "role": role} for dependent, on_id, role in several]
-    _insert(session.connection(), DEPENDENCIES, rows)
+    _insert_rows(session.connection(), DEPENDENCIES, rows)
 
 
-def own(session: Session, objects: ObjectStore, several: Sequence[tuple[str, Owned]]) -> None:
+def insert_objects(session: Session, objects: ObjectStore, several: Sequence[tuple[str, OwnedObject]]) -> None:
     """Insert the ownership of objects; raise ObjectGone if one is not in the store."""
-    hold(session, objects, (owned for _, owned in several))
-    _insert(
+    lock_objects(session, objects, (owned for _, owned in several))
+    _insert_rows(
         session.connection(), OBJECTS, [{"resource_id": identifier, **vars(owned)} for identifier, owned in several]
     )
 
 
-def _resource(new: NewResource, moment: datetime) -> Resource:
+def _build_resource(new: NewResource, moment: datetime) -> Resource:
     return Resource(
-        id=new_identifier(new.kind),
+        id=create_identifier(new.kind),
         kind=new.kind,
         name=new.name,
         created_at=moment,
@@ -128,7 +134,7 @@ def _resource(new: NewResource, moment: datetime) -> Resource:
     )
 
 
-def _row(resource: Resource) -> Row:
+def _to_row(resource: Resource) -> Row:
     names = ("id", "kind", "name", "created_at", "request", "result")
     return {
         **{name: getattr(resource, name) for name in names},
@@ -137,16 +143,16 @@ def _row(resource: Resource) -> Row:
     }
 
 
-def _key(resource: Resource, retry: Retry) -> Row:
+def _to_retry_row(resource: Resource, retry: Retry) -> Row:
     return {**vars(retry), "resource_id": resource.id, "created_at": resource.created_at}
 
 
-def _insert(connection: Connection, table: Table, rows: Sequence[Row]) -> None:
+def _insert_rows(connection: Connection, table: Table, rows: Sequence[Row]) -> None:
     if rows:
         connection.execute(_INSERTING[table], rows)
 
 
-def _require(connection: Connection, needs: Sequence[RestsOn]) -> None:
+def _check_dependencies(connection: Connection, needs: Sequence[Dependency]) -> None:
     ids = sorted({need.id for need in needs})
     kinds: dict[str, str] = {}
     for start in range(0, len(ids), AT_ONCE):
@@ -154,4 +160,4 @@ def _require(connection: Connection, needs: Sequence[RestsOn]) -> None:
         kinds |= {identifier: kind for identifier, kind in rows}  # noqa: C416
     for need in needs:
         if kinds.get(need.id) != need.kind:
-            raise unusable(f"there is no {need.kind} {need.id!r}", need.pointer, title="Unknown resource")
+            raise make_unusable(f"there is no {need.kind} {need.id!r}", need.pointer, title="Unknown resource")

@@ -15,10 +15,10 @@ from typing import Any, Literal, cast
 from sqlalchemy import Connection, Row, bindparam, exists, func, select
 from sqlalchemy.orm import Session
 
-from dynident_service.problems import Problem, ProblemError, not_found
+from dynident_service.problems import Problem, ProblemError, make_not_found
 from dynident_service.storage import turns
-from dynident_service.storage.database import AT_ONCE, Database, clock
-from dynident_service.storage.reading import OF_JOBS
+from dynident_service.storage.database import AT_ONCE, Database, get_database_time
+from dynident_service.storage.reading import JOB_COLUMNS
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
 from dynident_service.storage.tables import EVENTS, JOBS, JobRow
 from dynident_service.storage.turns import Claim
@@ -59,7 +59,7 @@ Claimed = tuple[str, int, datetime | None]
 
 
 @dataclass(frozen=True)
-class Strain:
+class QueueHealth:
     """Figures that tell the operator of the service that something is wrong."""
 
     oldest_queued: float
@@ -74,7 +74,7 @@ class LostClaim(Exception):
     """The job was given to another worker or cancelled; results of this worker are no longer accepted."""
 
 
-class Ledger:
+class JobQueue:
     """Queue of the jobs in the database.
 
     Parameters
@@ -93,7 +93,7 @@ class Ledger:
     def enqueue(self, new: NewJob, resource_id: str | None = None) -> str:
         """Add a job, and return its id."""
         with self._database.write() as session:
-            (job,) = turns.add_jobs(session, [(new, resource_id)], clock(session))
+            (job,) = turns.add_jobs(session, [(new, resource_id)], get_database_time(session))
             return job.id
 
     def claim(self, slots: int, own: Collection[str] | None = None) -> list[Claim]:
@@ -116,21 +116,21 @@ class Ledger:
         """
         with self._database.read() as session:
             connection = session.connection()
-            expired, queued = connection.execute(_LOOK, {"moment": clock(session)}).one()
+            expired, queued = connection.execute(_LOOK, {"moment": get_database_time(session)}).one()
             # Most calls find nothing to do. They end here, in a transaction that only reads.
             if not expired:
                 self._expired = {}
-                if not queued or _running(connection, own) >= slots:
+                if not queued or _count_running(connection, own) >= slots:
                     return []  # without a transaction that writes, which others would wait for
         with self._database.write() as session:
-            connection, moment = session.connection(), clock(session)
+            connection, moment = session.connection(), get_database_time(session)
             if expired:
-                for row in self._expired_for_long(turns.find_expired(connection, moment)):
-                    turns.bury(session, row, MOST_LOSSES, "its worker was lost", losses=1)
-            free = slots - _running(connection, own)
-            return turns.take(connection, free, moment, moment + PICK_UP) if free > 0 else []
+                for row in self._confirm_expired(turns.find_expired(connection, moment)):
+                    turns.requeue_or_fail(session, row, MOST_LOSSES, "its worker was lost", losses=1)
+            free = slots - _count_running(connection, own)
+            return turns.claim_jobs(connection, free, moment, moment + PICK_UP) if free > 0 else []
 
-    def standing(self, claim: Claim) -> Standing:
+    def get_standing(self, claim: Claim) -> Standing:
         """Return the standing of a claim without renewing it: "held", "cancel" (its job is to be stopped) or "lost"."""
         with self._database.read() as session:
             row = session.connection().execute(_STANDING, {"id": claim.job_id}).one_or_none()
@@ -141,10 +141,10 @@ class Ledger:
     def renew(self, claim: Claim) -> Standing:
         """Renew the lease of a claim, and return its standing as `standing` does."""
         with self._database.write() as session:
-            cancelled = turns.hold_on(session.connection(), claim, clock(session) + LEASE)
+            cancelled = turns.extend_lease(session.connection(), claim, get_database_time(session) + LEASE)
         return "lost" if cancelled is None else "cancel" if cancelled else "held"
 
-    def progress(self, claim: Claim, fraction: float, message: str) -> None:
+    def record_progress(self, claim: Claim, fraction: float, message: str) -> None:
         """Record the progress of a job.
 
         Parameters
@@ -162,10 +162,10 @@ class Ledger:
             If the claim does not hold any more, or the job is to be cancelled.
         """
         with self._database.write() as session:
-            if not turns.go_on(session.connection(), claim, fraction, message):
+            if not turns.record_progress(session.connection(), claim, fraction, message):
                 raise LostClaim(claim.job_id)
 
-    def succeed(self, claim: Claim, store: Callable[[Session], None]) -> None:
+    def record_success(self, claim: Claim, store: Callable[[Session], None]) -> None:
         """Finish a job: store its results and its state in one transaction.
 
         Parameters
@@ -182,31 +182,35 @@ class Ledger:
         """
         with self._database.write() as session:
             # This comes first, as it locks the row: a request to cancel the job then waits until the job has ended.
-            if not turns.go_on(session.connection(), claim, 1.0, "done"):
+            if not turns.record_progress(session.connection(), claim, 1.0, "done"):
                 raise LostClaim(claim.job_id)
             store(session)
             session.flush()
-            turns.end(session, claim.job_id, "succeeded")
+            turns.finish_job(session, claim.job_id, "succeeded")
 
-    def fail(self, claim: Claim, problem: Problem) -> None:
+    def record_failure(self, claim: Claim, problem: Problem) -> None:
         """Finish a job that cannot be done, with the problem that says why."""
-        self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "failed", problem))
+        self._write_if_held(claim, lambda session, _: turns.finish_job(session, claim.job_id, "failed", problem))
 
-    def stopped(self, claim: Claim) -> None:
+    def record_cancellation(self, claim: Claim) -> None:
         """Record that a job was stopped because somebody cancelled it."""
-        self._if_held(claim, lambda session, _: turns.end(session, claim.job_id, "cancelled"))
+        self._write_if_held(claim, lambda session, _: turns.finish_job(session, claim.job_id, "cancelled"))
 
-    def lost(self, claim: Claim, reason: str) -> None:
+    def record_loss(self, claim: Claim, reason: str) -> None:
         """Queue a job again that was interrupted by a failure of the infrastructure."""
-        self._if_held(claim, lambda session, row: turns.bury(session, row, MOST_LOSSES, reason, losses=1))
+        self._write_if_held(
+            claim, lambda session, row: turns.requeue_or_fail(session, row, MOST_LOSSES, reason, losses=1)
+        )
 
-    def died(self, claim: Claim, reason: str) -> None:
+    def record_death(self, claim: Claim, reason: str) -> None:
         """Queue a job again whose process died; it fails if that has happened `max_attempts` times."""
-        self._if_held(claim, lambda session, row: turns.bury(session, row, self._max_attempts, reason, deaths=1))
+        self._write_if_held(
+            claim, lambda session, row: turns.requeue_or_fail(session, row, self._max_attempts, reason, deaths=1)
+        )
 
     def release(self, claim: Claim) -> None:
         """Give back a job that was claimed and not begun."""
-        self._if_held(claim, lambda session, row: turns.requeue(session.connection(), row))
+        self._write_if_held(claim, lambda session, row: turns.requeue(session.connection(), row))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a job: a queued one at once, a running one by asking its worker to stop.
@@ -224,33 +228,33 @@ class Ledger:
         with self._database.write() as session:
             row = session.get(JobRow, job_id, with_for_update=True)
             if row is None:
-                raise not_found("job", job_id)
+                raise make_not_found("job", job_id)
             if row.state == "queued":
-                turns.end(session, job_id, "cancelled")
+                turns.finish_job(session, job_id, "cancelled")
                 session.refresh(row)
             elif row.state == "running":
                 row.cancel_requested = True
             elif row.state != "cancelled":
                 detail = f"The job {job_id} has already {row.state}; there is nothing to cancel."
                 raise ProblemError(409, detail, title="Already finished")
-            return as_job(row)
+            return to_job(row)
 
-    def cancel_of_resources(self, identifiers: Sequence[str]) -> None:
+    def cancel_jobs_of_resources(self, identifiers: Sequence[str]) -> None:
         """Cancel the jobs of several resources, all in one transaction; jobs that have ended are left as they are."""
         with self._database.write() as session:
-            moment = clock(session)
+            moment = get_database_time(session)
             for start in range(0, len(identifiers), AT_ONCE):
-                turns.cancel_all(session.connection(), identifiers[start : start + AT_ONCE], moment)
+                turns.cancel_jobs(session.connection(), identifiers[start : start + AT_ONCE], moment)
 
     def get(self, job_id: str) -> Job:
         """Return a job; raise a problem 404 if there is none."""
         with self._database.read() as session:
             row = session.connection().execute(_ONE, {"id": job_id}).one_or_none()
             if row is None:
-                raise not_found("job", job_id)
-            return as_job(row)
+                raise make_not_found("job", job_id)
+            return to_job(row)
 
-    def of_resources(self, identifiers: Sequence[str]) -> dict[str, tuple[str, State]]:
+    def find_jobs_of_resources(self, identifiers: Sequence[str]) -> dict[str, tuple[str, State]]:
         """Return the job id and the state of the job of each resource that has one, by the id of the resource."""
         jobs = select(JobRow.resource_id, JobRow.id, JobRow.state)
         states: dict[str, tuple[str, State]] = {}
@@ -261,7 +265,7 @@ class Ledger:
                     states[str(resource)] = (job, cast(State, state))
         return states
 
-    def page(
+    def list_page(
         self, limit: int, cursor: str | None = None, state: str | None = None, kind: str | None = None
     ) -> tuple[list[Job], str | None]:
         """List jobs, newest first.
@@ -289,10 +293,10 @@ class Ledger:
             query = query.where(JobRow.id < cursor)
         with self._database.read() as session:
             rows = session.scalars(query).all()
-        jobs = [as_job(row) for row in rows[:limit]]
+        jobs = [to_job(row) for row in rows[:limit]]
         return jobs, jobs[-1].id if len(rows) > limit else None
 
-    def history(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
+    def read_events(self, job_id: str, after: int = 0) -> tuple[list[JobEvent], bool]:
         """Read the events of a job that follow one.
 
         Returns
@@ -308,7 +312,7 @@ class Ledger:
             rows = connection.execute(_HISTORY, {"id": job_id, "after": after}).all()
         return [JobEvent(row.id, row.event, row.data) for row in rows], standing is None or standing.state in FINAL
 
-    def news(self, after: int, job_ids: Collection[str]) -> tuple[dict[str, int], int]:
+    def find_newest_events(self, after: int, job_ids: Collection[str]) -> tuple[dict[str, int], int]:
         """Return the newest event of each job that has news.
 
         Parameters
@@ -335,27 +339,27 @@ class Ledger:
                 newest |= {str(job_id): int(event) for job_id, event in rows}
         return newest, last
 
-    def counts(self) -> dict[str, int]:
+    def count_by_state(self) -> dict[str, int]:
         """Return the number of jobs by state."""
         with self._database.read() as session:
             rows = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state)).all()
         return {str(state): int(number) for state, number in rows}
 
-    def strain(self) -> Strain:
+    def measure_health(self) -> QueueHealth:
         """Return how long the oldest queued job has waited, and how often jobs had to be begun again."""
         with self._database.read() as session:
             oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
             deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
-            waited = 0.0 if oldest is None else max(0.0, (clock(session) - oldest).total_seconds())
-        return Strain(waited, int(deaths or 0), int(losses or 0))
+            waited = 0.0 if oldest is None else max(0.0, (get_database_time(session) - oldest).total_seconds())
+        return QueueHealth(waited, int(deaths or 0), int(losses or 0))
 
-    def _if_held(self, claim: Claim, write: Callable[[Session, Row[object]], None]) -> None:
+    def _write_if_held(self, claim: Claim, write: Callable[[Session, Row[object]], None]) -> None:
         with self._database.write() as session:
             row = turns.find_held(session.connection(), claim)
             if row is not None:
                 write(session, row)
 
-    def _expired_for_long(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
+    def _confirm_expired(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
         """Return the rows whose leases had already expired at a look some time ago."""
         moment = time.monotonic()
         before, self._expired = self._expired, {}
@@ -368,12 +372,12 @@ class Ledger:
         return confirmed
 
 
-def as_job(row: JobRow | Row[object]) -> Job:
+def to_job(row: JobRow | Row[object]) -> Job:
     """Convert a row of the table of jobs to a Job."""
-    return Job(*(getattr(row, name) for name in OF_JOBS))
+    return Job(*(getattr(row, name) for name in JOB_COLUMNS))
 
 
-def _running(connection: Connection, own: Collection[str] | None) -> int:
+def _count_running(connection: Connection, own: Collection[str] | None) -> int:
     if own is None:
         return int(connection.execute(_RUNNING).scalar_one())
     return int(connection.execute(_OUR_RUNNING, {"own": list(own)}).scalar_one()) if own else 0

@@ -21,10 +21,10 @@ def migrate(database: Database) -> None:
         # On SQLite the transaction is the only writer from its beginning; PostgreSQL needs a lock of its own.
         if not database.is_sqlite:
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": POSTGRESQL_LOCK})
-        command.upgrade(configuration(connection), "head")
+        command.upgrade(build_alembic_config(connection), "head")
 
 
-def configuration(connection: Connection) -> Config:
+def build_alembic_config(connection: Connection) -> Config:
     """Return Alembic's configuration for the migrations of this package."""
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))

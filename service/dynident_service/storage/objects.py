@@ -31,7 +31,7 @@ _UNFINISHED = re.compile("[0-9a-f]{64}#[0-9]+")
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredObject:
     """Result of putting an object: its key, its size in bytes, and whether it was written."""
 
     key: str
@@ -58,39 +58,39 @@ class ObjectStore:
         self._folder = Path(unquote(urlsplit(url).path)) if urlsplit(url).scheme == "file" else None
         self._store = LocalStore(self._folder, mkdir=True) if self._folder is not None else from_url(url)
 
-    def put_file(self, file: BinaryIO) -> Stored:
+    def put_file(self, file: BinaryIO) -> StoredObject:
         """Store the content of a file from its start, unless it is stored already."""
-        return self.put_hashed(file, *digest(file))
+        return self.put_hashed(file, *compute_digest(file))
 
-    def put_hashed(self, file: BinaryIO, key: str, size: int) -> Stored:
+    def put_hashed(self, file: BinaryIO, key: str, size: int) -> StoredObject:
         """Store the content of a file whose hash and size are known; a damaged object is written again."""
         # Equal contents have equal keys, so an object that is whole need not be written again.
         if self._is_whole(file, key, size):
-            return Stored(key, size, created=False)
+            return StoredObject(key, size, created=False)
         file.seek(0)
         # The key is the hash of the content: a concurrent writer of the same key writes the same bytes.
-        obstore.put(self._store, _path(key), file, chunk_size=CHUNK, max_concurrency=2)
-        return Stored(key, size, created=True)
+        obstore.put(self._store, _get_object_path(key), file, chunk_size=CHUNK, max_concurrency=2)
+        return StoredObject(key, size, created=True)
 
-    def put_bytes(self, content: bytes) -> Stored:
+    def put_bytes(self, content: bytes) -> StoredObject:
         """Store bytes."""
         return self.put_file(io.BytesIO(content))
 
-    def size(self, key: str) -> int | None:
+    def get_size(self, key: str) -> int | None:
         """Return the size of an object in bytes, or None if there is none."""
         try:
-            return int(obstore.head(self._store, _path(key))["size"])
+            return int(obstore.head(self._store, _get_object_path(key))["size"])
         except FileNotFoundError:
             return None
 
     def get(self, key: str) -> bytes:
         """Read a whole object; raise a problem 500 if it is missing or damaged."""
         try:
-            content = bytes(obstore.get(self._store, _path(key)).bytes())
+            content = bytes(obstore.get(self._store, _get_object_path(key)).bytes())
         except FileNotFoundError as error:
-            raise missing(key) from error
+            raise make_missing_problem(key) from error
         if hashlib.sha256(content).hexdigest() != key:
-            raise damaged(key)
+            raise make_damaged_problem(key)
         return content
 
     def stream(self, key: str) -> Iterator[bytes]:
@@ -105,14 +105,14 @@ class ObjectStore:
             500 if the object is missing or damaged.
         """
         if self._folder is not None:
-            self._verify(self._folder / _path(key), key)
+            self._verify(self._folder / _get_object_path(key), key)
         try:
-            answer = obstore.get(self._store, _path(key))
+            answer = obstore.get(self._store, _get_object_path(key))
         except FileNotFoundError as error:
-            raise missing(key) from error
-        return _checked(answer.stream(min_chunk_size=STREAMED), key)
+            raise make_missing_problem(key) from error
+        return _verify_chunks(answer.stream(min_chunk_size=STREAMED), key)
 
-    def path(self, key: str) -> Path:
+    def fetch_file(self, key: str) -> Path:
         """Return a local file with the object: the object itself in a local store, else a copy in the cache.
 
         Raises
@@ -121,7 +121,7 @@ class ObjectStore:
             500 if the object is missing or damaged.
         """
         if self._folder is not None:
-            path = self._folder / _path(key)
+            path = self._folder / _get_object_path(key)
             self._verify(path, key)
             return path
         cached = self._cache_dir / key
@@ -138,23 +138,23 @@ class ObjectStore:
         """Folder that holds all files that `path` returns."""
         return (self._cache_dir if self._folder is None else self._folder).resolve()
 
-    def key_of(self, path: Path) -> str | None:
+    def find_key(self, path: Path) -> str | None:
         """Return the key of the object that a path from `path` belongs to, or None for any other path."""
         key = path.name
-        place = self._cache_dir / key if self._folder is None else self._folder / _path(key)
+        place = self._cache_dir / key if self._folder is None else self._folder / _get_object_path(key)
         return key if path == place and _KEY.fullmatch(key) else None
 
     def is_damaged(self, key: str) -> bool:
         """Return whether an object, read again from the store, is missing or does not have its hash."""
         sha256 = hashlib.sha256()
         try:
-            for chunk in obstore.get(self._store, _path(key)).stream(min_chunk_size=CHUNK):
+            for chunk in obstore.get(self._store, _get_object_path(key)).stream(min_chunk_size=CHUNK):
                 sha256.update(chunk)
         except FileNotFoundError:
             return True
         return sha256.hexdigest() != key
 
-    def listed(self) -> Iterator[tuple[str, int]]:
+    def list_objects(self) -> Iterator[tuple[str, int]]:
         """Yield key and size in bytes of all objects."""
         for batch in obstore.list(self._store):
             for entry in batch:
@@ -162,7 +162,7 @@ class ObjectStore:
                 if _KEY.fullmatch(key):
                     yield key, int(entry["size"])
 
-    def leftovers(self) -> Iterator[Path]:
+    def list_leftovers(self) -> Iterator[Path]:
         """Yield unfinished files of a local store, being written or abandoned."""
         if self._folder is not None:
             yield from (path for path in self._folder.rglob("*") if _UNFINISHED.fullmatch(path.name))
@@ -170,7 +170,7 @@ class ObjectStore:
     def delete(self, key: str) -> None:
         """Delete an object, if there is one."""
         try:
-            obstore.delete(self._store, _path(key))
+            obstore.delete(self._store, _get_object_path(key))
         except FileNotFoundError:
             return
 
@@ -186,16 +186,16 @@ class ObjectStore:
         """
         if self._folder is None:
             try:
-                head = obstore.head(self._store, _path(key))
+                head = obstore.head(self._store, _get_object_path(key))
             except FileNotFoundError:
                 return False
             etag = (head["e_tag"] or "").removeprefix("W/").strip('"')
-            return int(head["size"]) == size and etag == _etag(file)
-        if self.size(key) != size:
+            return int(head["size"]) == size and etag == _compute_etag(file)
+        if self.get_size(key) != size:
             return False
-        self._verified.pop(self._folder / _path(key), None)  # a disk error does not change the file's time
+        self._verified.pop(self._folder / _get_object_path(key), None)  # a disk error does not change the file's time
         try:
-            self._verify(self._folder / _path(key), key)
+            self._verify(self._folder / _get_object_path(key), key)
         except ProblemError:
             return False
         return True
@@ -208,11 +208,11 @@ class ObjectStore:
                 mark = (state.st_ino, state.st_mtime_ns, state.st_size)
                 if self._verified.get(path) == mark:
                     return
-                actual_key, _ = digest(file)
+                actual_key, _ = compute_digest(file)
         except FileNotFoundError as error:
-            raise missing(key) from error
+            raise make_missing_problem(key) from error
         if actual_key != key:
-            raise damaged(key)
+            raise make_damaged_problem(key)
         self._verified[path] = mark
 
     def _fetch(self, key: str, cached: Path) -> None:
@@ -229,13 +229,13 @@ class ObjectStore:
             raise
 
 
-def missing(key: str) -> ProblemError:
+def make_missing_problem(key: str) -> ProblemError:
     """Return the problem for an object that should be in the store and is not."""
     detail = f"A stored file is missing (object {key}); `dynident doctor` lists all that are, and what rests on them."
     return ProblemError(500, detail, title="Stored file missing")
 
 
-def damaged(key: str) -> ProblemError:
+def make_damaged_problem(key: str) -> ProblemError:
     """Return the problem for an object whose bytes have changed."""
     detail = (
         f"A stored file is not what it was (object {key}); uploading the same file again mends it, and "
@@ -244,7 +244,7 @@ def damaged(key: str) -> ProblemError:
     return ProblemError(500, detail, title="Stored file damaged")
 
 
-def digest(file: BinaryIO) -> tuple[str, int]:
+def compute_digest(file: BinaryIO) -> tuple[str, int]:
     """Return the SHA-256 and the size in bytes of a file, read from its start."""
     file.seek(0)
     sha256, size = hashlib.sha256(), 0
@@ -254,7 +254,7 @@ def digest(file: BinaryIO) -> tuple[str, int]:
     return sha256.hexdigest(), size
 
 
-def _etag(file: BinaryIO) -> str:
+def _compute_etag(file: BinaryIO) -> str:
     """Return the ETag that S3 gives to a file sent by `put_hashed`: its MD5, or the MD5 of the MD5s of its parts."""
     file.seek(0)
     parts = []
@@ -266,7 +266,7 @@ def _etag(file: BinaryIO) -> str:
     return (parts[0] if parts else hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
-def _checked(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
+def _verify_chunks(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
     """Pass on the pieces of an object, the last one only if the whole has the right hash."""
     sha256, last = hashlib.sha256(), b""
     for chunk in chunks:
@@ -275,10 +275,10 @@ def _checked(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
         last = bytes(chunk)
         sha256.update(last)
     if sha256.hexdigest() != key:
-        raise damaged(key)
+        raise make_damaged_problem(key)
     yield last
 
 
-def _path(key: str) -> str:
+def _get_object_path(key: str) -> str:
     """Return the path of an object in the store."""
     return f"{key[:2]}/{key}"

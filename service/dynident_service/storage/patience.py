@@ -17,14 +17,14 @@ T = TypeVar("T")
 
 AWAY = (OperationalError, InterfaceError, NoConnection, BaseError)
 """Exceptions of a database that is away or locked, and of a store that does not answer."""
-INFRASTRUCTURE = (*AWAY, ObjectGone)
+INFRASTRUCTURE_ERRORS = (*AWAY, ObjectGone)
 """Exceptions that are no fault of a computation, which is therefore repeated."""
 FIRST_PAUSE = 0.1
 LONGEST_PAUSE = 5.0
 log = logging.getLogger("dynident.storage")
 
 
-def patiently(action: Callable[[], T], patience: float) -> T:
+def retry_while_away(action: Callable[[], T], patience: float) -> T:
     """Repeat an action while the database or the store is away.
 
     Parameters
@@ -41,13 +41,13 @@ def patiently(action: Callable[[], T], patience: float) -> T:
         except AWAY as error:
             if time.monotonic() + pause > until:
                 raise
-            log.warning("%s; trying again", reason_of(error))
+            log.warning("%s; trying again", describe_error(error))
         time.sleep(pause)
         # Pauses grow, so that many workers do not press a server that is just starting.
         pause = min(2 * pause, LONGEST_PAUSE)
 
 
-def reason_of(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return an exception in one line, without SQL statements and parameters, which may hold user data."""
     inner = getattr(error, "orig", None) or error
     first_line = (str(inner).splitlines() or [""])[0]

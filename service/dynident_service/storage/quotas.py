@@ -18,7 +18,7 @@ from sqlalchemy import Select, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from dynident_service.problems import ProblemError
-from dynident_service.storage.records import NewResource, Owned
+from dynident_service.storage.records import NewResource, OwnedObject
 from dynident_service.storage.tables import JOBS, OBJECTS, RESOURCES
 
 SENT = ("measurement", "import", "robot")
@@ -28,20 +28,20 @@ _OWNER = "owner"
 
 
 @dataclass(frozen=True)
-class Limits:
+class QuotaLimits:
     """Upper limits for an account: 0 means no limit, None means that it is not set."""
 
     bytes: int | None = None
     recordings: int | None = None
     jobs: int | None = None
 
-    def or_else(self, others: Limits) -> Limits:
+    def fill_from(self, others: QuotaLimits) -> QuotaLimits:
         """Return these limits, with those of `others` where none is set here."""
         pairs = zip(astuple(self), astuple(others), strict=True)
-        return Limits(*(theirs if mine is None else mine for mine, theirs in pairs))
+        return QuotaLimits(*(theirs if mine is None else mine for mine, theirs in pairs))
 
 
-UNLIMITED = Limits()
+UNLIMITED = QuotaLimits()
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Account:
     """Account that a request acts for, and its limits."""
 
     name: str
-    limits: Limits = UNLIMITED
+    limits: QuotaLimits = UNLIMITED
 
 
 @dataclass(frozen=True)
-class Use:
+class Usage:
     """What an account uses now."""
 
     bytes: int = 0
@@ -64,7 +64,7 @@ class Use:
     """Number of jobs that are queued or running."""
 
 
-class OverQuota(ProblemError):
+class QuotaExceeded(ProblemError):
     """The account would exceed one of its limits."""
 
     retry_after = "5"
@@ -73,12 +73,12 @@ class OverQuota(ProblemError):
 _acting: ContextVar[Account | None] = ContextVar("dynident_account", default=None)
 
 
-def act_for(account: Account | None) -> None:
+def set_account(account: Account | None) -> None:
     """Set the account that the current request acts for, in this task and in the tasks that it starts."""
     _acting.set(account)
 
 
-def acting() -> Account | None:
+def get_account() -> Account | None:
     """Return the account that the current request acts for; None if no key was required, and in jobs."""
     return _acting.get()
 
@@ -98,17 +98,17 @@ _JOBS = select(func.count()).where(JOBS.c.owner == bindparam(_OWNER), JOBS.c.sta
 _SIMULATIONS = _JOBS.where(JOBS.c.kind == "simulation")
 
 
-def bytes_of(session: Session, name: str) -> int:
+def sum_bytes(session: Session, name: str) -> int:
     """Return the bytes of all files of an account."""
-    return _number(session, _BYTES, name)
+    return _run_count(session, _BYTES, name)
 
 
-def use_of(session: Session, name: str) -> Use:
+def compute_usage(session: Session, name: str) -> Usage:
     """Return what an account uses."""
-    return Use(bytes_of(session, name), _recordings(session, name), _number(session, _JOBS, name))
+    return Usage(sum_bytes(session, name), _count_recordings(session, name), _run_count(session, _JOBS, name))
 
 
-def uses(session: Session) -> dict[str | None, Use]:
+def compute_all_usage(session: Session) -> dict[str | None, Usage]:
     """Return what every account uses, by its name; None stands for resources without an owner. Reads all rows."""
     files = _OWNED.subquery()
     unfinished = select(JOBS.c.owner, func.count()).where(JOBS.c.state.in_(UNFINISHED)).group_by(JOBS.c.owner)
@@ -121,12 +121,12 @@ def uses(session: Session) -> dict[str | None, Use]:
     size, measured, simulated, jobs = ({name: int(n) for name, n in session.execute(query)} for query in queries)
     names = size.keys() | measured.keys() | jobs.keys()
     return {
-        name: Use(size.get(name, 0), measured.get(name, 0) + simulated.get(name, 0), jobs.get(name, 0))
+        name: Usage(size.get(name, 0), measured.get(name, 0) + simulated.get(name, 0), jobs.get(name, 0))
         for name in names
     }
 
 
-def lock(session: Session, account: Account | None) -> None:
+def lock_account(session: Session, account: Account | None) -> None:
     """Lock an account until the end of the transaction, if it has a limit, so that no other one adds to it."""
     if account is None or not any(astuple(account.limits)) or session.get_bind().dialect.name == "sqlite":
         return
@@ -135,7 +135,7 @@ def lock(session: Session, account: Account | None) -> None:
     session.execute(select(func.pg_advisory_xact_lock(int.from_bytes(digest[:8], "big", signed=True))))
 
 
-def check(session: Session, account: Account | None, several: Sequence[NewResource]) -> None:
+def check_quota(session: Session, account: Account | None, several: Sequence[NewResource]) -> None:
     """Check that an account may have further resources; does nothing if it has no limit.
 
     Parameters
@@ -156,16 +156,18 @@ def check(session: Session, account: Account | None, several: Sequence[NewResour
         return
     jobs = sum(new.job is not None for new in several)
     if account.limits.jobs and jobs:
-        _check_jobs(account, _number(session, _JOBS, account.name), jobs)
+        _check_jobs(account, _run_count(session, _JOBS, account.name), jobs)
     recordings = sum(new.kind in ("measurement", "simulation") for new in several)
     if account.limits.recordings and recordings:
-        _check_recordings(account, _recordings(session, account.name), recordings)
+        _check_recordings(account, _count_recordings(session, account.name), recordings)
     to_come = any(new.kind == "simulation" for new in several)
     owned = [owned_object for new in several if new.kind in SENT for owned_object in new.objects]
-    check_bytes(session, account, owned, at_least=1 if to_come else 0)
+    check_byte_quota(session, account, owned, at_least=1 if to_come else 0)
 
 
-def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned], at_least: int = 0) -> None:
+def check_byte_quota(
+    session: Session, account: Account | None, owned: Iterable[OwnedObject], at_least: int = 0
+) -> None:
     """Check that an account may have further files.
 
     Parameters
@@ -192,14 +194,14 @@ def check_bytes(session: Session, account: Account | None, owned: Iterable[Owned
     for key in known:
         new.pop(key)
     more = max(at_least, sum(new.values()))
-    used = bytes_of(session, account.name)
+    used = sum_bytes(session, account.name)
     if more and used + more > account.limits.bytes:
-        raise files_too_large(account, account.limits.bytes, used, more)
+        raise make_bytes_error(account, account.limits.bytes, used, more)
 
 
-def files_too_large(account: Account, allowed: int, used: int, more: int) -> OverQuota:
+def make_bytes_error(account: Account, allowed: int, used: int, more: int) -> QuotaExceeded:
     """Return the error for files that exceed an account's limit."""
-    return _no_room(
+    return _make_storage_error(
         f"The key {account.name!r} has {used} bytes of files and may have {allowed} (DYNIDENT_QUOTA_BYTES, or its "
         f"own); this would add {more}, so nothing was stored."
     )
@@ -208,7 +210,7 @@ def files_too_large(account: Account, allowed: int, used: int, more: int) -> Ove
 def _check_recordings(account: Account, used: int, more: int) -> None:
     allowed = account.limits.recordings or 0
     if used + more > allowed:
-        raise _no_room(
+        raise _make_storage_error(
             f"The key {account.name!r} has {used} recordings and may have {allowed} (DYNIDENT_QUOTA_RECORDINGS, or its "
             f"own), so nothing was stored."
         )
@@ -223,17 +225,17 @@ def _check_jobs(account: Account, used: int, more: int) -> None:
         f"The key {account.name!r} has {used} jobs queued or running and may have {allowed} at a time "
         f"(DYNIDENT_QUOTA_JOBS, or its own); this asks for {more} more: {help_}. Nothing was accepted."
     )
-    raise OverQuota(429, detail, title="Quota of jobs used up")
+    raise QuotaExceeded(429, detail, title="Quota of jobs used up")
 
 
-def _no_room(detail: str) -> OverQuota:
+def _make_storage_error(detail: str) -> QuotaExceeded:
     help_ = "Delete measurements and imports that are not needed any more: that makes room at once (GET /v1/usage)."
-    return OverQuota(507, f"{detail} {help_}", title="Quota of storage used up")
+    return QuotaExceeded(507, f"{detail} {help_}", title="Quota of storage used up")
 
 
-def _recordings(session: Session, name: str) -> int:
-    return _number(session, _MEASUREMENTS, name) + _number(session, _SIMULATIONS, name)
+def _count_recordings(session: Session, name: str) -> int:
+    return _run_count(session, _MEASUREMENTS, name) + _run_count(session, _SIMULATIONS, name)
 
 
-def _number(session: Session, query: Select[Any], name: str) -> int:
+def _run_count(session: Session, query: Select[Any], name: str) -> int:
     return int(session.execute(query, {_OWNER: name}).scalar_one())

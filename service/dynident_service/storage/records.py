@@ -44,7 +44,7 @@ FINAL: frozenset[str] = frozenset({"succeeded", "failed", "cancelled"})
 
 
 @dataclass(frozen=True)
-class Owned:
+class OwnedObject:
     """Object of the object store that a resource owns."""
 
     role: str
@@ -54,7 +54,7 @@ class Owned:
 
 
 @dataclass(frozen=True)
-class RestsOn:
+class Dependency:
     """Dependency on another resource. `pointer` is its place in the request, which an error names."""
 
     id: str
@@ -89,8 +89,8 @@ class NewResource:
     request: Mapping[str, Any]
     name: str | None = None
     result: Mapping[str, Any] | None = None
-    rests_on: tuple[RestsOn, ...] = ()
-    objects: tuple[Owned, ...] = ()
+    rests_on: tuple[Dependency, ...] = ()
+    objects: tuple[OwnedObject, ...] = ()
     job: NewJob | None = None
     retry: Retry | None = None
 
@@ -133,17 +133,17 @@ class Resource:
     result: Mapping[str, Any] | None
     rests_on: tuple[tuple[str, str], ...]
     """(role, id) of the resources that it depends on."""
-    objects: Mapping[str, Owned]
+    objects: Mapping[str, OwnedObject]
     job: Job | None
     tags: tuple[str, ...] = ()
     archived: bool = False
 
-    def one(self, role: str) -> str:
+    def get_dependency(self, role: str) -> str:
         """Return the id of the only dependency in a role."""
-        (identifier,) = self.all(role)
+        (identifier,) = self.get_dependencies(role)
         return identifier
 
-    def all(self, role: str) -> tuple[str, ...]:
+    def get_dependencies(self, role: str) -> tuple[str, ...]:
         """Return the ids of all dependencies in a role."""
         return tuple(identifier for name, identifier in self.rests_on if name == role)
 

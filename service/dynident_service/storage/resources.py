@@ -10,13 +10,21 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from dynident_service.problems import Dependent, ProblemError, not_found
+from dynident_service.problems import Dependent, ProblemError, make_not_found
 from dynident_service.storage.database import Database
-from dynident_service.storage.inserting import insert_all, insert_one, own
-from dynident_service.storage.objects import ObjectStore, Stored, digest
-from dynident_service.storage.quotas import Account, Limits, OverQuota, acting, check, check_bytes, lock
-from dynident_service.storage.reading import WITH_JOBS, complete, read, read_those
-from dynident_service.storage.records import FINAL, Kind, NewResource, Owned, Page, Resource, Retry
+from dynident_service.storage.inserting import insert_objects, insert_resource, insert_resources
+from dynident_service.storage.objects import ObjectStore, StoredObject, compute_digest
+from dynident_service.storage.quotas import (
+    Account,
+    QuotaExceeded,
+    QuotaLimits,
+    check_byte_quota,
+    check_quota,
+    get_account,
+    lock_account,
+)
+from dynident_service.storage.reading import WITH_JOBS, complete_resources, read_resource, read_resources
+from dynident_service.storage.records import FINAL, Kind, NewResource, OwnedObject, Page, Resource, Retry
 from dynident_service.storage.tables import (
     RESOURCES,
     DependencyRow,
@@ -26,7 +34,7 @@ from dynident_service.storage.tables import (
     RetryRow,
     check_text,
 )
-from dynident_service.storage.tombstones import announce
+from dynident_service.storage.tombstones import raise_tombstones
 
 MOST_DEPENDENTS = 20
 """Upper limit for the dependents that an error lists."""
@@ -45,10 +53,10 @@ class Resources:
         Limits of accounts that have none of their own.
     """
 
-    def __init__(self, database: Database, objects: ObjectStore, limits: Limits | None = None) -> None:
+    def __init__(self, database: Database, objects: ObjectStore, limits: QuotaLimits | None = None) -> None:
         self._database = database
         self._objects = objects
-        self._limits = limits or Limits()
+        self._limits = limits or QuotaLimits()
         """Limits of accounts that have none of their own."""
 
     def create(self, new: NewResource) -> Resource:
@@ -63,7 +71,9 @@ class Resources:
         OverQuota
             If the account would exceed a limit.
         """
-        return self._create(new.retry, [new], lambda session, owner: insert_one(session, self._objects, new, owner))
+        return self._create(
+            new.retry, [new], lambda session, owner: insert_resource(session, self._objects, new, owner)
+        )
 
     def create_together(self, several: Sequence[NewResource], last: Callable[[list[str]], NewResource]) -> Resource:
         """Store many resources and a last one that is made from their ids, in one transaction.
@@ -81,14 +91,14 @@ class Resources:
             The last one.
         """
 
-        def inserted(session: Session, owner: str | None) -> Resource:
-            ids = [resource.id for resource in insert_all(session, self._objects, several, owner)]
-            return insert_one(session, self._objects, last(ids), owner)
+        def insert(session: Session, owner: str | None) -> Resource:
+            ids = [resource.id for resource in insert_resources(session, self._objects, several, owner)]
+            return insert_resource(session, self._objects, last(ids), owner)
 
         # The retry key does not depend on the ids, which are not known yet.
-        return self._create(last([]).retry, several, inserted)
+        return self._create(last([]).retry, several, insert)
 
-    def known(self, retry: Retry | None) -> Resource | None:
+    def find_retried(self, retry: Retry | None) -> Resource | None:
         """Return the resource that an earlier request with the same retry key created, or None.
 
         Raises
@@ -105,26 +115,26 @@ class Resources:
             if row.fingerprint != retry.fingerprint:
                 detail = f"The Idempotency-Key {retry.key!r} was used with another request; use a new key for this one."
                 raise ProblemError(422, detail, title="Idempotency-Key used twice")
-            return read(session, row.resource_id)
+            return read_resource(session, row.resource_id)
 
     def get(self, kind: Kind, identifier: str) -> Resource:
         """Return a resource; raise a problem 404 if there is none of this kind."""
         resource = self.find(identifier)
         if resource is None or resource.kind != kind:
-            raise not_found(kind, identifier)
+            raise make_not_found(kind, identifier)
         return resource
 
     def find(self, identifier: str) -> Resource | None:
         """Return a resource of any kind, or None."""
         with self._database.read() as session:
-            return read(session, identifier)
+            return read_resource(session, identifier)
 
     def find_all(self, identifiers: Iterable[str]) -> dict[str, Resource]:
         """Return the resources of any kind with these ids, as far as they exist, by id."""
         with self._database.read() as session:
-            return {resource.id: resource for resource in read_those(session, identifiers)}
+            return {resource.id: resource for resource in read_resources(session, identifiers)}
 
-    def label(
+    def update_labels(
         self,
         kind: Kind,
         identifier: str,
@@ -143,7 +153,7 @@ class Resources:
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
-                raise not_found(kind, identifier)
+                raise make_not_found(kind, identifier)
             if name is not None:
                 row.name = name
             if tags is not None:
@@ -153,7 +163,9 @@ class Resources:
                 row.archived = archived
         return self.get(kind, identifier)
 
-    def attach(self, kind: Kind, identifier: str, result: Mapping[str, object], objects: Sequence[Owned]) -> Resource:
+    def attach(
+        self, kind: Kind, identifier: str, result: Mapping[str, object], objects: Sequence[OwnedObject]
+    ) -> Resource:
         """Add to the result of a resource and to its objects; objects of the same roles are replaced.
 
         Parameters
@@ -177,25 +189,25 @@ class Resources:
             If the owner of the resource would exceed a limit.
         """
         with self._database.write() as session:
-            payer = self._payer(session, identifier)
+            payer = self._find_paying_account(session, identifier)
             # The lock of the account comes before that of the row, as in `create`: the same order prevents a deadlock.
-            lock(session, payer)
+            lock_account(session, payer)
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
-                raise not_found(kind, identifier)
+                raise make_not_found(kind, identifier)
             row.result = {**(row.result or {}), **result}
             roles = [owned.role for owned in objects]
             before = select(ObjectRow).where(ObjectRow.resource_id == identifier, ObjectRow.role.in_(roles))
             gone = list(session.scalars(before))
-            announce(session, [row.key for row in gone])
+            raise_tombstones(session, [row.key for row in gone])
             for former in gone:
                 session.delete(former)
             session.flush()
-            check_bytes(session, payer, objects)
-            own(session, self._objects, [(identifier, owned) for owned in objects])
+            check_byte_quota(session, payer, objects)
+            insert_objects(session, self._objects, [(identifier, owned) for owned in objects])
         return self.get(kind, identifier)
 
-    def page(
+    def list_page(
         self, kind: Kind, limit: int, cursor: str | None = None, on_id: str | None = None, *, archived: bool = True
     ) -> Page:
         """List resources of a kind, newest first.
@@ -225,7 +237,7 @@ class Resources:
         with self._database.read() as session:
             connection = session.connection()
             rows = connection.execute(query).all()
-            items = complete(connection, rows[:limit])
+            items = complete_resources(connection, rows[:limit])
         return Page(items, items[-1].id if len(rows) > limit else None)
 
     def delete(self, kind: Kind, identifier: str) -> None:
@@ -239,9 +251,9 @@ class Resources:
         with self._database.write() as session:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
-                raise not_found(kind, identifier)
+                raise make_not_found(kind, identifier)
             _refuse_while_needed(session, row)
-            announce(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
+            raise_tombstones(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
             session.delete(row)
 
     def check_room(self, kind: Kind, files: Sequence[Path], attached_to: str | None = None) -> None:
@@ -261,24 +273,24 @@ class Resources:
         OverQuota
             If the account would exceed a limit.
         """
-        account = acting()
+        account = get_account()
         with self._database.read() as session:
             if attached_to is not None:
-                account = self._payer(session, attached_to)
+                account = self._find_paying_account(session, attached_to)
             if account is None or not (account.limits.bytes or account.limits.recordings):
                 return
             owned = []
             for file in files:
                 with file.open("rb") as opened:
-                    owned.append(Owned(file.name, *digest(opened), ""))
+                    owned.append(OwnedObject(file.name, *compute_digest(opened), ""))
             if attached_to is None:
-                check(session, account, [NewResource(kind, {}, objects=tuple(owned))])
+                check_quota(session, account, [NewResource(kind, {}, objects=tuple(owned))])
             else:
-                check_bytes(session, account, owned)
+                check_byte_quota(session, account, owned)
 
-    def _payer(self, session: Session, identifier: str) -> Account | None:
+    def _find_paying_account(self, session: Session, identifier: str) -> Account | None:
         """Return the account that pays for files of a resource, which is its owner's; None where no limit applies."""
-        account = acting()
+        account = get_account()
         if not self._limits.bytes and (account is None or not account.limits.bytes):
             return None
         owner = session.scalar(select(ResourceRow.owner).where(ResourceRow.id == identifier))
@@ -289,31 +301,31 @@ class Resources:
     def _create(
         self, retry: Retry | None, several: Sequence[NewResource], inserted: Callable[[Session, str | None], Resource]
     ) -> Resource:
-        account = acting()
+        account = get_account()
         try:
             with self._database.write() as session:
-                lock(session, account)
-                check(session, account, several)
+                lock_account(session, account)
+                check_quota(session, account, several)
                 return inserted(session, None if account is None else account.name)
-        except (IntegrityError, OverQuota):
+        except (IntegrityError, QuotaExceeded):
             # Another request with the same key was faster: its resource is the answer.
-            known = self.known(retry)
+            known = self.find_retried(retry)
             if known is None:
                 raise
             return known
 
-    def put(self, content: bytes | Path) -> Stored:
+    def put(self, content: bytes | Path) -> StoredObject:
         """Put bytes or a file into the object store; the sweep deletes them unless a resource comes to own them."""
         with io.BytesIO(content) if isinstance(content, bytes) else content.open("rb") as file:
-            key, size = digest(file)
+            key, size = compute_digest(file)
             with self._database.write() as session:
-                announce(session, (key,))
+                raise_tombstones(session, (key,))
             return self._objects.put_hashed(file, key, size)
 
-    def put_as(self, role: str, content: bytes | Path, media_type: str) -> Owned:
+    def put_with_role(self, role: str, content: bytes | Path, media_type: str) -> OwnedObject:
         """Put bytes or a file into the object store, and return them as an object with a role."""
         stored = self.put(content)
-        return Owned(role, stored.key, stored.size, media_type)
+        return OwnedObject(role, stored.key, stored.size, media_type)
 
 
 def _refuse_while_needed(session: Session, row: ResourceRow) -> None:

@@ -8,26 +8,26 @@ from pathlib import Path
 
 from dynident_service.problems import ProblemError
 
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
-SAID = ("no space left on device", "disk is full", "disk quota exceeded", "disk full")
+FULL_ERROR_NUMBERS = frozenset({errno.ENOSPC, errno.EDQUOT})
+FULL_MESSAGES = ("no space left on device", "disk is full", "disk quota exceeded", "disk full")
 """Phrases in errors of databases and stores that mean a full disk."""
 
 
-def is_full(error: BaseException | None) -> bool:
+def is_disk_full(error: BaseException | None) -> bool:
     """Return whether an error, or one that it came from, means that a disk is full."""
     visited: set[int] = set()
     # Causes of exceptions may form a circle.
     while error is not None and id(error) not in visited:
         visited.add(id(error))
-        if isinstance(error, OSError) and error.errno in FULL:
+        if isinstance(error, OSError) and error.errno in FULL_ERROR_NUMBERS:
             return True
-        if any(words in str(error).lower() for words in SAID):
+        if any(words in str(error).lower() for words in FULL_MESSAGES):
             return True
         error = getattr(error, "orig", None) or error.__cause__ or error.__context__
     return False
 
 
-def require_room(folder: Path, size: int, reserved: int) -> None:
+def check_disk_space(folder: Path, size: int, reserved: int) -> None:
     """Raise a problem 507 if `size` bytes would leave fewer than `reserved` bytes free.
 
     The database needs some room even to delete something.

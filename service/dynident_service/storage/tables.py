@@ -80,13 +80,13 @@ def check_text(*texts: str) -> None:
             raise UnusableText(422, f"{text[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
 
 
-def _of_owners(column: str, table: str) -> Index:
+def _index_by_owner(column: str, table: str) -> Index:
     """Return an index by owner. Rows without an owner are left out, so it costs nothing where no keys are used."""
     owned = sql("owner IS NOT NULL")
     return Index(f"ix_{table}_owner_{column}", "owner", column, sqlite_where=owned, postgresql_where=owned)
 
 
-def now() -> datetime:
+def get_utc_time() -> datetime:
     """Return the current time in UTC."""
     return datetime.now(UTC)
 
@@ -106,14 +106,14 @@ class ResourceRow(Table):
     id: Mapped[str] = mapped_column(Text(40), primary_key=True)
     kind: Mapped[str] = mapped_column(Text(20))
     name: Mapped[str | None] = mapped_column(Text(200))
-    created_at: Mapped[datetime] = mapped_column(default=now)
+    created_at: Mapped[datetime] = mapped_column(default=get_utc_time)
     request: Mapped[dict[str, Any]]
     result: Mapped[dict[str, Any] | None]
     tags: Mapped[list[str]] = mapped_column(JSON, default=list, server_default="[]")
     archived: Mapped[bool] = mapped_column(default=False, server_default=false())
     owner: Mapped[str | None] = mapped_column(Text(200))
 
-    __table_args__ = (Index("ix_resources_kind_id", "kind", "id"), _of_owners("kind", "resources"))
+    __table_args__ = (Index("ix_resources_kind_id", "kind", "id"), _index_by_owner("kind", "resources"))
 
 
 class DependencyRow(Table):
@@ -144,7 +144,7 @@ class TombstoneRow(Table):
     __tablename__ = "tombstones"
 
     key: Mapped[str] = mapped_column(Text(64), primary_key=True)
-    since: Mapped[datetime] = mapped_column(default=now, index=True)
+    since: Mapped[datetime] = mapped_column(default=get_utc_time, index=True)
 
 
 class JobRow(Table):
@@ -166,7 +166,7 @@ class JobRow(Table):
     losses: Mapped[int] = mapped_column(default=0, server_default="0")
     lease_until: Mapped[datetime | None]
     cancel_requested: Mapped[bool] = mapped_column(default=False)
-    created_at: Mapped[datetime] = mapped_column(default=now)
+    created_at: Mapped[datetime] = mapped_column(default=get_utc_time)
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
     owner: Mapped[str | None] = mapped_column(Text(200))
@@ -206,7 +206,7 @@ class RetryRow(Table):
     key: Mapped[str] = mapped_column(Text(255), primary_key=True)
     fingerprint: Mapped[str] = mapped_column(Text(64))
     resource_id: Mapped[str] = mapped_column(ForeignKey("resources.id", ondelete="CASCADE"), index=True)
-    created_at: Mapped[datetime] = mapped_column(default=now)
+    created_at: Mapped[datetime] = mapped_column(default=get_utc_time)
 
 
 class KeyRow(Table):
@@ -216,7 +216,7 @@ class KeyRow(Table):
 
     sha256: Mapped[str] = mapped_column(Text(64), primary_key=True)
     name: Mapped[str] = mapped_column(Text(200))
-    created_at: Mapped[datetime] = mapped_column(default=now)
+    created_at: Mapped[datetime] = mapped_column(default=get_utc_time)
     scope: Mapped[str] = mapped_column(Text(10), default="admin", server_default="admin")
     owner: Mapped[str | None] = mapped_column(Text(200))
     expires_at: Mapped[datetime | None]
@@ -226,12 +226,12 @@ class KeyRow(Table):
     quota_jobs: Mapped[int | None] = mapped_column(BigInteger)
 
 
-def table_of(rows: type[Table]) -> Tables:
+def get_table(rows: type[Table]) -> Tables:
     """Return the table of a row class, for statements without the ORM."""
     return cast(Tables, rows.__table__)
 
 
 # For statements without the ORM, which takes several times as long over each.
-RESOURCES, DEPENDENCIES, OBJECTS = table_of(ResourceRow), table_of(DependencyRow), table_of(ObjectRow)
-JOBS, EVENTS, RETRIES = table_of(JobRow), table_of(JobEventRow), table_of(RetryRow)
-CHECKPOINTS = table_of(CheckpointRow)
+RESOURCES, DEPENDENCIES, OBJECTS = get_table(ResourceRow), get_table(DependencyRow), get_table(ObjectRow)
+JOBS, EVENTS, RETRIES = get_table(JobRow), get_table(JobEventRow), get_table(RetryRow)
+CHECKPOINTS = get_table(CheckpointRow)

@@ -22,9 +22,9 @@ from sqlalchemy import delete, func, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
-from dynident_service.storage.database import Database, clock
+from dynident_service.storage.database import Database, get_database_time
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import Owned
+from dynident_service.storage.records import OwnedObject
 from dynident_service.storage.tables import ObjectRow, TombstoneRow
 
 
@@ -32,16 +32,16 @@ class ObjectGone(Exception):
     """An object was swept away before anybody owned it; put it again and retry."""
 
 
-def announce(session: Session, keys: Iterable[str]) -> None:
+def raise_tombstones(session: Session, keys: Iterable[str]) -> None:
     """Raise the tombstones of objects, or renew their time."""
-    since = clock(session)
+    since = get_database_time(session)
     dialect: Any = sqlite if _is_sqlite(session) else postgresql
     for key in sorted(set(keys)):  # in one order, so that two who raise several never wait for each other
         row = dialect.insert(TombstoneRow).values(key=key, since=since)
         session.execute(row.on_conflict_do_update(index_elements=[TombstoneRow.key], set_={"since": since}))
 
 
-def hold(session: Session, objects: ObjectStore, owned: Iterable[Owned]) -> None:
+def lock_objects(session: Session, objects: ObjectStore, owned: Iterable[OwnedObject]) -> None:
     """Lock objects against the sweep until the end of the transaction.
 
     Raises
@@ -52,12 +52,12 @@ def hold(session: Session, objects: ObjectStore, owned: Iterable[Owned]) -> None
     # All transactions lock in the same order, so that no two wait for each other.
     for owned_object in sorted(owned, key=lambda owned_object: owned_object.key):
         if not _is_sqlite(session):
-            session.execute(select(func.pg_advisory_xact_lock_shared(_number(owned_object.key))))
-        if objects.size(owned_object.key) != owned_object.size:
+            session.execute(select(func.pg_advisory_xact_lock_shared(_get_lock_number(owned_object.key))))
+        if objects.get_size(owned_object.key) != owned_object.size:
             raise ObjectGone(owned_object.key)
 
 
-def sweep(database: Database, objects: ObjectStore, grace: timedelta) -> int:
+def sweep_objects(database: Database, objects: ObjectStore, grace: timedelta) -> int:
     """Delete the objects whose tombstone is older than `grace` and that nobody owns, each in its own transaction.
 
     Returns
@@ -66,14 +66,16 @@ def sweep(database: Database, objects: ObjectStore, grace: timedelta) -> int:
         Number of objects that were deleted.
     """
     with database.read() as session:
-        until = clock(session) - grace
+        until = get_database_time(session) - grace
         due = session.scalars(select(TombstoneRow.key).where(TombstoneRow.since <= until)).all()
     return sum(_sweep_one(database, objects, key, until) for key in due)
 
 
 def _sweep_one(database: Database, objects: ObjectStore, key: str, until: datetime) -> bool:
     with database.write() as session:
-        if not _is_sqlite(session) and not session.scalar(select(func.pg_try_advisory_xact_lock(_number(key)))):
+        if not _is_sqlite(session) and not session.scalar(
+            select(func.pg_try_advisory_xact_lock(_get_lock_number(key)))
+        ):
             return False  # somebody is about to own it
         # The tombstone goes first: a transaction that raises it again meanwhile either waits for this one, or has
         # committed before and given it a new time, so that nothing is deleted here.
@@ -90,6 +92,6 @@ def _is_sqlite(session: Session) -> bool:
     return session.get_bind().dialect.name == "sqlite"
 
 
-def _number(key: str) -> int:
+def _get_lock_number(key: str) -> int:
     """Return the number of an object's advisory lock: 64 bits of its hash, signed."""
     return int.from_bytes(bytes.fromhex(key[:16]), "big", signed=True)

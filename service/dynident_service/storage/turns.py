@@ -15,10 +15,10 @@ from sqlalchemy.orm import Session
 from sqlalchemy.sql.dml import ReturningUpdate
 
 from dynident_service import traces
-from dynident_service.logs import current_request
+from dynident_service.logs import get_current_request
 from dynident_service.problems import Problem, make_problem
-from dynident_service.storage.database import clock
-from dynident_service.storage.identifiers import new_identifier
+from dynident_service.storage.database import get_database_time
+from dynident_service.storage.identifiers import create_identifier
 from dynident_service.storage.records import Job, NewJob, State
 from dynident_service.storage.tables import CHECKPOINTS, EVENTS, JOBS
 
@@ -53,7 +53,7 @@ are. The last row is NULL, for jobs without an owner.
 """
 
 
-def _of_each_owner(query: Select[Any]) -> ColumnElement[Any]:
+def _query_each_owner(query: Select[Any]) -> ColumnElement[Any]:
     """Return a subquery for the jobs of each owner; only written twice PostgreSQL uses the index for both cases."""
     of_nobody = query.where(JOBS.c.owner.is_(None)).scalar_subquery()
     return case(
@@ -63,12 +63,12 @@ def _of_each_owner(query: Select[Any]) -> ColumnElement[Any]:
 
 _TURNS: Select[Any] = select(
     _OWNERS.c.owner,
-    _of_each_owner(select(func.min(JOBS.c.id)).where(_QUEUED)).label("oldest"),
-    _of_each_owner(select(func.count()).where(_RUNNING)).label("running"),
+    _query_each_owner(select(func.min(JOBS.c.id)).where(_QUEUED)).label("oldest"),
+    _query_each_owner(select(func.count()).where(_RUNNING)).label("running"),
 )
 
 
-def _take_oldest(*of_owner: ColumnElement[bool]) -> ReturningUpdate[Any]:
+def _build_claim_statement(*of_owner: ColumnElement[bool]) -> ReturningUpdate[Any]:
     # A separate common table expression, so that PostgreSQL searches once, whatever its plan for the update.
     # SKIP LOCKED lets several services claim at a time without waiting for each other.
     oldest = (
@@ -88,7 +88,10 @@ def _take_oldest(*of_owner: ColumnElement[bool]) -> ReturningUpdate[Any]:
     )
 
 
-_TAKE_OF_OWNER, _TAKE_OF_NOBODY = _take_oldest(JOBS.c.owner == bindparam("of")), _take_oldest(JOBS.c.owner.is_(None))
+_TAKE_OF_OWNER, _TAKE_OF_NOBODY = (
+    _build_claim_statement(JOBS.c.owner == bindparam("of")),
+    _build_claim_statement(JOBS.c.owner.is_(None)),
+)
 _REQUEUE = (
     update(JOBS)
     .where(_THIS)
@@ -125,7 +128,7 @@ class Claim:
     """Span of that request, if it was traced."""
 
     @property
-    def place(self) -> dict[str, object]:
+    def key_parameters(self) -> dict[str, object]:
         """Parameters with which a statement finds the job while the claim holds."""
         return {"job": self.job_id, "claimed": self.attempt}
 
@@ -153,10 +156,10 @@ def add_jobs(
     """
     if not several:
         return []
-    origin = {REQUEST: current_request(), TRACE: traces.current()}
+    origin = {REQUEST: get_current_request(), TRACE: traces.get_current_span()}
     more = {name: value for name, value in origin.items() if value is not None}
     jobs = [
-        Job(new_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
+        Job(create_identifier("job"), new.kind, resource_id, "queued", 0.0, "", None, 0, moment, None, None)
         for new, resource_id in several
     ]
     rows = [
@@ -165,11 +168,11 @@ def add_jobs(
     ]
     connection = session.connection()
     connection.execute(_ADD_JOBS, rows)
-    _say(connection, [job.id for job in jobs], {"state": "queued"})
+    _add_event(connection, [job.id for job in jobs], {"state": "queued"})
     return jobs
 
 
-def take(connection: Connection, most: int, moment: datetime, until: datetime) -> list[Claim]:
+def claim_jobs(connection: Connection, most: int, moment: datetime, until: datetime) -> list[Claim]:
     """Claim queued jobs, always the oldest one of the owner with the fewest running jobs.
 
     Parameters
@@ -200,14 +203,14 @@ def take(connection: Connection, most: int, moment: datetime, until: datetime) -
         if job is None:
             passed_over.add(owner)
         else:
-            claims.append(_claim(job))
-    _say(connection, [claim.job_id for claim in claims], {"state": "running"})
+            claims.append(_to_claim(job))
+    _add_event(connection, [claim.job_id for claim in claims], {"state": "running"})
     return claims
 
 
 def find_held(connection: Connection, claim: Claim) -> Row[object] | None:
     """Return the row of a claimed job and lock it until the end of the transaction; None if the claim does not hold."""
-    return connection.execute(_FIND_HELD, claim.place).one_or_none()
+    return connection.execute(_FIND_HELD, claim.key_parameters).one_or_none()
 
 
 def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[object]]:
@@ -215,7 +218,7 @@ def find_expired(connection: Connection, moment: datetime) -> Sequence[Row[objec
     return connection.execute(_EXPIRED, {"moment": moment}).all()
 
 
-def hold_on(connection: Connection, claim: Claim, until: datetime) -> bool | None:
+def extend_lease(connection: Connection, claim: Claim, until: datetime) -> bool | None:
     """Extend the lease of a claim.
 
     Returns
@@ -223,15 +226,15 @@ def hold_on(connection: Connection, claim: Claim, until: datetime) -> bool | Non
     bool or None
         Whether the job is to be cancelled; None if the claim does not hold.
     """
-    return connection.execute(_RENEW, {**claim.place, "until": until}).scalar()
+    return connection.execute(_RENEW, {**claim.key_parameters, "until": until}).scalar()
 
 
-def go_on(connection: Connection, claim: Claim, fraction: float, message: str) -> bool:
+def record_progress(connection: Connection, claim: Claim, fraction: float, message: str) -> bool:
     """Record the progress of a job; return False if the claim does not hold or the job is to be cancelled."""
     shortened = message[:300]
-    if connection.execute(_GO_ON, {**claim.place, "done": fraction, "told": shortened}).scalar() is None:
+    if connection.execute(_GO_ON, {**claim.key_parameters, "done": fraction, "told": shortened}).scalar() is None:
         return False
-    _say(connection, [claim.job_id], {"fraction": fraction, "message": shortened}, "progress")
+    _add_event(connection, [claim.job_id], {"fraction": fraction, "message": shortened}, "progress")
     return True
 
 
@@ -239,10 +242,12 @@ def requeue(connection: Connection, row: Row[object], *, deaths: int = 0, losses
     """Queue a job again, and add to its numbers of deaths and losses."""
     counted = {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses}
     connection.execute(_REQUEUE, counted)
-    _say(connection, [row.id], {"state": "queued"})
+    _add_event(connection, [row.id], {"state": "queued"})
 
 
-def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: int = 0, losses: int = 0) -> None:
+def requeue_or_fail(
+    session: Session, row: Row[object], most: int, reason: str, *, deaths: int = 0, losses: int = 0
+) -> None:
     """Queue a job again that died or was lost; end it if it was cancelled or that has happened `most` times."""
     connection = session.connection()
     times = row.deaths + deaths if deaths else row.losses + losses
@@ -251,37 +256,37 @@ def bury(session: Session, row: Row[object], most: int, reason: str, *, deaths: 
         return
     connection.execute(_COUNT_UP, {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses})
     if row.cancel_requested:
-        end(session, row.id, "cancelled")
+        finish_job(session, row.id, "cancelled")
     else:
         detail = f"The job was given up after {times} attempts: the last time {reason}."
-        end(session, row.id, "failed", make_problem(500, detail, title="Job given up"))
+        finish_job(session, row.id, "failed", make_problem(500, detail, title="Job given up"))
 
 
-def cancel_all(connection: Connection, resources: Sequence[str], moment: datetime) -> None:
+def cancel_jobs(connection: Connection, resources: Sequence[str], moment: datetime) -> None:
     """Cancel the jobs of resources: queued ones at once, running ones by asking their workers."""
     ended = list(connection.execute(_CANCEL_QUEUED, {"resources": resources, "moment": moment}).scalars())
     # In this order: a job that another service claims between the two statements is running then, and is found here.
     connection.execute(_CANCEL_RUNNING, {"resources": resources})
     connection.execute(_FORGET_ALL, {"jobs": ended})
-    _say(connection, ended, {"state": "cancelled"})
+    _add_event(connection, ended, {"state": "cancelled"})
 
 
-def end(session: Session, job_id: str, state: State, problem: Problem | None = None) -> None:
+def finish_job(session: Session, job_id: str, state: State, problem: Problem | None = None) -> None:
     """Set the final state of a job, and delete its checkpoint."""
     connection = session.connection()
     error = None if problem is None else problem.model_dump(exclude_none=True)
     connection.execute(_FORGET, {"job": job_id})
-    connection.execute(_END, {"job": job_id, "ended": state, "moment": clock(session), "problem": error})
-    _say(connection, [job_id], {"state": state} if error is None else {"state": state, "error": error})
+    connection.execute(_END, {"job": job_id, "ended": state, "moment": get_database_time(session), "problem": error})
+    _add_event(connection, [job_id], {"state": state} if error is None else {"state": state, "error": error})
 
 
-def _say(connection: Connection, job_ids: Sequence[str], data: Mapping[str, Any], event: str = "state") -> None:
+def _add_event(connection: Connection, job_ids: Sequence[str], data: Mapping[str, Any], event: str = "state") -> None:
     """Add an event to the history of jobs."""
     if job_ids:
         connection.execute(_ADD_EVENTS, [{"job_id": job_id, "event": event, "data": data} for job_id in job_ids])
 
 
-def _claim(row: Row[Any]) -> Claim:
+def _to_claim(row: Row[Any]) -> Claim:
     arguments = dict(row.arguments)
     request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
     return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)

@@ -4,42 +4,47 @@ from __future__ import annotations
 
 from dynident.advice import advise
 from dynident.diagnosis import DiagnosisChoices, evidence, examine
-from dynident.diagnosis.changes import together
-from dynident.progress import part
-from dynident_service.adapters.derived import taken
+from dynident.diagnosis.changes import identify_on_both
+from dynident.progress import scale_progress
+from dynident_service.adapters.derived import to_request
 from dynident_service.adapters.diagnoses import describe_diagnosis, write_evidence
 from dynident_service.jobs.work import Outcome, Task
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.diagnoses import DiagnosisRequest
-from dynident_service.work.means import model_by_id, recordings_by_id
+from dynident_service.work.means import load_stored_model, open_stored_recordings
 
 
 def diagnose_model(task: Task) -> Outcome:
     """Find which effects an identified model lacks, and propose the next experiment."""
     subject = task.subject
     request = DiagnosisRequest.model_validate(subject.request)
-    choices = taken(request, DiagnosisChoices)
+    choices = to_request(request, DiagnosisChoices)
     identification = task.resources.get("identification", request.identification_id)
     measurement_ids = request.measurement_ids or identification.request["measurement_ids"]
-    model = model_by_id(task, request.identification_id)
-    recordings = recordings_by_id(task, measurement_ids)
-    earlier = recordings_by_id(task, request.baseline_ids)
+    model = load_stored_model(task, request.identification_id)
+    recordings = open_stored_recordings(task, measurement_ids)
+    earlier = open_stored_recordings(task, request.baseline_ids)
     examined = examine(
         model,
         recordings,
         baseline=earlier,
         candidates=choices.candidates,
         most_effects=choices.max_effects,
-        progress=part(task.progress, 0.0, 0.9),
+        progress=scale_progress(task.progress, 0.0, 0.9),
     )
     diagnosis = advise(examined)
     # With a baseline, the evidence is of a model identified on all recordings as if nothing had changed.
     explained_model, explained_recordings, _ = (
-        together(model, earlier, recordings) if earlier else (model, recordings, ())
+        identify_on_both(model, earlier, recordings) if earlier else (model, recordings, ())
     )
-    figures = evidence(explained_model, diagnosis.candidates, explained_recordings, part(task.progress, 0.9, 1.0))
-    evidence_file = task.keep("evidence", write_evidence(figures, model.model.robot), "application/json")
+    figures = evidence(
+        explained_model, diagnosis.candidates, explained_recordings, scale_progress(task.progress, 0.9, 1.0)
+    )
+    evidence_file = task.store_file("evidence", write_evidence(figures, model.model.robot), "application/json")
     # Those that were diagnosed: tests of single joints' friction are left out.
     everything = zip((*request.baseline_ids, *measurement_ids), (*earlier, *recordings), strict=True)
     diagnosed_ids = [identifier for identifier, recording in everything if recording.role != "friction"]
-    return Outcome(plain(describe_diagnosis(diagnosis, identification.one("robot"), diagnosed_ids)), (evidence_file,))
+    return Outcome(
+        to_plain_json(describe_diagnosis(diagnosis, identification.get_dependency("robot"), diagnosed_ids)),
+        (evidence_file,),
+    )

@@ -10,60 +10,62 @@ from dataclasses import replace
 from dynident.errors import DynidentError
 from dynident.identification import DriveGains, PayloadEstimate, identify_gains, payload_mass
 from dynident.identification.loads.known import KnownLoad
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident_service.adapters.derived import taken
+from dynident_service.adapters.derived import to_request
 from dynident_service.adapters.drive_gains import describe_gains
 from dynident_service.jobs.work import Outcome, Task
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.drive_gains import DriveGainsRequest
-from dynident_service.work.means import recording_by_id, robot_by_id
+from dynident_service.work.means import load_stored_robot, open_recording_by_id
 
 
 def find_gains(task: Task) -> Outcome:
     """Identify the drive gains from motions without and with a known load, and weigh further loads with them."""
     request = DriveGainsRequest.model_validate(task.subject.request)
-    robot = robot_by_id(task, request.robot_id)
+    robot = load_stored_robot(task, request.robot_id)
     weigh = request.weigh or []
     steps = 1 + len(weigh)
-    gains = _gains(task, request, robot, part(task.progress, 0.0, 1 / steps))
+    gains = _identify_gains(task, request, robot, scale_progress(task.progress, 0.0, 1 / steps))
     loads = []
     for index, identifier in enumerate(weigh):
-        progress = part(task.progress, (1 + index) / steps, (2 + index) / steps)
+        progress = scale_progress(task.progress, (1 + index) / steps, (2 + index) / steps)
         name = task.resources.get("measurement", identifier).name or identifier
-        loads.append((identifier, name, _weighed(task, request, robot, gains, identifier, progress)))
+        loads.append((identifier, name, _weigh_load(task, request, robot, gains, identifier, progress)))
     warnings = [
         f"{name} is one of the runs that the gains are from: that its load weighs what was stated tells nothing new."
         for identifier, name, _ in loads
         if identifier in request.loaded
     ]
-    return Outcome(plain(describe_gains(robot, gains, loads, warnings)))
+    return Outcome(to_plain_json(describe_gains(robot, gains, loads, warnings)))
 
 
-def _gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progress) -> DriveGains:
-    unloaded, heavy = _recordings(task, request.unloaded, request.loaded)
-    load = taken(request, KnownLoad)
-    loaded = [replace(recording, payload=load.over(recording.payload)) for recording in heavy]
-    with _told_of("/unloaded", "/loaded", len(unloaded)):
+def _identify_gains(task: Task, request: DriveGainsRequest, robot: Robot, progress: Progress) -> DriveGains:
+    unloaded, heavy = _open_recordings(task, request.unloaded, request.loaded)
+    load = to_request(request, KnownLoad)
+    loaded = [replace(recording, payload=load.override_payload(recording.payload)) for recording in heavy]
+    with _map_error_pointers("/unloaded", "/loaded", len(unloaded)):
         return identify_gains(robot, unloaded, loaded, progress=progress)
 
 
-def _weighed(
+def _weigh_load(
     task: Task, request: DriveGainsRequest, robot: Robot, gains: DriveGains, identifier: str, progress: Progress
 ) -> PayloadEstimate:
     without, without_pointer = request.unloaded, "/unloaded"
     if request.weigh_unloaded is not None:
         without, without_pointer = request.weigh_unloaded, "/weigh_unloaded"
-    unloaded, (loaded,) = _recordings(task, without, [identifier])
-    with _told_of(without_pointer, "/weigh", len(unloaded)):
+    unloaded, (loaded,) = _open_recordings(task, without, [identifier])
+    with _map_error_pointers(without_pointer, "/weigh", len(unloaded)):
         return payload_mass(robot, unloaded, loaded, gains=gains, progress=progress)
 
 
-def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
+def _open_recordings(
+    task: Task, unloaded: Sequence[str], loaded: Sequence[str]
+) -> tuple[list[Recording], list[Recording]]:
     """Open measurements without and with the load; equal names are made distinct by their ids."""
     identifiers = [*unloaded, *loaded]
-    recordings = [recording_by_id(task, identifier) for identifier in identifiers]
+    recordings = [open_recording_by_id(task, identifier) for identifier in identifiers]
     names = Counter(recording.name for recording in recordings)
     distinct = [
         replace(recording, name=f"{recording.name} ({identifier})") if names[recording.name] > 1 else recording
@@ -73,7 +75,7 @@ def _recordings(task: Task, unloaded: Sequence[str], loaded: Sequence[str]) -> t
 
 
 @contextmanager
-def _told_of(unloaded: str, loaded: str, count: int) -> Iterator[None]:
+def _map_error_pointers(unloaded: str, loaded: str, count: int) -> Iterator[None]:
     """Map error pointers of the library to fields of the request; the first `count` recordings are without the load."""
     try:
         yield

@@ -5,52 +5,54 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 
-from dynident.diagnosis.series import Day, Measure, days_to_bytes, free_name, measured, resumed, what_may_change
-from dynident.diagnosis.series import series as series_of
+from dynident.diagnosis.series import Day, Measure, build_measure, days_to_bytes, find_free_name, load_days, reduce_day
+from dynident.diagnosis.series import monitor_days as series_of
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
-from dynident.progress import part
-from dynident.reports.figures.courses import courses_figure
+from dynident.progress import scale_progress
+from dynident.reports.figures.courses import draw_parameter_tracks
 from dynident_service.adapters.diagnoses import describe_series
 from dynident_service.jobs.work import Outcome, Task
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.diagnoses import Day as AskedDay
 from dynident_service.models.diagnoses import SeriesRequest
-from dynident_service.work.means import model_by_id, recordings_by_id
+from dynident_service.work.means import load_stored_model, open_stored_recordings
 
 
 def follow_robot(task: Task) -> Outcome:
     """Find what has changed over the days and since when, and track each parameter."""
     request = SeriesRequest.model_validate(task.subject.request)
-    measure, days = _begun(task, request)
+    measure, days = _begin_series(task, request)
     for number, day_request in enumerate(request.days):
-        days.append(_day(task, measure, day_request, days, f"/days/{number}"))
+        days.append(_reduce_day(task, measure, day_request, days, f"/days/{number}"))
         task.progress(0.5 * (number + 1) / len(request.days), days[-1].name)
-    monitored = series_of(measure, days, part(task.progress, 0.5, 0.95))
-    days_file = task.keep("days", days_to_bytes(measure, days))
-    figure_file = task.keep("figure", encode_text(str(courses_figure(monitored))), "image/svg+xml")
-    return Outcome(plain(describe_series(monitored)), (days_file, figure_file))
+    monitored = series_of(measure, days, scale_progress(task.progress, 0.5, 0.95))
+    days_file = task.store_file("days", days_to_bytes(measure, days))
+    figure_file = task.store_file("figure", encode_text(str(draw_parameter_tracks(monitored))), "image/svg+xml")
+    return Outcome(to_plain_json(describe_series(monitored)), (days_file, figure_file))
 
 
-def _begun(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
+def _begin_series(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day]]:
     """Return what each day is reduced to, and the days of the series that this one continues.
 
     Temperatures are included if the first day of all has them.
     """
-    model = model_by_id(task, request.identification_id)
+    model = load_stored_model(task, request.identification_id)
     if request.continues is None:
-        first = recordings_by_id(task, request.days[0].measurement_ids)
-        return what_may_change(model, with_temperature=all(recording.has_temperature for recording in first)), []
+        first = open_stored_recordings(task, request.days[0].measurement_ids)
+        return build_measure(model, with_temperature=all(recording.has_temperature for recording in first)), []
     earlier = task.resources.get("series", request.continues)
     content = task.objects.get(earlier.objects["days"].key)
-    measure, days = resumed(model, content)
+    measure, days = load_days(model, content)
     return measure, list(days)
 
 
-def _day(task: Task, measure: Measure, day_request: AskedDay, before: Sequence[Day], pointer: str) -> Day:
-    recordings = recordings_by_id(task, day_request.measurement_ids)
+def _reduce_day(task: Task, measure: Measure, day_request: AskedDay, before: Sequence[Day], pointer: str) -> Day:
+    recordings = open_stored_recordings(task, day_request.measurement_ids)
     source = hashlib.sha256(",".join(day_request.measurement_ids).encode()).hexdigest()
     # The same day twice would count its noise as evidence for constancy.
     if any(day.source == source for day in before):
         raise DynidentError("these measurements are a day of the series already", pointer=pointer, title="Twice")
-    return measured(measure, day_request.name or free_name(recordings[0].name, before), recordings, source=source)
+    return reduce_day(
+        measure, day_request.name or find_free_name(recordings[0].name, before), recordings, source=source
+    )

@@ -13,8 +13,8 @@ from dynident.diagnosis.series.storage import check_days
 from dynident.errors import DynidentError
 from dynident.identification import from_bytes
 from dynident.recordings import open_recording
-from dynident_service.adapters.designs import design_of
-from dynident_service.adapters.robots import robot_of
+from dynident_service.adapters.designs import restore_design
+from dynident_service.adapters.robots import restore_robot
 from dynident_service.models.diagnoses import Evidence
 from dynident_service.problems import ProblemError
 
@@ -41,17 +41,17 @@ def read_stored(
         What cannot be read, and why; None if everything can.
     """
     if kind == "robot":
-        return _problem("its description", partial(robot_of, request))
+        return _find_problem("its description", partial(restore_robot, request))
     for role, path in files.items():
         read = READERS.get((kind, role))
         if read is not None:
-            problem = _problem(f"its {role}", partial(read, request, result, Path(path)))
+            problem = _find_problem(f"its {role}", partial(read, request, result, Path(path)))
             if problem is not None:
                 return problem
     return None
 
 
-def _problem(part_name: str, read: Callable[[], object]) -> str | None:
+def _find_problem(part_name: str, read: Callable[[], object]) -> str | None:
     try:
         read()
     except ProblemError as error:
@@ -71,7 +71,7 @@ def _read_evidence(_: Mapping[str, Any], __: Mapping[str, Any], path: Path) -> N
 READERS: Mapping[tuple[str, str], Read] = {
     ("measurement", "recording"): lambda request, result, path: open_recording(path),
     ("identification", "model"): lambda request, result, path: from_bytes(path.read_bytes()),
-    ("design", "trajectory"): design_of,
+    ("design", "trajectory"): restore_design,
     ("comparison", "signals"): lambda request, result, path: StoredComparison(path),
     ("diagnosis", "evidence"): _read_evidence,
     ("series", "days"): lambda request, result, path: check_days(path.read_bytes()),

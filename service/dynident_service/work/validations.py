@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dynident.validation.request import Tried
-from dynident_service.adapters.validations import describe, trial_from_request
+from dynident.validation.request import ValidationData
+from dynident_service.adapters.validations import describe_validation, trial_from_request
 from dynident_service.jobs.work import Outcome, Task
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.validations import ValidationRequest
-from dynident_service.work.means import model_by_id, recordings_by_id
+from dynident_service.work.means import load_stored_model, open_stored_recordings
 
 
 def validate_model(task: Task) -> Outcome:
     """Validate a model by the requested test."""
     request = ValidationRequest.model_validate(task.subject.request)
     trial = trial_from_request(request)
-    ids = task.subject.all("measurement")
-    trial_data = Tried(
-        model_by_id(task, request.identification_id),
-        recordings_by_id(task, ids),
-        recordings_by_id(task, task.subject.all("training")),
+    ids = task.subject.get_dependencies("measurement")
+    trial_data = ValidationData(
+        load_stored_model(task, request.identification_id),
+        open_stored_recordings(task, ids),
+        open_stored_recordings(task, task.subject.get_dependencies("training")),
         task.progress,
     )
-    return Outcome(plain(describe(trial, trial.judge(trial_data), ids)))
+    return Outcome(to_plain_json(describe_validation(trial, trial.judge(trial_data), ids)))

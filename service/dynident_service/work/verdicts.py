@@ -10,10 +10,10 @@ from typing import TypedDict
 from dynident.identification import from_bytes
 from dynident.recordings import Check, open_recording
 from dynident.recordings.types import Status
-from dynident.validation import Judged, Verdict
+from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import Outcome, verdict
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
-from dynident_service.models.common import plain
+from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata
 
 
@@ -42,7 +42,7 @@ class SentOutcome(TypedDict):
     reason: str
 
 
-def judge(
+def judge_model(
     model: str,
     fitted: Sequence[SentMeasurement],
     held_out: Sequence[SentMeasurement],
@@ -61,22 +61,22 @@ def judge(
     """
     names: set[str] = set()
     opened = (
-        [_opened(measurement, names) for measurement in fitted],
-        [_opened(measurement, names) for measurement in held_out],
+        [_open_measurement(measurement, names) for measurement in fitted],
+        [_open_measurement(measurement, names) for measurement in held_out],
     )
     pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
-    checks = {measurement.recording.name: _checks(sent) for measurement, sent in pairs}
+    checks = {measurement.recording.name: _build_checks(sent) for measurement, sent in pairs}
     recordings, validation = ([measurement.recording for measurement in group] for group in opened)
-    ended = [Outcome(outcome["kind"], Judged(outcome["verdict"], outcome["reason"])) for outcome in outcomes]
+    ended = [Outcome(outcome["kind"], ValidationOutcome(outcome["verdict"], outcome["reason"])) for outcome in outcomes]
     result = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
-    return plain(show_verdict(result, [*opened[0], *opened[1]]))
+    return to_plain_json(show_verdict(result, [*opened[0], *opened[1]]))
 
 
-def _checks(measurement: SentMeasurement) -> list[Check]:
+def _build_checks(measurement: SentMeasurement) -> list[Check]:
     return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
 
 
-def _opened(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
+def _open_measurement(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
     recording = open_recording(Path(measurement["recording"]))
     # The verdict refers to recordings by name, and two measurements may have the same one.
     name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"

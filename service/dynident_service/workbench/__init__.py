@@ -23,10 +23,10 @@ HEADERS = {
 }
 # Browsers ask for the page each time, but keep its files for good: the page names them by their version, so page and
 # service never differ in version.
-ANEW, FOR_GOOD = {"Cache-Control": "no-cache"}, {"Cache-Control": "public, max-age=31536000, immutable"}
+REVALIDATED, IMMUTABLE = {"Cache-Control": "no-cache"}, {"Cache-Control": "public, max-age=31536000, immutable"}
 
 
-def mount(app: FastAPI) -> None:
+def mount_workbench(app: FastAPI) -> None:
     """Serve the page at `/` and its files below `/workbench`, outside of the HTTP contract.
 
     Parameters
@@ -37,20 +37,20 @@ def mount(app: FastAPI) -> None:
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)
     async def workbench(request: Request) -> Response:
-        return _answer(page.index, request, ANEW)
+        return _build_response(page.index, request, REVALIDATED)
 
     @app.api_route(f"{PREFIX}/{{path:path}}", methods=["GET", "HEAD"], include_in_schema=False)
     async def file(path: str, request: Request) -> Response:
-        name = page.current(path)
+        name = page.strip_version(path)
         if name not in page.files:
             raise HTTPException(404)
         # A page that was loaded before an update may ask for files of the older version; it gets the present ones.
         if path != f"{page.version}/{name}":
-            return RedirectResponse(f"{PREFIX}/{page.version}/{name}", headers=HEADERS | ANEW)
-        return _answer(page.files[name], request, FOR_GOOD)
+            return RedirectResponse(f"{PREFIX}/{page.version}/{name}", headers=HEADERS | REVALIDATED)
+        return _build_response(page.files[name], request, IMMUTABLE)
 
 
-def _answer(page_file: PageFile, request: Request, headers: dict[str, str]) -> Response:
+def _build_response(page_file: PageFile, request: Request, headers: dict[str, str]) -> Response:
     headers = HEADERS | headers
     content = page_file.content
     if "gzip" in request.headers.get("accept-encoding", ""):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 START, INDEX = "js/app.js", "index.html"
-_IMPORTED = re.compile(r'^import [^"]*"(\.{1,2}/[^"]+)";$', re.MULTILINE)
+_IMPORT_STATEMENT = re.compile(r'^import [^"]*"(\.{1,2}/[^"]+)";$', re.MULTILINE)
 _DIGITS = 16
 # Not from the `mimetypes` of the machine: some say that JavaScript is plain text, which browsers refuse to run.
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
@@ -29,7 +29,7 @@ class PageFile:
     compressed: bytes = field(repr=False)
 
     @classmethod
-    def of(cls, name: str, content: bytes) -> PageFile:
+    def from_content(cls, name: str, content: bytes) -> PageFile:
         """Return a file, with the media type of its name's ending.
 
         Parameters
@@ -77,12 +77,15 @@ class PageFiles:
         version = hashed.hexdigest()[:_DIGITS]
         index = contents[INDEX].decode().replace(f"{prefix}/", f"{prefix}/{version}/")
         # The browser loads all modules at once instead of finding them one import after the other.
-        links = (f'<link rel="modulepreload" href="{prefix}/{version}/{name}">\n' for name in needed(contents, START))
+        links = (
+            f'<link rel="modulepreload" href="{prefix}/{version}/{name}">\n'
+            for name in list_imported_modules(contents, START)
+        )
         index = index.replace("</head>", f"{''.join(links)}</head>", 1)
-        files = {name: PageFile.of(name, content) for name, content in contents.items() if name != INDEX}
-        return cls(version, files, PageFile.of(INDEX, index.encode()))
+        files = {name: PageFile.from_content(name, content) for name, content in contents.items() if name != INDEX}
+        return cls(version, files, PageFile.from_content(INDEX, index.encode()))
 
-    def current(self, path: str) -> str:
+    def strip_version(self, path: str) -> str:
         """Return a path without the version that it begins with, whichever that is.
 
         Parameters
@@ -97,7 +100,7 @@ class PageFiles:
         return rest if re.fullmatch(f"[0-9a-f]{{{_DIGITS}}}", first) else path
 
 
-def needed(contents: Mapping[str, bytes], start: str) -> list[str]:
+def list_imported_modules(contents: Mapping[str, bytes], start: str) -> list[str]:
     """Return the modules that one module imports, directly or by others, in the order in which they are met.
 
     Parameters
@@ -114,7 +117,7 @@ def needed(contents: Mapping[str, bytes], start: str) -> list[str]:
     names = [start]
     # The list grows while it is gone through, so that imports of imports are met as well.
     for name in names:
-        for relative in _IMPORTED.findall(contents[name].decode()):
+        for relative in _IMPORT_STATEMENT.findall(contents[name].decode()):
             path = posixpath.normpath(posixpath.join(posixpath.dirname(name), relative))
             if path not in names:
                 names.append(path)

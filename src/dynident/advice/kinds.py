@@ -53,11 +53,11 @@ class Question:
         return (self.suspect,) if self.rival is None else (self.suspect, self.rival)
 
     @property
-    def of_place(self) -> bool:
+    def is_about_place(self) -> bool:
         """Whether the suspect and its rival are the same effect at two places."""
         return self.rival is not None and self.rival.effect == self.suspect.effect
 
-    def shape(self, name: str, otherwise: float) -> float:
+    def get_shape_constant(self, name: str, otherwise: float) -> float:
         """Return a shape constant of the suspect or its rival, `otherwise` where neither has it."""
         for choice in self.rivals:
             if name in choice.shape_values:
@@ -65,11 +65,11 @@ class Question:
         return otherwise
 
     @property
-    def indices(self) -> list[int]:
+    def joint_indices(self) -> list[int]:
         """Numbers of the joints in question."""
         return [self.bounds.names.index(name) for name in self.joints]
 
-    def request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
+    def build_request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
         """Build the request for a motion that separates the suspect from its rival.
 
         Parameters
@@ -85,7 +85,7 @@ class Question:
             A design for the model with both rivals in it, by the criterion "separation".
         """
         # At two places an effect has much in common: what is the suspect's own stands behind all of its rival.
-        separated, pair = (self.rivals[:1], self.rivals[::-1]) if self.of_place else (self.rivals, self.rivals)
+        separated, pair = (self.rivals[:1], self.rivals[::-1]) if self.is_about_place else (self.rivals, self.rivals)
         return DesignRequest(
             kind=kind,
             effects=(*self.effects, *pair),
@@ -108,18 +108,18 @@ class Experiment:
     predictable: bool = True
 
 
-def _constant_speeds(question: Question) -> DesignRequest:
+def _request_constant_speeds(question: Question) -> DesignRequest:
     """Request constant speeds around a Stribeck peak, where there is one, and up to the limit."""
     # Friction falls from static to Coulomb friction around the Stribeck velocity, so the slow speeds lie on both sides
     # of it.
-    peak = question.shape("vs", 0.0)
+    peak = question.get_shape_constant("vs", 0.0)
     slow = _SLOW_SPEEDS
     if peak:
-        limit = float(question.bounds.velocity[question.indices].min())
+        limit = float(question.bounds.velocity[question.joint_indices].min())
         slow = tuple(factor * peak / limit for factor in _PEAK_SPEEDS)
     speeds = sorted({round(float(np.clip(share, _SLOWEST, 1.0)), 5) for share in (*slow, *_FAST_SPEEDS)})
     single = len(question.joints) == 1
-    return question.request(
+    return question.build_request(
         "constant_velocity",
         TrajectoryRequest(
             duration=4.0,
@@ -131,13 +131,13 @@ def _constant_speeds(question: Question) -> DesignRequest:
     )
 
 
-def _slow_sweep(question: Question) -> DesignRequest:
+def _request_slow_sweep(question: Question) -> DesignRequest:
     """Request a sweep so slow that the waves of a ripple stay within the filter's band."""
     # A ripple of k waves a radian that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
     # _RIPPLE_FREQUENCY on the joint with the longest way.
-    widths = 2 * question.bounds.half_range[question.indices]
-    duration = float(widths.max()) * abs(question.shape("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)
-    return question.request(
+    widths = 2 * question.bounds.half_range[question.joint_indices]
+    duration = float(widths.max()) * abs(question.get_shape_constant("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)
+    return question.build_request(
         "slow_sweep",
         TrajectoryRequest(
             duration=round(float(np.clip(duration, *_SWEEP)), 1),
@@ -147,16 +147,16 @@ def _slow_sweep(question: Question) -> DesignRequest:
     )
 
 
-def _reversals(question: Question) -> DesignRequest:
+def _request_reversals(question: Question) -> DesignRequest:
     """Request strokes from the slip distance upwards, so slow that the filter shows how sliding sets in."""
-    slip = question.shape("d0", _SLIP)
-    room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.indices].min())
+    slip = question.get_shape_constant("d0", _SLIP)
+    room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.joint_indices].min())
     # Presliding friction differs from Coulomb friction within a few slip distances of a reversal only; longer strokes
     # show what it tends to.
     amplitudes = sorted({round(min(factor * slip, room), 6) for factor in _SLIP_AMPLITUDES})
-    fastest = float(question.bounds.velocity[question.indices].min())
+    fastest = float(question.bounds.velocity[question.joint_indices].min())
     speed = float(np.clip(_SLIPS_PER_SECOND * slip / fastest, _SLOWEST, 0.2))
-    return question.request(
+    return question.build_request(
         "reversals",
         TrajectoryRequest(
             periods=3,
@@ -168,20 +168,20 @@ def _reversals(question: Question) -> DesignRequest:
     )
 
 
-def _whole_range(question: Question) -> DesignRequest:
-    return question.request("optimized", TrajectoryRequest(duration=20.0, sampling_rate=question.rate))
+def _request_whole_range(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(duration=20.0, sampling_rate=question.rate))
 
 
-def _repeated(question: Question) -> DesignRequest:
-    return question.request("optimized", TrajectoryRequest(periods=4, sampling_rate=question.rate))
+def _request_repeated_motion(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(periods=4, sampling_rate=question.rate))
 
 
-def _paces(question: Question) -> DesignRequest:
-    return question.request("optimized", TrajectoryRequest(sampling_rate=question.rate, paces=(1.0, 0.5, 0.25)))
+def _request_paces(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(sampling_rate=question.rate, paces=(1.0, 0.5, 0.25)))
 
 
-def _session(question: Question) -> DesignRequest:
-    return question.request(
+def _request_warm_up_session(question: Question) -> DesignRequest:
+    return question.build_request(
         "constant_velocity",
         TrajectoryRequest(duration=4.0, sampling_rate=question.rate, speeds=(0.1, 0.4, 0.7), joints=question.joints),
     )
@@ -194,22 +194,28 @@ _ONE_BY_ONE = (
 
 EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
     {
-        "constant_speeds": Experiment("Constant speeds both ways, slow and fast,", _constant_speeds, _ONE_BY_ONE),
-        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _slow_sweep, _ONE_BY_ONE),
-        "reversals": Experiment("Slow motion back and forth by small, growing amplitudes", _reversals, _ONE_BY_ONE),
-        "whole_range": Experiment("A motion of all joints over the whole range, designed for it,", _whole_range),
+        "constant_speeds": Experiment(
+            "Constant speeds both ways, slow and fast,", _request_constant_speeds, _ONE_BY_ONE
+        ),
+        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _request_slow_sweep, _ONE_BY_ONE),
+        "reversals": Experiment(
+            "Slow motion back and forth by small, growing amplitudes", _request_reversals, _ONE_BY_ONE
+        ),
+        "whole_range": Experiment(
+            "A motion of all joints over the whole range, designed for it,", _request_whole_range
+        ),
         "as_it_is": Experiment(
             "A motion of all joints over the whole range, with what was added left on,",
-            _whole_range,
+            _request_whole_range,
             (
                 "Leave what was added where it is, as in the runs that showed it, and record the motion with it.",
                 "Send the run to the diagnosis, together with the data at hand.",
             ),
         ),
-        "paces": Experiment("The same path at full speed, at half and at a quarter of it", _paces),
+        "paces": Experiment("The same path at full speed, at half and at a quarter of it", _request_paces),
         "with_payload": Experiment(
             "The same motion without and with a payload",
-            _repeated,
+            _request_repeated_motion,
             (
                 "Run the motion as it is, then again with a payload of known mass: half of what the robot may carry.",
                 "Send both runs to the diagnosis, together with the data at hand, and state the payload of the second.",
@@ -217,7 +223,7 @@ EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
         ),
         "cold_and_warm": Experiment(
             "The same motion with a cold and with a warm robot",
-            _session,
+            _request_warm_up_session,
             (
                 "Run the motion with the robot cold, after a night at rest.",
                 "Let it work for an hour at its usual pace, and run the motion again.",
@@ -229,7 +235,7 @@ EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
         ),
         "repeated": Experiment(
             "The same motion four times over, touched by nothing,",
-            _repeated,
+            _request_repeated_motion,
             (
                 "Take care that nothing touches the arm, and that the base stands firm.",
                 "What repeats with the motion belongs to the robot; what does not is a disturbance from outside.",

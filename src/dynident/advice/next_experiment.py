@@ -8,33 +8,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.advice.kinds import EXPERIMENTS, Experiment, Question
-from dynident.advice.pairs import experiment_for
+from dynident.advice.pairs import choose_experiment
 from dynident.advice.result import NextExperiment, Separation
 from dynident.advice.separation import (
+    DataRows,
     NormalEquations,
-    Rows,
-    amplitudes,
-    of_rehearsal,
-    row_weights,
-    rows_of,
-    separation,
+    compute_row_weights,
+    compute_separation,
+    evaluate_data_rows,
+    fit_amplitudes,
+    normal_equations_from_rehearsal,
 )
 from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.doubts import Doubt
-from dynident.effects import EffectChoice, effect_by_id
-from dynident.effects.catalogue import joints_of
+from dynident.effects import EffectChoice, get_effect
+from dynident.effects.catalogue import find_joints
 from dynident.errors import DynidentError
-from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, quick_motion, rehearsed_motion
-from dynident.excitation.criteria.deciding import parameters_of
-from dynident.excitation.experiments.earlier import planned_seconds
-from dynident.excitation.observation.model import DesignModel, design_model
+from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
+from dynident.excitation.criteria.deciding import find_effect_parameters
+from dynident.excitation.experiments.earlier import compute_planned_seconds
+from dynident.excitation.observation.model import DesignModel, build_design_model
 from dynident.identification import Identification
 from dynident.motion import Surroundings
-from dynident.motion.limits.bounds import Bounds, bounds_of
+from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
-from dynident.simulation import typical_effect
+from dynident.simulation import build_typical_effect
 
 _BETTER = 0.8
 """Of the present standard deviation: an experiment that leaves more of it tells nothing new."""
@@ -78,13 +78,15 @@ def next_experiment(
     """
     try:
         # With what the design will have to keep clear of, the robot itself: strokes are shorter for it.
-        bounds = bounds_of(identification.model.robot, {}, surroundings=Surroundings()).tightened()
+        bounds = build_bounds(identification.model.robot, {}, surroundings=Surroundings()).tighten()
     except DynidentError:
         # Limits that are not known: no motion can be proposed.
         return None
     second_best = None
     for doubt in doubts:
-        answer = _answer(identification, _AtHand(tuple(comparisons), tuple(recordings)), doubt, bounds)
+        answer = _propose_experiment(
+            identification, _AvailableData(tuple(comparisons), tuple(recordings)), doubt, bounds
+        )
         if answer is not None and answer.decides:
             return answer.advice
         second_best = second_best or answer
@@ -92,7 +94,7 @@ def next_experiment(
 
 
 @dataclass(frozen=True, eq=False)
-class _AtHand:
+class _AvailableData:
     """The comparisons of the data at hand, and the recordings behind them where these are known."""
 
     comparisons: tuple[Comparison, ...]
@@ -100,7 +102,7 @@ class _AtHand:
 
 
 @dataclass(frozen=True)
-class _Answer:
+class _Proposal:
     """A proposal, and whether it decides the doubt or only brings light into it."""
 
     advice: NextExperiment
@@ -119,18 +121,18 @@ class _Pairing:
 
     rival: EffectChoice | None
     model: DesignModel
-    rows: Rows
+    rows: DataRows
     row_weights: FloatArray
     known: NormalEquations
     deciding: int | None
     size: float | None
 
-    def separation(self, more: NormalEquations | None = None) -> Separation | None:
+    def compute_separation(self, more: NormalEquations | None = None) -> Separation | None:
         """Return how well the data at hand, together with `more`, tell the two apart."""
         if self.deciding is None:
             return None
         known = self.known if more is None else self.known + more
-        return separation(self.model, known, self.deciding, self.size)
+        return compute_separation(self.model, known, self.deciding, self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,54 +143,58 @@ class _Case:
     pairing: _Pairing
     rate: float
 
-    def roughly(self, request: DesignRequest) -> Separation | None:
+    def estimate_separation(self, request: DesignRequest) -> Separation | None:
         """Return what a quickly made motion of this kind reaches together with the data at hand."""
         pairing = self.pairing
-        return self._after(quick_motion(request, pairing.model, self.question.bounds, self._rate(request)), request)
+        return self._compute_separation_after(
+            rehearse_quickly(request, pairing.model, self.question.bounds, self._evaluation_rate(request)), request
+        )
 
-    def promised(self, request: DesignRequest) -> Separation | None:
+    def rehearse_separation(self, request: DesignRequest) -> Separation | None:
         """Return what the motion of this very design reaches together with the data at hand."""
         pairing = self.pairing
-        earlier = pairing.rows.earlier(planned_seconds(request) * self.rate)
-        motion = rehearsed_motion(request, pairing.model, self.question.bounds, self._rate(request), earlier)
-        return self._after(motion, request)
+        earlier = pairing.rows.to_earlier_rows(compute_planned_seconds(request) * self.rate)
+        motion = rehearse_motion(request, pairing.model, self.question.bounds, self._evaluation_rate(request), earlier)
+        return self._compute_separation_after(motion, request)
 
-    def _after(self, motion: Rehearsal, request: DesignRequest) -> Separation | None:
+    def _compute_separation_after(self, motion: Rehearsal, request: DesignRequest) -> Separation | None:
         # The weights are per row of the data at hand. A motion that is sampled more densely has more rows a second, but
         # no more independent ones, so each row weighs less.
-        weights = self.pairing.row_weights * np.sqrt(self.rate / self._rate(request))
-        return self.pairing.separation(of_rehearsal(self.pairing.model, motion, weights))
+        weights = self.pairing.row_weights * np.sqrt(self.rate / self._evaluation_rate(request))
+        return self.pairing.compute_separation(normal_equations_from_rehearsal(self.pairing.model, motion, weights))
 
-    def _rate(self, request: DesignRequest) -> float:
+    def _evaluation_rate(self, request: DesignRequest) -> float:
         """Return the rate in Hz at which columns are evaluated."""
         # Path memory needs all samples: between two decimated rows a joint may reverse.
         return request.trajectory.sampling_rate if self.pairing.model.needs_path else self.rate
 
 
-def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds: Bounds) -> _Answer | None:
+def _propose_experiment(
+    identification: Identification, data: _AvailableData, doubt: Doubt, bounds: Bounds
+) -> _Proposal | None:
     try:
-        case = _case_of(identification, data, doubt, bounds)
+        case = _build_case(identification, data, doubt, bounds)
     except DynidentError:
         # Effects that no motion has columns for.
         return None
     pairing, question = case.pairing, case.question
-    if _absorbed(pairing.model, doubt.suspect):
+    if _is_absorbed(pairing.model, doubt.suspect):
         return None
-    present = pairing.separation()
+    present = pairing.compute_separation()
     if present is not None and _is_settled(doubt, present):
         return None
     best: tuple[Experiment, DesignRequest, Separation | None] | None = None
     # The kinds of experiments are tried in order by a motion that is quick to make. The first that decides ends the
     # search; another one replaces the best only where it is much better.
-    for experiment in _worth_trying(question):
-        request = within_the_motion(pairing.model, experiment.design(question), identification.model.effects)
+    for experiment in _list_experiments(question):
+        request = restrict_criterion_to_motion(pairing.model, experiment.design(question), identification.model.effects)
         try:
-            reached = case.roughly(request) if experiment.predictable else None
+            reached = case.estimate_separation(request) if experiment.predictable else None
         except DynidentError:
             continue
-        if best is None or (reached and best[2] and _much_better(best[2], reached)):
+        if best is None or (reached and best[2] and _is_much_better(best[2], reached)):
             best = experiment, request, reached
-        if reached is None or present is None or _decides(present, reached):
+        if reached is None or present is None or _is_decisive(present, reached):
             break
     if best is None:
         return None
@@ -198,25 +204,25 @@ def _answer(identification: Identification, data: _AtHand, doubt: Doubt, bounds:
     else:
         try:
             # The rough motion served to choose. What is promised to the user comes from rehearsing the design itself.
-            reached = case.promised(request)
+            reached = case.rehearse_separation(request)
         except DynidentError:
             return None
         if reached is None or not reached.standard_deviation < _BETTER * present.standard_deviation:
             return None
-    decides = present is None or reached is None or _decides(present, reached)
+    decides = present is None or reached is None or _is_decisive(present, reached)
     if not doubt.rivals:
         if present is None or not decides:
             return None
         # The size is not what was found: nothing was.
         present, reached = (replace(estimate, t_value=None) if estimate else None for estimate in (present, reached))
     advice = NextExperiment(
-        reason=_reason(experiment, question, doubt, present, reached),
+        reason=_word_reason(experiment, question, doubt, present, reached),
         design=request,
         present_separation=present,
         expected_separation=reached,
         instructions=experiment.instructions,
     )
-    return _Answer(advice, decides)
+    return _Proposal(advice, decides)
 
 
 def _is_settled(doubt: Doubt, present: Separation) -> bool:
@@ -228,86 +234,95 @@ def _is_settled(doubt: Doubt, present: Separation) -> bool:
     return present.t_value >= _SEEN
 
 
-def _much_better(reference: Separation, other: Separation) -> bool:
+def _is_much_better(reference: Separation, other: Separation) -> bool:
     return other.standard_deviation < _MUCH_BETTER * reference.standard_deviation
 
 
-def _decides(present: Separation, reached: Separation) -> bool:
+def _is_decisive(present: Separation, reached: Separation) -> bool:
     if reached.t_value is None:
-        return _much_better(present, reached)
+        return _is_much_better(present, reached)
     return reached.t_value >= _DECISIVE and reached.standard_deviation < _BETTER * present.standard_deviation
 
 
-def _absorbed(model: DesignModel, suspect: EffectChoice) -> bool:
+def _is_absorbed(model: DesignModel, suspect: EffectChoice) -> bool:
     """Whether an effect is, for every motion, the same function as others of the model."""
     own = any(column.effect == suspect.effect for column in model.columns)
-    return own and not parameters_of(model, suspect)
+    return own and not find_effect_parameters(model, suspect)
 
 
-def _worth_trying(question: Question) -> list[Experiment]:
+def _list_experiments(question: Question) -> list[Experiment]:
     """List the experiment for the pair, then those that show one of the two alone."""
     names = [choice.effect for choice in question.rivals]
-    offered = [experiment_for(names[0], names[1] if len(names) > 1 else None)]
-    if question.of_place:
+    offered = [choose_experiment(names[0], names[1] if len(names) > 1 else None)]
+    if question.is_about_place:
         # What shows the effect shows it wherever it is.
         return offered
-    offered += [EXPERIMENTS[effect_by_id(name).experiment] for name in names]
+    offered += [EXPERIMENTS[get_effect(name).experiment] for name in names]
     return list(dict.fromkeys(offered))
 
 
-def _case_of(identification: Identification, data: _AtHand, doubt: Doubt, bounds: Bounds) -> _Case:
+def _build_case(identification: Identification, data: _AvailableData, doubt: Doubt, bounds: Bounds) -> _Case:
     model = identification.model
-    pairing = _hardest(identification, data, doubt)
-    rate = _row_rate(data.comparisons)
+    pairing = _find_hardest_pairing(identification, data, doubt)
+    rate = _compute_row_rate(data.comparisons)
     raw_rate = rate * identification.preprocessing.decimation
     names, weights = model.robot.joint_names, pairing.row_weights
     question = Question(
         effects=(*model.effects, *doubt.beside),
         suspect=doubt.suspect,
         rival=pairing.rival,
-        joints=_driven(model.robot, [model.robot.tree.joint_names[j] for j in joints_of(doubt.suspect, model.robot)]),
+        joints=_list_moved_joints(
+            model.robot, [model.robot.tree.joint_names[j] for j in find_joints(doubt.suspect, model.robot)]
+        ),
         bounds=bounds,
-        noise={name: _short(np.sqrt(raw_rate / rate) / weight) for name, weight in zip(names, weights, strict=True)},
-        rate=_short(raw_rate),
+        noise={
+            name: _round_to_four_digits(np.sqrt(raw_rate / rate) / weight)
+            for name, weight in zip(names, weights, strict=True)
+        },
+        rate=_round_to_four_digits(raw_rate),
     )
     return _Case(question, pairing, rate)
 
 
-def _driven(robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+def _list_moved_joints(robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the joints that an experiment about these has to move: a passive joint moves with others."""
-    return tuple(dict.fromkeys(robot.joint_names[k] for joint in joints for k in robot.movers(joint)))
+    return tuple(dict.fromkeys(robot.joint_names[k] for joint in joints for k in robot.get_movers(joint)))
 
 
-def _hardest(identification: Identification, data: _AtHand, doubt: Doubt) -> _Pairing:
+def _find_hardest_pairing(identification: Identification, data: _AvailableData, doubt: Doubt) -> _Pairing:
     """Return the pairing with the rival that leaves the suspect least certain."""
-    pairings = [_paired(identification, data, doubt, rival) for rival in doubt.rivals or (None,)]
+    pairings = [_build_pairing(identification, data, doubt, rival) for rival in doubt.rivals or (None,)]
     # A rival without a column of its own is the same function as something in the model: it is no other explanation.
-    real = [pairing for pairing in pairings if pairing.rival is None or parameters_of(pairing.model, pairing.rival)]
-    return min(real or pairings, key=_certainty)
+    real = [
+        pairing for pairing in pairings if pairing.rival is None or find_effect_parameters(pairing.model, pairing.rival)
+    ]
+    return min(real or pairings, key=_compute_t_value)
 
 
-def _certainty(pairing: _Pairing) -> float:
-    estimate = pairing.separation()
+def _compute_t_value(pairing: _Pairing) -> float:
+    estimate = pairing.compute_separation()
     return 0.0 if estimate is None or estimate.t_value is None else estimate.t_value
 
 
-def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: EffectChoice | None) -> _Pairing:
+def _build_pairing(
+    identification: Identification, data: _AvailableData, doubt: Doubt, rival: EffectChoice | None
+) -> _Pairing:
     model = identification.model
     of_place = rival is not None and rival.effect == doubt.suspect.effect
     pair = (doubt.suspect,) if rival is None else (rival, doubt.suspect) if of_place else (doubt.suspect, rival)
-    extended_model = design_model(
+    extended_model = build_design_model(
         model.robot,
         (*model.effects, *doubt.beside, *pair),
         signals=model.signals,
         reference=identification.estimate.next_reference(),
         other_runs=True,
     )
-    rows = rows_of(extended_model, data.comparisons, data.recordings)
-    weights = row_weights(rows)
-    known = rows.information(weights)
+    rows = evaluate_data_rows(extended_model, data.comparisons, data.recordings)
+    weights = compute_row_weights(rows)
+    known = rows.compute_normal_equations(weights)
     undecided = _Pairing(rival, extended_model, rows, weights, known, None, None)
-    own = parameters_of(extended_model, doubt.suspect)
-    others = () if rival is None else parameters_of(extended_model, rival)
+    own = find_effect_parameters(extended_model, doubt.suspect)
+    others = () if rival is None else find_effect_parameters(extended_model, rival)
     if others and doubt.suspect.shape and rival is not None and not rival.shape:
         # A suspect with shape constants is not judged by its amplitude: with other constants, which more data will
         # find, it has another one. The rival without shape constants decides instead.
@@ -315,72 +330,77 @@ def _paired(identification: Identification, data: _AtHand, doubt: Doubt, rival: 
     if not own:
         return undecided
     if of_place:
-        deciding, size = _largest_alone(identification, data, doubt, extended_model, own)
+        deciding, size = _find_surest_parameter(identification, data, doubt, extended_model, own)
         return replace(undecided, deciding=deciding, size=size)
-    sizes = _usual_sizes(extended_model, doubt.suspect, own) if rival is None else amplitudes(known, own, others)
+    sizes = (
+        _get_typical_sizes(extended_model, doubt.suspect, own) if rival is None else fit_amplitudes(known, own, others)
+    )
     pairings = [replace(undecided, deciding=k, size=float(size)) for k, size in zip(own, sizes, strict=True)]
-    return max(pairings, key=_certainty)
+    return max(pairings, key=_compute_t_value)
 
 
-def _largest_alone(
-    identification: Identification, data: _AtHand, doubt: Doubt, model: DesignModel, own: Sequence[int]
+def _find_surest_parameter(
+    identification: Identification, data: _AvailableData, doubt: Doubt, model: DesignModel, own: Sequence[int]
 ) -> tuple[int, float]:
     """Return the parameter that is surest without the rival, of those that the rival cannot replace, and its size."""
-    alone = _paired(identification, data, replace(doubt, rivals=()), None)
-    columns_alone = parameters_of(alone.model, doubt.suspect)
-    sizes = amplitudes(alone.known, columns_alone, ())
+    alone = _build_pairing(identification, data, replace(doubt, rivals=()), None)
+    columns_alone = find_effect_parameters(alone.model, doubt.suspect)
+    sizes = fit_amplitudes(alone.known, columns_alone, ())
     separations = [
-        separation(alone.model, alone.known, k, float(size)) for k, size in zip(columns_alone, sizes, strict=True)
+        compute_separation(alone.model, alone.known, k, float(size))
+        for k, size in zip(columns_alone, sizes, strict=True)
     ]
     by_name = {
         estimate.parameter: (estimate.t_value or 0.0, float(size))
         for estimate, size in zip(separations, sizes, strict=True)
     }
-    t_and_size = {k: by_name.get(model.kept[k].name, (0.0, 0.0)) for k in own}
+    t_and_size = {k: by_name.get(model.base_columns[k].name, (0.0, 0.0)) for k in own}
     surest = max(own, key=lambda k: t_and_size[k][0])
     return surest, t_and_size[surest][1]
 
 
-def _usual_sizes(model: DesignModel, suspect: EffectChoice, parameters: Sequence[int]) -> list[float]:
+def _get_typical_sizes(model: DesignModel, suspect: EffectChoice, parameters: Sequence[int]) -> list[float]:
     """Return how large the parameters are on real arms with the effect; 0 where no typical value is known."""
     joint = suspect.joints[0] if suspect.joints else ""
-    usual = dict(typical_effect(model.robot, suspect.effect, joint).values)
-    return [usual.get(model.kept[k].parameter, 0.0) for k in parameters]
+    usual = dict(build_typical_effect(model.robot, suspect.effect, joint).values)
+    return [usual.get(model.base_columns[k].parameter, 0.0) for k in parameters]
 
 
-def _row_rate(comparisons: Sequence[Comparison]) -> float:
+def _compute_row_rate(comparisons: Sequence[Comparison]) -> float:
     """Return the rows a second of filtered, decimated data."""
     steps = np.concatenate([np.diff(comparison.t) for comparison in comparisons])
     return 1.0 / float(np.median(steps))
 
 
-def _short(value: float) -> float:
+def _round_to_four_digits(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def within_the_motion(model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]) -> DesignRequest:
+def restrict_criterion_to_motion(
+    model: DesignModel, request: DesignRequest, effects: tuple[EffectChoice, ...]
+) -> DesignRequest:
     """Return the request with a criterion that a motion can meet, without effects that rest on more than the motion."""
-    possible = tuple(choice for choice in request.criterion.effects if parameters_of(model, choice))
+    possible = tuple(choice for choice in request.criterion.effects if find_effect_parameters(model, choice))
     if possible:
         return replace(request, criterion=replace(request.criterion, effects=possible))
     return replace(request, effects=effects, criterion=CriterionChoice())
 
 
-def _told(rival: EffectChoice, suspect: EffectChoice) -> str:
-    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _title(rival)
+def _word_rival(rival: EffectChoice, suspect: EffectChoice) -> str:
+    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
 
 
-def _title(choice: EffectChoice) -> str:
-    return effect_by_id(choice.effect).title
+def _get_title(choice: EffectChoice) -> str:
+    return get_effect(choice.effect).title
 
 
-def _reason(
+def _word_reason(
     experiment: Experiment, question: Question, doubt: Doubt, present: Separation | None, reached: Separation | None
 ) -> str:
-    suspect = _title(doubt.suspect)
-    where = ", ".join(question.joints) if effect_by_id(doubt.suspect.effect).scope == "joint" else "the whole robot"
+    suspect = _get_title(doubt.suspect)
+    where = ", ".join(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
     if doubt.rivals:
-        others = [_told(rival, doubt.suspect) for rival in doubt.rivals]
+        others = [_word_rival(rival, doubt.suspect) for rival in doubt.rivals]
         purpose = f"tell {suspect} from {' or '.join(others)}"
     else:
         purpose = f"show whether {suspect} is there"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dynident.advice.kinds import EXPERIMENTS, Experiment
-from dynident.effects import Effect, ExperimentKind, effect_by_id
+from dynident.effects import Effect, ExperimentKind, get_effect
 
 
-def experiment_for(suspect: str, rival: str | None) -> Experiment:
+def choose_experiment(suspect: str, rival: str | None) -> Experiment:
     """Return the experiment that decides between two effects, between two places of one, or that shows one.
 
     Parameters
@@ -20,14 +20,14 @@ def experiment_for(suspect: str, rival: str | None) -> Experiment:
     -------
     Experiment
     """
-    effect = effect_by_id(suspect)
+    effect = get_effect(suspect)
     if suspect == rival:
         return EXPERIMENTS[effect.place_experiment]
-    kind = None if rival is None else _telling(effect, effect_by_id(rival))
+    kind = None if rival is None else _find_distinguishing_kind(effect, get_effect(rival))
     return EXPERIMENTS[kind or effect.experiment]
 
 
-def _telling(first: Effect, second: Effect) -> ExperimentKind | None:
+def _find_distinguishing_kind(first: Effect, second: Effect) -> ExperimentKind | None:
     """Return the kind of experiment that tells two effects apart, as either of them names it."""
     for effect, rival in ((first, second), (second, first)):
         for kind, others in effect.told_from.items():

@@ -10,16 +10,16 @@ import numpy as np
 from dynident.advice.result import Separation
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.estimation.correlation import overstatement
-from dynident.estimation.least_squares import floored
+from dynident.estimation.correlation import compute_overstatement
+from dynident.estimation.least_squares import floor_noise
 from dynident.excitation import Rehearsal
-from dynident.excitation.criteria.variances import inverse_diagonal_of
-from dynident.excitation.experiments.task import STANDS
+from dynident.excitation.criteria.variances import compute_diagonal_from_information
+from dynident.excitation.experiments.task import STANDSTILL_VELOCITY
 from dynident.excitation.observation.model import DesignModel
 from dynident.motion.trajectories.motion import Motion
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
-from dynident.regressors.stream import in_run
+from dynident.regressors.stream import is_in_run
 
 _MOST_ROWS = 1500
 """Samples that a matrix of inner products is made from: beyond them only its precision grows, not what it says."""
@@ -44,7 +44,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class DataRows:
     """Data at hand beside a model with more effects: w (m, n, b), residual (m, n) of the model without them.
 
     Both are zero where a joint stands; `counts` (n,) are the rows of every joint where it moves.
@@ -65,13 +65,13 @@ class Rows:
         """Rows of data that one of these stands for."""
         return self.n_rows / max(len(self.w), 1)
 
-    def information(self, row_weights: FloatArray) -> NormalEquations:
+    def compute_normal_equations(self, row_weights: FloatArray) -> NormalEquations:
         """Return the normal equations of these rows; row_weights (n,) are one over the noise of a row of data."""
         weights = row_weights * np.sqrt(self.share)
         weighted = (self.w * weights[:, None]).reshape(-1, self.w.shape[2])
         return NormalEquations(weighted.T @ weighted, weighted.T @ (self.residual * weights).reshape(-1))
 
-    def earlier(self, n_rows: float) -> FloatArray:
+    def to_earlier_rows(self, n_rows: float) -> FloatArray:
         """Return rows (b n, b), joint after joint, that stand for these beside W / √N of `n_rows` of an experiment."""
         # The triangular factor of a joint's rows has the same normal equations as the rows themselves, in b rows
         # instead of m.
@@ -82,7 +82,9 @@ class Rows:
         return stacked * float(np.sqrt(self.share / n_rows))
 
 
-def rows_of(model: DesignModel, comparisons: Sequence[Comparison], recordings: Sequence[Recording] = ()) -> Rows:
+def evaluate_data_rows(
+    model: DesignModel, comparisons: Sequence[Comparison], recordings: Sequence[Recording] = ()
+) -> DataRows:
     """Evaluate the columns of a model on the data at hand, thinned to `_MOST_DATA_ROWS`.
 
     Parameters
@@ -113,7 +115,7 @@ def rows_of(model: DesignModel, comparisons: Sequence[Comparison], recordings: S
             step * np.arange(len(comparison.t), dtype=np.float64), comparison.q, comparison.dq, comparison.ddq, jerk
         )
         samples = np.arange(0, len(comparison.t), every)
-        runs = _runs_of(model, comparison.segment[samples], recordings[number]) if recordings else None
+        runs = _evaluate_run_signals(model, comparison.segment[samples], recordings[number]) if recordings else None
         # As in a fit: the equation of a joint that stands tells nothing but that friction is enough to hold it.
         moves = comparison.phase[samples] != Phase.STANDING
         w.append(model.observe_along(motion, samples, runs).reshape(len(samples), n, b) * moves[:, :, None])
@@ -121,19 +123,20 @@ def rows_of(model: DesignModel, comparisons: Sequence[Comparison], recordings: S
         counts += moves.sum(axis=0)
         borders.append(borders[-1] + len(samples))
     stretch = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
-    return Rows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
+    return DataRows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
 
 
-def _runs_of(model: DesignModel, segments: FloatArray, recording: Recording) -> FloatArray:
+def _evaluate_run_signals(model: DesignModel, segments: FloatArray, recording: Recording) -> FloatArray:
     """Return (m, number of run signals): 1 where a row of these segments (m,) belongs to the signal's runs."""
     signals = model.observation.runs
     known = {
-        int(segment): [in_run(signal, recording, int(segment)) for signal in signals] for segment in np.unique(segments)
+        int(segment): [is_in_run(signal, recording, int(segment)) for signal in signals]
+        for segment in np.unique(segments)
     }
     return np.array([known[int(segment)] for segment in segments]).reshape(len(segments), len(signals))
 
 
-def row_weights(rows: Rows) -> FloatArray:
+def compute_row_weights(rows: DataRows) -> FloatArray:
     """Return (n,): one over the noise that every row would have if rows were independent of each other.
 
     The noise is what is left once all effects of the model are fitted, those in doubt included: an effect that is
@@ -141,20 +144,20 @@ def row_weights(rows: Rows) -> FloatArray:
     """
     n, b = rows.w.shape[1:]
     freedom = np.maximum(rows.counts - b / n, 1.0)
-    noise = floored(np.sqrt((rows.residual**2).sum(axis=0) / freedom))
+    noise = floor_noise(np.sqrt((rows.residual**2).sum(axis=0) / freedom))
     rest = rows.residual
     # Weighted least squares by iteration: the fit depends on the joints' noise, and the noise on the residual of the
     # fit.
     for _ in range(_ROUNDS):
-        known = rows.information(1.0 / noise)
-        rest = rows.residual - rows.w @ _solved(known.matrix, known.right)
-        noise = floored(np.sqrt((rest**2).sum(axis=0) / freedom))
-    overstated = np.array([_overstated(rows, rest, j) for j in range(n)])
+        known = rows.compute_normal_equations(1.0 / noise)
+        rest = rows.residual - rows.w @ _solve_scaled(known.matrix, known.right)
+        noise = floor_noise(np.sqrt((rest**2).sum(axis=0) / freedom))
+    overstated = np.array([_compute_overstatement(rows, rest, j) for j in range(n)])
     # Correlated residuals make rows worth less than their number says; a larger noise takes that into account.
     return np.asarray(1.0 / (noise * np.sqrt(overstated * rows.share)))
 
 
-def _overstated(rows: Rows, rest: FloatArray, joint: int) -> float:
+def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> float:
     """Return by how much these rows of a joint overstate the information in them, at least 1."""
     starts = [
         start
@@ -166,27 +169,31 @@ def _overstated(rows: Rows, rest: FloatArray, joint: int) -> float:
     windows = np.array(starts)[:, None] + np.arange(rows.stretch)
     w = rows.w[:, joint]
     used = np.flatnonzero((w != 0).any(axis=0))
-    return overstatement(w[windows][:, :, used], rest[windows, joint], float(np.count_nonzero(rest[windows, joint])))
+    return compute_overstatement(
+        w[windows][:, :, used], rest[windows, joint], float(np.count_nonzero(rest[windows, joint]))
+    )
 
 
-def of_rehearsal(model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray) -> NormalEquations:
+def normal_equations_from_rehearsal(
+    model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray
+) -> NormalEquations:
     """Return the normal equations that an experiment would give, whose rows have the noise 1 / row_weights (n,)."""
     motion = rehearsal.motion
-    samples = _spread(len(motion.t))
+    samples = _spread_samples(len(motion.t))
     w = model.observe_along(motion, samples)
     # A joint that stands has static friction, which any torque within its band satisfies: such rows tell nothing.
-    moves = np.abs(motion.dq[samples]) > STANDS
+    moves = np.abs(motion.dq[samples]) > STANDSTILL_VELOCITY
     weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(samples))
     weighted = w * weights[:, None]
     return NormalEquations(weighted.T @ weighted, np.zeros(w.shape[1]))
 
 
-def _spread(count: int) -> IndexArray:
+def _spread_samples(count: int) -> IndexArray:
     """Return evenly spread indices of a motion's samples, at most `_MOST_ROWS`."""
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).astype(np.intp))
 
 
-def amplitudes(equations: NormalEquations, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
+def fit_amplitudes(equations: NormalEquations, suspect: Sequence[int], rivals: Sequence[int]) -> FloatArray:
     """Fit the suspect's parameters to the residual, beside the model and without its rivals.
 
     Parameters
@@ -202,18 +209,18 @@ def amplitudes(equations: NormalEquations, suspect: Sequence[int], rivals: Seque
         The values of the suspect's parameters.
     """
     columns = [k for k in range(len(equations.right)) if k not in set(rivals) - set(suspect)]
-    solved = _solved(equations.matrix[np.ix_(columns, columns)], equations.right[columns])
+    solved = _solve_scaled(equations.matrix[np.ix_(columns, columns)], equations.right[columns])
     return np.asarray(solved[[columns.index(k) for k in suspect]])
 
 
-def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+def _solve_scaled(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return the shortest solution, with columns scaled to equal size, of equations that may be singular."""
     # Parameters have different units. Without the scaling the cut-off on singular values would drop small columns.
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     return np.asarray(np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
 
 
-def separation(model: DesignModel, known: NormalEquations, parameter: int, size: float | None) -> Separation:
+def compute_separation(model: DesignModel, known: NormalEquations, parameter: int, size: float | None) -> Separation:
     """Return how well a parameter is determined beside everything else in the model.
 
     Parameters
@@ -230,9 +237,9 @@ def separation(model: DesignModel, known: NormalEquations, parameter: int, size:
     -------
     Separation
     """
-    inverse = inverse_diagonal_of(known.matrix)
+    inverse = compute_diagonal_from_information(known.matrix)
     deviation = float(np.sqrt(inverse.variances[parameter]))
-    column = model.kept[parameter]
+    column = model.base_columns[parameter]
     return Separation(
         parameter=column.name,
         unit=column.unit,

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from typing import overload
 
 from dynident.advice import AdvisedDiagnosis, advise
-from dynident.desk.diagnosing import check_some
-from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import Columns, Framed, columns_of
+from dynident.desk.diagnosing import check_not_empty
+from dynident.desk.figure import Figure, join_figures
+from dynident.desk.frames import Columns, Framed, build_columns
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
+from dynident.desk.texts import format_text_table
 from dynident.diagnosis import Change, examine
 from dynident.errors import DynidentError
-from dynident.html import block, folded, listed, paragraph, table
+from dynident.html import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.identification import Identification
-from dynident.progress import Progress, silent
-from dynident.reports.change_rows import COLUMNS, FRICTION_COLUMNS, change_rows, friction_row
-from dynident.reports.words import hidden_text, place_text
+from dynident.progress import Progress, ignore_progress
+from dynident.reports.change_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
+from dynident.reports.words import format_hidden_effects, format_joints
 
-_FRAME_COLUMNS = (
+_CHANGE_FRAME_COLUMNS = (
     "effect", "joint", "parameter", "before", "difference", "interval_low", "interval_high", "unit", "p_value",
     "evidence",
 )  # fmt: skip
@@ -66,7 +66,7 @@ class Changes(Sequence[Change], Framed):
         rows = [
             (
                 change.choice.effect,
-                place_text(change.choice.joints, self.model.robot.joint_names),
+                format_joints(change.choice.joints, self.model.robot.joint_names),
                 parameter_change.parameter,
                 parameter_change.before,
                 parameter_change.value,
@@ -78,7 +78,7 @@ class Changes(Sequence[Change], Framed):
             for change in self.items
             for parameter_change in (change.main, *change.more)
         ]
-        return columns_of(_FRAME_COLUMNS, rows)
+        return build_columns(_CHANGE_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
         """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
@@ -88,14 +88,14 @@ class Changes(Sequence[Change], Framed):
         DynidentError
             Where nothing has changed and no joint's friction is known.
         """
-        from dynident.reports.figures.changes import changes_figure
-        from dynident.reports.figures.friction_since import friction_figure
+        from dynident.reports.figures.changes import draw_changes
+        from dynident.reports.figures.friction_since import draw_friction_differences
 
-        change_figure = changes_figure(self.items) if self.items else None
-        figures = [figure for figure in (change_figure, friction_figure(self.diagnosis.friction)) if figure]
+        change_figure = draw_changes(self.items) if self.items else None
+        figures = [figure for figure in (change_figure, draw_friction_differences(self.diagnosis.friction)) if figure]
         if not figures:
             raise DynidentError(f"there is no change to draw: {self.summary}")
-        return figure_of(figures, "what has changed, with intervals of 95 %")
+        return join_figures(figures, "what has changed, with intervals of 95 %")
 
     def __len__(self) -> int:
         return len(self.items)
@@ -112,20 +112,22 @@ class Changes(Sequence[Change], Framed):
 
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
-        rows = [row for change in self.items for row in change_rows(change, self.model.robot)]
-        text = text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
-        friction = [friction_row(change) for change in self.diagnosis.friction]
-        return text_table(text, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else text
+        rows = [row for change in self.items for row in format_change(change, self.model.robot)]
+        text = format_text_table(head, CHANGE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        friction = [format_friction_difference(change) for change in self.diagnosis.friction]
+        return format_text_table(text, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else text
 
     def _repr_html_(self) -> str:
-        rows = [row for item in self.items for row in change_rows(item, self.model.robot)]
-        invisible = hidden_text(self.diagnosis, self.model.robot)
-        return block(
-            paragraph(self.summary, strong=True),
-            table(COLUMNS, rows, right_from=3) if rows else "",
-            table(FRICTION_COLUMNS, [friction_row(item) for item in self.diagnosis.friction], right_from=1),
-            folded("evidence", listed(item.evidence for item in self.items)) if self.items else "",
-            paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
+        rows = [row for item in self.items for row in format_change(item, self.model.robot)]
+        invisible = format_hidden_effects(self.diagnosis, self.model.robot)
+        return join_html(
+            render_paragraph(self.summary, strong=True),
+            render_table(CHANGE_COLUMNS, rows, right_from=3) if rows else "",
+            render_table(
+                FRICTION_COLUMNS, [format_friction_difference(item) for item in self.diagnosis.friction], right_from=1
+            ),
+            render_details("evidence", render_list(item.evidence for item in self.items)) if self.items else "",
+            render_paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
         )
 
 
@@ -135,7 +137,7 @@ def changes(
     before: SomeRecordings,
     after: SomeRecordings,
     candidates: Sequence[str] | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Changes:
     """Find what has changed in a robot between two sets of recordings, whose motions may differ.
 
@@ -159,8 +161,8 @@ def changes(
         Where one of the two is empty, or the same recording is in both.
     """
     desk_model, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
-    check_some(earlier, "before")
-    check_some(later, "after")
+    check_not_empty(earlier, "before")
+    check_not_empty(later, "after")
     diagnosis = examine(
         desk_model.identification,
         later.recordings,

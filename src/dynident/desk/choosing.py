@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from dynident.diagnosis import Diagnosis, RankedEffect
 from dynident.effects import EffectChoice
-from dynident.effects.written import written_effects
+from dynident.effects.written import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification.shapes.shapes import check_choices
 from dynident.robot import Robot
@@ -16,7 +16,7 @@ _TITLE = "Nothing to add"
 
 
 @runtime_checkable
-class Diagnosed(Protocol):
+class HasDiagnosis(Protocol):
     """Something that has a diagnosis."""
 
     @property
@@ -25,11 +25,11 @@ class Diagnosed(Protocol):
         ...
 
 
-Addition = Diagnosed | Diagnosis | RankedEffect | EffectChoice | str
+Addition = HasDiagnosis | Diagnosis | RankedEffect | EffectChoice | str
 """What can be added to a model."""
 
 
-def named_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) -> tuple[EffectChoice, ...]:
+def resolve_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) -> tuple[EffectChoice, ...]:
     """Return the effects of choices and texts: "default", "stribeck@joint2", "stribeck@joint1+joint2:vs=0.05".
 
     Parameters
@@ -48,11 +48,11 @@ def named_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) ->
     """
     items = [effects] if isinstance(effects, (str, EffectChoice)) else effects
     return tuple(
-        choice for item in items for choice in ((item,) if isinstance(item, EffectChoice) else written_effects([item]))
+        choice for item in items for choice in ((item,) if isinstance(item, EffectChoice) else parse_effects([item]))
     )
 
 
-def checked_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[EffectChoice, ...]:
+def check_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[EffectChoice, ...]:
     """Check that a robot can have some effects, and return them.
 
     Parameters
@@ -74,7 +74,7 @@ def checked_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[Ef
     return choices
 
 
-def added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[EffectChoice, ...]:
+def collect_added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[EffectChoice, ...]:
     """Return the effects to be added to a model.
 
     Parameters
@@ -97,10 +97,10 @@ def added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[EffectCh
     reason = ""
     for item in additions:
         if isinstance(item, (str, EffectChoice)):
-            choices += named_effects(item)
+            choices += resolve_effects(item)
         elif isinstance(item, RankedEffect):
             choices.append(item.choice)
-        elif isinstance(item, (Diagnosis, Diagnosed)):
+        elif isinstance(item, (Diagnosis, HasDiagnosis)):
             diagnosis = item if isinstance(item, Diagnosis) else item.diagnosis
             choices += diagnosis.recommended
             reason = "" if diagnosis.recommended else f"the diagnosis recommends nothing to add: {diagnosis.summary}"
@@ -109,4 +109,4 @@ def added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[EffectCh
     if not choices:
         detail = reason or 'say what to add: a diagnosis, or effects such as "stribeck@joint2"'
         raise DynidentError(detail, title=_TITLE)
-    return checked_effects(tuple(choices), robot)
+    return check_effects(tuple(choices), robot)

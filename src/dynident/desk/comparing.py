@@ -9,20 +9,20 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.desk.figure import Figure, figure_of
+from dynident.desk.figure import Figure, join_figures
 from dynident.desk.frames import Columns, Framed
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import CheckedRecording, SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
+from dynident.desk.texts import format_text_table
 from dynident.diagnosis import Comparison, Judgement, judge
 from dynident.diagnosis import compare as compare_recording
 from dynident.errors import DynidentError
-from dynident.html import block, listed, paragraph, table
+from dynident.html import join_html, render_list, render_paragraph, render_table
 from dynident.identification import Identification, check_same_recordings
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.phases import Phase
-from dynident.reports.numbers import number, percent
+from dynident.reports.numbers import format_number, format_percent
 
 _SHOWN = 5
 _PHASES = np.array([phase.name.lower() for phase in Phase])
@@ -57,7 +57,7 @@ class ComparedRecording(Framed):
         return self.recording.name
 
     def _columns(self) -> Columns:
-        return Columns(self._arrays())
+        return Columns(self._build_arrays())
 
     def plot(self, joints: Sequence[str] = ()) -> Figure:
         """Draw measured and predicted torque, and the residual, over time.
@@ -76,7 +76,7 @@ class ComparedRecording(Framed):
         DynidentError
             For a joint that the robot does not have.
         """
-        from dynident.reports.figures.torque import JOINTS_A_FIGURE, torque_figure
+        from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
         strangers = [name for name in joints if name not in names]
@@ -84,12 +84,12 @@ class ComparedRecording(Framed):
             raise DynidentError(f"there is no joint {strangers[0]!r}; the robot has: {', '.join(names)}")
         indices = [names.index(name) for name in joints or names]
         parts = [
-            torque_figure(self.comparison, indices[first : first + JOINTS_A_FIGURE], self.name)
-            for first in range(0, len(indices), JOINTS_A_FIGURE)
+            draw_torque(self.comparison, indices[first : first + JOINTS_PER_FIGURE], self.name)
+            for first in range(0, len(indices), JOINTS_PER_FIGURE)
         ]
-        return figure_of(parts, f"measured and predicted torque of {self.name}")
+        return join_figures(parts, f"measured and predicted torque of {self.name}")
 
-    def _arrays(self) -> dict[str, NDArray[np.generic]]:
+    def _build_arrays(self) -> dict[str, NDArray[np.generic]]:
         comparison = self.comparison
         m, n = comparison.measured.shape
         signals = {
@@ -110,37 +110,39 @@ class ComparedRecording(Framed):
         }
 
     def __repr__(self) -> str:
-        rows = [self._row(j) for j in range(len(self.comparison.joint_names))]
-        return text_table(f"ComparedRecording({self._head()})", _COLUMNS, rows, len(rows))
+        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
+        return format_text_table(f"ComparedRecording({self._format_head()})", _COLUMNS, rows, len(rows))
 
     def _repr_html_(self) -> str:
-        rows = [self._row(j) for j in range(len(self.comparison.joint_names))]
+        rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
         worst = [
             f"{stretch.joint}, {stretch.start:.2f} to {stretch.end:.2f} s: {stretch.ratio:.1f} x the joint's own rms"
             for stretch in self.comparison.worst[:_SHOWN]
         ]
-        return block(
-            paragraph(self._head(), strong=True),
-            table(_COLUMNS, rows),
-            listed(self.judgement.notes),
-            paragraph("Worst:") + listed(worst) if worst else "",
+        return join_html(
+            render_paragraph(self._format_head(), strong=True),
+            render_table(_COLUMNS, rows),
+            render_list(self.judgement.notes),
+            render_paragraph("Worst:") + render_list(worst) if worst else "",
         )
 
-    def _head(self) -> str:
+    def _format_head(self) -> str:
         comparison = self.comparison
         moving, everywhere = comparison.moving_errors.relative_total, comparison.errors.relative_total
-        return f"{self.name}: error {percent(moving)} where joints move, {percent(everywhere)} on all rows"
+        return (
+            f"{self.name}: error {format_percent(moving)} where joints move, {format_percent(everywhere)} on all rows"
+        )
 
-    def _row(self, joint: int) -> tuple[str, ...]:
+    def _format_row(self, joint: int) -> tuple[str, ...]:
         comparison, judgement = self.comparison, self.judgement
         moving, unit = comparison.moving_errors, comparison.units[joint]
         moves = bool(moving.counts[joint])
         return (
             comparison.joint_names[joint],
-            percent(float(moving.relative[joint])) if moves else "never",
-            f"{number(float(moving.rms[joint]))} {unit}" if moves else "–",
-            percent(float(comparison.errors.relative[joint])),
-            f"{number(float(judgement.noise.values[joint]))} {unit}",
+            format_percent(float(moving.relative[joint])) if moves else "never",
+            f"{format_number(float(moving.rms[joint]))} {unit}" if moves else "–",
+            format_percent(float(comparison.errors.relative[joint])),
+            f"{format_number(float(judgement.noise.values[joint]))} {unit}",
             f"{judgement.over_noise[joint]:.1f} x" if moving.counts[joint] else "–",
         )
 
@@ -156,7 +158,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
     items: tuple[ComparedRecording, ...]
 
     def _columns(self) -> Columns:
-        arrays = [item._arrays() for item in self.items]
+        arrays = [item._build_arrays() for item in self.items]
         counts = [len(recording_arrays["t"]) for recording_arrays in arrays]
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat([item.name for item in self.items], counts)}
         columns |= {
@@ -184,7 +186,7 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         """
         names = [item.name for item in self.items]
         svgs = [item.plot(joints).svg for item in self.items]
-        return figure_of(svgs, f"measured and predicted torque of {', '.join(names)}", names)
+        return join_figures(svgs, f"measured and predicted torque of {', '.join(names)}", names)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -207,12 +209,12 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         return self.items[index]
 
     def __repr__(self) -> str:
-        lines = [f"  {item._head()}" for item in self.items[:_SHOWN]]
+        lines = [f"  {item._format_head()}" for item in self.items[:_SHOWN]]
         rest = [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
         return "\n".join([f"Comparisons({len(self.items)})", *lines, *rest])
 
     def _repr_html_(self) -> str:
-        return block(*(item._repr_html_() for item in self.items))
+        return join_html(*(item._repr_html_() for item in self.items))
 
 
 def compare(
@@ -220,7 +222,7 @@ def compare(
     recordings: SomeRecordings,
     *,
     learnt: SomeRecordings | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Comparisons:
     """Compare measured with predicted torque, joint by joint.
 
@@ -251,7 +253,7 @@ def compare(
         check_same_recordings(desk_model.identification, fit_recordings)
     compared = []
     for index, item in enumerate(checked_recordings):
-        share = part(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
+        share = scale_progress(progress, index / len(checked_recordings), (index + 1) / len(checked_recordings))
         comparison = compare_recording(desk_model.identification, item.recording, share)
         # A recording that the model was identified from is fit data, and no repetition is looked for.
         others = [recording for recording in fit_recordings if recording.source is not item.recording.source]

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dynident.desk.choosing import checked_effects, named_effects
+from dynident.desk.choosing import check_effects, resolve_effects
 from dynident.desk.diagnosing import DiagnosedModel
-from dynident.desk.figure import Figure, check_folder, figure_of
+from dynident.desk.figure import Figure, check_folder_exists, join_figures
 from dynident.desk.frames import Columns, Framed
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
@@ -16,17 +16,17 @@ from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
 from dynident.excitation.formats.files import design_table
-from dynident.excitation.formats.ros2 import joint_trajectory
+from dynident.excitation.formats.ros2 import format_joint_trajectory
 from dynident.excitation.request import Kind
-from dynident.html import block, folded, listed, paragraph, table
-from dynident.progress import Progress, silent
-from dynident.recordings.arrow import to_numbers
-from dynident.recordings.stored import signal_units
-from dynident.reports.numbers import number, percent
+from dynident.html import join_html, render_details, render_list, render_paragraph, render_table
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings.arrow import table_column_to_numbers
+from dynident.recordings.stored import list_signal_units
+from dynident.reports.numbers import format_number, format_percent
 from dynident.robot import Robot
 
-_ENDINGS = (".csv", ".parquet", ".yaml")
-_NEAREST = 5
+_FILE_ENDINGS = (".csv", ".parquet", ".yaml")
+_SHOWN_MARGINS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,13 @@ class DesignedMotion(Framed):
         random_text = (
             ""
             if baseline is None
-            else f"; the best of {baseline.count} random motions reaches {number(baseline.best.condition_number)}"
+            else f"; the best of {baseline.count} random motions reaches {format_number(baseline.best.condition_number)}"
         )
         nearest = max(design.margins, key=lambda margin: margin.share)
         return (
             f"{design.duration:.3g} s from rest to rest, {design.n_samples} samples at {design.sampling_rate:g} Hz. "
-            f"Condition number {number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
-            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {percent(nearest.share)}."
+            f"Condition number {format_number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
+            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {format_percent(nearest.share)}."
         )
 
     def save(self, path: str | Path) -> None:
@@ -73,44 +73,51 @@ class DesignedMotion(Framed):
             For another ending, or a folder that is not there.
         """
         path = Path(path)
-        if path.suffix not in _ENDINGS:
+        if path.suffix not in _FILE_ENDINGS:
             raise DynidentError(
                 f"cannot write {path.name}; the file's ending has to be .csv, .parquet or .yaml (ROS 2)",
                 pointer=str(path),
             )
-        check_folder(path)
+        check_folder_exists(path)
         if path.suffix == ".yaml":
             design = self.design
-            lines = joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
+            lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
             path.write_bytes(encode_text("".join(lines)))
         else:
             write_design(self.design, path)
 
     def _columns(self) -> Columns:
         table = design_table(self.design)
-        columns = {name: to_numbers(table.column(name)) for name in table.column_names}
-        units = signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
+        columns = {name: table_column_to_numbers(table.column(name)) for name in table.column_names}
+        units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
         return Columns(columns, units)
 
     def plot(self) -> Figure:
         """Draw the joints within their limits, their velocity over position, and the path of the tool."""
-        from dynident.reports.figures.design import design_figure
+        from dynident.reports.figures.design import draw_design
 
-        return figure_of([design_figure(self.design, self.robot)], f"designed motion of {self.robot.name}")
+        return join_figures([draw_design(self.design, self.robot)], f"designed motion of {self.robot.name}")
 
     def __repr__(self) -> str:
         return f"DesignedMotion({self.robot.name}): {self.summary}"
 
     def _repr_html_(self) -> str:
-        nearest = sorted(self.design.margins, key=lambda margin: -margin.share)[:_NEAREST]
+        nearest = sorted(self.design.margins, key=lambda margin: -margin.share)[:_SHOWN_MARGINS]
         rows = [
-            (m.joint, m.limit.replace("_", " "), number(m.value), number(m.bound), percent(m.share)) for m in nearest
+            (
+                m.joint,
+                m.limit.replace("_", " "),
+                format_number(m.value),
+                format_number(m.bound),
+                format_percent(m.share),
+            )
+            for m in nearest
         ]
-        return block(
-            paragraph(f"Motion of {self.robot.name}", strong=True),
-            paragraph(self.summary),
-            table(("joint", "nearest limits", "reached", "allowed", "used"), rows, right_from=2),
-            folded("notes", listed(self.design.notes)) if self.design.notes else "",
+        return join_html(
+            render_paragraph(f"Motion of {self.robot.name}", strong=True),
+            render_paragraph(self.summary),
+            render_table(("joint", "nearest limits", "reached", "allowed", "used"), rows, right_from=2),
+            render_details("notes", render_list(self.design.notes)) if self.design.notes else "",
         )
 
 
@@ -123,7 +130,7 @@ def design(
     duration: float | None = None,
     sampling_rate: float | None = None,
     earlier: SomeRecordings = (),
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> DesignedMotion:
     """Design a motion that excites the parameters, within the robot's limits and without collision.
 
@@ -155,11 +162,11 @@ def design(
     DynidentError
         Where there is no such motion; it names the limit in the way.
     """
-    design_request = _asked(request)
+    design_request = _resolve_request(request)
     if kind is not None:
         design_request = replace(design_request, kind=kind)
     if effects is not None:
-        design_request = replace(design_request, effects=checked_effects(named_effects(effects), robot))
+        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), robot))
     if duration is not None:
         design_request = replace(design_request, trajectory=replace(design_request.trajectory, duration=duration))
     if sampling_rate is not None:
@@ -170,7 +177,7 @@ def design(
     return DesignedMotion(robot, designed)
 
 
-def _asked(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
+def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
     if isinstance(request, DesignRequest):
         return request
     if request is None:

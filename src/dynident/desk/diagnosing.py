@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
-from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import Columns, Framed, columns_of
+from dynident.desk.figure import Figure, join_figures
+from dynident.desk.frames import Columns, Framed, build_columns
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
+from dynident.desk.texts import format_text_table
 from dynident.diagnosis import (
     Evidence,
     Invisible,
@@ -23,13 +23,13 @@ from dynident.diagnosis import (
 )
 from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.effects import EffectChoice
-from dynident.effects.written import effect_text
+from dynident.effects.written import format_effect
 from dynident.errors import DynidentError
-from dynident.html import block, listed, paragraph, table
+from dynident.html import join_html, render_list, render_paragraph, render_table
 from dynident.identification import Identification
-from dynident.progress import Progress, silent
-from dynident.reports.candidate_rows import COLUMNS, candidate_rows
-from dynident.reports.words import hidden_text, place_text, shape_text, title_of
+from dynident.progress import Progress, ignore_progress
+from dynident.reports.candidate_rows import CANDIDATE_COLUMNS, format_candidates
+from dynident.reports.words import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
 
 _MOST_BARS, _MOST_PANELS = 12, 8
 
@@ -98,7 +98,7 @@ class DiagnosedModel(Framed):
         return evidence(self.model.identification, significant, self.recordings.recordings)
 
     def _columns(self) -> Columns:
-        return columns_of(_FRAME_COLUMNS, [self._frame_row(candidate) for candidate in self.candidates])
+        return build_columns(_FRAME_COLUMNS, [self._build_frame_row(candidate) for candidate in self.candidates])
 
     def plot(self) -> Figure:
         """Draw the ranking, and what each significant candidate explains of the residual.
@@ -112,22 +112,22 @@ class DiagnosedModel(Framed):
         DynidentError
             Where no effect was ranked.
         """
-        from dynident.reports.figures.candidates import candidates_figure
-        from dynident.reports.figures.evidence import evidence_figure
+        from dynident.reports.figures.candidates import draw_candidates
+        from dynident.reports.figures.evidence import draw_evidence
 
-        parts = [candidates_figure(self.candidates[:_MOST_BARS])] if self.candidates else []
+        parts = [draw_candidates(self.candidates[:_MOST_BARS])] if self.candidates else []
         if self.evidence:
-            parts.append(evidence_figure(self.evidence[:_MOST_PANELS], self.model.robot))
+            parts.append(draw_evidence(self.evidence[:_MOST_PANELS], self.model.robot))
         if not parts:
             raise DynidentError("the diagnosis ranked no effect: there is nothing to draw")
-        return figure_of(parts, "what is missing, and the evidence")
+        return join_figures(parts, "what is missing, and the evidence")
 
-    def _frame_row(self, candidate: RankedEffect) -> tuple[object, ...]:
+    def _build_frame_row(self, candidate: RankedEffect) -> tuple[object, ...]:
         return (
             candidate.rank,
             candidate.effect,
-            place_text(candidate.joints, self.model.robot.joint_names),
-            shape_text(candidate.choice),
+            format_joints(candidate.joints, self.model.robot.joint_names),
+            format_shape_constants(candidate.choice),
             candidate.error_before,
             candidate.error_after,
             candidate.error_drop,
@@ -138,29 +138,31 @@ class DiagnosedModel(Framed):
             candidate.separability,
             ",".join(candidate.equivalent),
             candidate.evidence,
-            effect_text(candidate.choice),
+            format_effect(candidate.choice),
         )
 
     def __repr__(self) -> str:
-        rows = candidate_rows((candidate for candidate in self.candidates if candidate.significant), self.model.robot)
+        rows = format_candidates(
+            (candidate for candidate in self.candidates if candidate.significant), self.model.robot
+        )
         head = f"DiagnosedModel({self.verdict}): {self.summary}"
-        return text_table(head, COLUMNS, rows, len(rows), right_from=3) if rows else head
+        return format_text_table(head, CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
 
     def _repr_html_(self) -> str:
         robot, diagnosis = self.model.robot, self.diagnosis
         recommended = [
-            f"{title_of(effect.effect)} on {place_text(effect.joints, robot.joint_names)}"
+            f"{get_effect_title(effect.effect)} on {format_joints(effect.joints, robot.joint_names)}"
             for effect in diagnosis.recommended
         ]
-        invisible = hidden_text(diagnosis, robot)
-        return block(
-            paragraph(diagnosis.summary, strong=True),
-            paragraph("Recommended, in this order:") + listed(recommended) if recommended else "",
-            paragraph("Evidence:") if recommended else "",
-            listed(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
-            table(COLUMNS, candidate_rows(diagnosis.candidates, robot), right_from=3),
-            paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
-            _next(diagnosis.next_experiment),
+        invisible = format_hidden_effects(diagnosis, robot)
+        return join_html(
+            render_paragraph(diagnosis.summary, strong=True),
+            render_paragraph("Recommended, in this order:") + render_list(recommended) if recommended else "",
+            render_paragraph("Evidence:") if recommended else "",
+            render_list(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
+            render_table(CANDIDATE_COLUMNS, format_candidates(diagnosis.candidates, robot), right_from=3),
+            render_paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
+            _render_next_experiment(diagnosis.next_experiment),
         )
 
 
@@ -170,7 +172,7 @@ def diagnose(
     *,
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> DiagnosedModel:
     """Name the physics that a model is missing.
 
@@ -199,7 +201,7 @@ def diagnose(
     if recordings is None:
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
-    check_some(checked_recordings, "recordings")
+    check_not_empty(checked_recordings, "recordings")
     diagnosis = examine(
         desk_model.identification,
         checked_recordings.recordings,
@@ -210,7 +212,7 @@ def diagnose(
     return DiagnosedModel(desk_model, checked_recordings, advise(diagnosis))
 
 
-def check_some(recordings: Recordings, name: str) -> None:
+def check_not_empty(recordings: Recordings, name: str) -> None:
     """Check that there is at least one recording.
 
     Parameters
@@ -234,7 +236,7 @@ _FRAME_COLUMNS = (
 )  # fmt: skip
 
 
-def _next(experiment: NextExperiment | None) -> str:
+def _render_next_experiment(experiment: NextExperiment | None) -> str:
     if experiment is None:
         return ""
-    return paragraph(f"Next experiment: {experiment.reason}") + listed(experiment.instructions)
+    return render_paragraph(f"Next experiment: {experiment.reason}") + render_list(experiment.instructions)

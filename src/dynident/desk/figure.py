@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from dynident.encoding import encode_text, without_control_characters
+from dynident.encoding import encode_text, replace_control_characters
 from dynident.errors import DynidentError
 
 _BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
@@ -37,7 +37,7 @@ class Figure:
         path = Path(path)
         if path.suffix != ".svg":
             raise DynidentError(f"cannot write {path.name}; the file's ending has to be .svg", pointer=str(path))
-        check_folder(path)
+        check_folder_exists(path)
         path.write_bytes(encode_text(self.svg))
 
     def __repr__(self) -> str:
@@ -48,7 +48,7 @@ class Figure:
         return f'<div style="background:#fff;max-width:1060px">{self.svg}</div>'
 
 
-def figure_of(parts: Sequence[str], title: str, headings: Sequence[str] = ()) -> Figure:
+def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ()) -> Figure:
     """Join drawings, one below the other.
 
     Parameters
@@ -68,7 +68,7 @@ def figure_of(parts: Sequence[str], title: str, headings: Sequence[str] = ()) ->
     svgs = [str(part) for part in parts]
     if len(svgs) == 1:
         return Figure(svgs[0], title)
-    sizes = [_size(svg) for svg in svgs]
+    sizes = [_read_size(svg) for svg in svgs]
     width = max(wide for wide, _ in sizes)
     elements, top = [], 0.0
     for k, (svg, (wide, high)) in enumerate(zip(svgs, sizes, strict=True)):
@@ -86,10 +86,10 @@ def figure_of(parts: Sequence[str], title: str, headings: Sequence[str] = ()) ->
         f'viewBox="{box}" role="img" aria-label="{escape(title, quote=True)}">'
     )
     svg_text = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(elements)}</svg>'
-    return Figure(without_control_characters(svg_text), title)
+    return Figure(replace_control_characters(svg_text), title)
 
 
-def check_folder(path: Path) -> None:
+def check_folder_exists(path: Path) -> None:
     """Check that the folder of a file exists.
 
     Parameters
@@ -106,7 +106,7 @@ def check_folder(path: Path) -> None:
         raise DynidentError(f"there is no folder {path.parent}", pointer=str(path), title="No such folder")
 
 
-def _size(svg: str) -> tuple[float, float]:
+def _read_size(svg: str) -> tuple[float, float]:
     match = _BOX.search(svg)
     if match is None:
         raise ValueError("a figure without a viewBox")

@@ -6,23 +6,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
-from dynident.desk.diagnosing import check_some
-from dynident.desk.figure import Figure, figure_of
-from dynident.desk.frames import Columns, Framed, columns_of
+from dynident.desk.diagnosing import check_not_empty
+from dynident.desk.figure import Figure, join_figures
+from dynident.desk.frames import Columns, Framed, build_columns
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
-from dynident.html import block, folded, listed, paragraph, table
+from dynident.desk.texts import format_text_table
+from dynident.html import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.identification import Identification
-from dynident.progress import Progress, part, silent
-from dynident.reports.change_rows import COLUMNS, change_rows
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.reports.change_rows import CHANGE_COLUMNS, format_change
 
 if TYPE_CHECKING:
     from dynident.diagnosis.series import Day, Measure, Series, SeriesChange
 
 
-_COLUMNS = ("from", *COLUMNS)
+_SERIES_COLUMNS = ("from", *CHANGE_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return self.series.changes
 
     def and_then(
-        self, days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings], progress: Progress = silent
+        self, days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings], progress: Progress = ignore_progress
     ) -> FollowedRobot:
         """Return the series with more days behind these; only their recordings are read.
 
@@ -74,7 +74,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         -------
         FollowedRobot
         """
-        return _followed(self.model, self.measure, self.days, days, progress)
+        return _extend_series(self.model, self.measure, self.days, days, progress)
 
     def _columns(self) -> Columns:
         rows = [
@@ -83,13 +83,13 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
             for k, day in enumerate(self.series.days)
         ]
         names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
-        return columns_of(names, rows)
+        return build_columns(names, rows)
 
     def plot(self) -> Figure:
         """Draw every parameter that may vary, day by day, with its intervals."""
-        from dynident.reports.figures.courses import courses_figure
+        from dynident.reports.figures.courses import draw_parameter_tracks
 
-        return figure_of([courses_figure(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
+        return join_figures([draw_parameter_tracks(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
 
     def __len__(self) -> int:
         return len(self.items)
@@ -107,27 +107,27 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
     def __repr__(self) -> str:
         head = f"FollowedRobot({len(self.days)} days): {self.summary}"
         rows = self._rows()
-        return text_table(head, _COLUMNS, rows, len(rows), right_from=4) if rows else head
+        return format_text_table(head, _SERIES_COLUMNS, rows, len(rows), right_from=4) if rows else head
 
     def _repr_html_(self) -> str:
         rows = self._rows()
-        return block(
-            paragraph(self.summary, strong=True),
-            table(_COLUMNS, rows, right_from=4) if rows else "",
-            folded("evidence", listed(item.change.evidence for item in self.items)) if rows else "",
+        return join_html(
+            render_paragraph(self.summary, strong=True),
+            render_table(_SERIES_COLUMNS, rows, right_from=4) if rows else "",
+            render_details("evidence", render_list(item.change.evidence for item in self.items)) if rows else "",
             self.plot()._repr_html_(),
         )
 
     def _rows(self) -> list[tuple[str, ...]]:
         robot, days = self.model.robot, self.series.days
-        return [(days[item.since], *row) for item in self.items for row in change_rows(item.change, robot)]
+        return [(days[item.since], *row) for item in self.items for row in format_change(item.change, robot)]
 
 
 def series(
     model: Model | Identification,
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
     *,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> FollowedRobot:
     """Find what has changed in a robot over many days, from which day on, and the values of every parameter.
 
@@ -150,43 +150,45 @@ def series(
     DynidentError
         Where there are fewer than two days, one has no recordings, or the model has effects of single runs.
     """
-    from dynident.diagnosis.series import what_may_change
+    from dynident.diagnosis.series import build_measure
 
     desk_model = as_model(model)
-    named_days = _named(days)
+    named_days = _name_days(days)
     # Temperature can explain differences between days only where every day recorded it.
     has_temperatures = bool(named_days) and all(
         recording.has_temperature
         for _, day_recordings in named_days
         for recording in as_recordings(day_recordings).recordings
     )
-    return _followed(
-        desk_model, what_may_change(desk_model.identification, with_temperature=has_temperatures), (), days, progress
+    return _extend_series(
+        desk_model, build_measure(desk_model.identification, with_temperature=has_temperatures), (), days, progress
     )
 
 
-def _followed(
+def _extend_series(
     model: Model,
     measure: Measure,
     before: Sequence[Day],
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
     progress: Progress,
 ) -> FollowedRobot:
-    from dynident.diagnosis.series import free_name, measured
-    from dynident.diagnosis.series import series as series_of
+    from dynident.diagnosis.series import find_free_name, reduce_day
+    from dynident.diagnosis.series import monitor_days as series_of
 
-    known_days, named_days = list(before), _named(days)
+    known_days, named_days = list(before), _name_days(days)
     for index, (name, day_recordings) in enumerate(named_days):
         recordings = as_recordings(day_recordings)
-        check_some(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
+        check_not_empty(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
         # Reading and reducing the days counts as half of the work, the comparison as the other half.
-        day_progress = part(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
-        day_name = free_name(recordings.names[0], known_days) if name is None else name
-        known_days.append(measured(measure, day_name, recordings.recordings, day_progress))
-    return FollowedRobot(model, measure, tuple(known_days), series_of(measure, known_days, part(progress, 0.5, 1.0)))
+        day_progress = scale_progress(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
+        day_name = find_free_name(recordings.names[0], known_days) if name is None else name
+        known_days.append(reduce_day(measure, day_name, recordings.recordings, day_progress))
+    return FollowedRobot(
+        model, measure, tuple(known_days), series_of(measure, known_days, scale_progress(progress, 0.5, 1.0))
+    )
 
 
-def _named(
+def _name_days(
     days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
 ) -> list[tuple[str | None, SomeRecordings]]:
     if isinstance(days, Mapping):

@@ -30,7 +30,7 @@ class Columns:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
-def columns_of(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Columns:
+def build_columns(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Columns:
     """Return rows as named columns.
 
     Parameters
@@ -72,13 +72,13 @@ class Framed(ABC):
         DynidentError
             Where the library, or any of the two, is not installed.
         """
-        return _frame(self._columns(), library)
+        return _build_frame(self._columns(), library)
 
     @abstractmethod
     def _columns(self) -> Columns: ...
 
 
-def _frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataFrame | polars.DataFrame:
+def _build_frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataFrame | polars.DataFrame:
     if library is not None and library not in _LIBRARIES:
         raise DynidentError(f"there are no frames of {library!r}; choose pandas or polars", pointer="library")
     for name in (library,) if library else _LIBRARIES:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from dynident.desk.choosing import checked_effects, named_effects
-from dynident.desk.model import NO_DATA, Model
+from dynident.desk.choosing import check_effects, resolve_effects
+from dynident.desk.model import NO_RECORDINGS, Model
 from dynident.desk.recordings import SomeRecordings, as_recordings
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
@@ -15,7 +15,7 @@ from dynident.identification import Identification, IdentificationChoices, from_
 from dynident.identification import identify as identify_parameters
 from dynident.identification.choices import EstimatorName
 from dynident.identification.methods.bases import Estimator
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.robot import Robot
 
 
@@ -27,7 +27,7 @@ def identify(
     effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
     estimator: EstimatorName | Estimator | None = None,
     choices: IdentificationChoices | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Model:
     """Identify the base parameters of a robot.
 
@@ -59,7 +59,7 @@ def identify(
     """
     all_choices = choices or IdentificationChoices()
     if effects is not None:
-        all_choices = replace(all_choices, effects=checked_effects(named_effects(effects), robot))
+        all_choices = replace(all_choices, effects=check_effects(resolve_effects(effects), robot))
     if estimator is not None:
         all_choices = replace(all_choices, estimator=estimator)
     fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
@@ -89,7 +89,7 @@ def load_model(path: str | Path) -> Model:
     if not path.is_file():
         raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
     try:
-        return Model(from_bytes(path.read_bytes()), NO_DATA, NO_DATA)
+        return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
     except DynidentError as error:
         raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
 
@@ -105,4 +105,4 @@ def as_model(model: Model | Identification) -> Model:
     -------
     Model
     """
-    return model if isinstance(model, Model) else Model(model, NO_DATA, NO_DATA)
+    return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

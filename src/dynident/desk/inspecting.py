@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypedDict
 
-from dynident.desk.robots import DriveGains, with_gains
-from dynident.html import block, listed, paragraph, table
+from dynident.desk.robots import DriveGains, set_drive_gains
+from dynident.html import join_html, render_list, render_paragraph, render_table
 from dynident.identification.imports import Guess, Inspection, Question, inspect_file
 from dynident.recordings import RecordingMetadata
-from dynident.recordings.names import readable_path
+from dynident.recordings.names import check_readable_path
 from dynident.robot import Robot
 
 _COLUMNS = ("what", "proposed", "how sure", "why")
@@ -52,7 +52,7 @@ class InspectedFile:
         return arguments if self.rate is None else {**arguments, "metadata": RecordingMetadata(rate=self.rate)}
 
     def __repr__(self) -> str:
-        lines = [self._head()]
+        lines = [self._format_head()]
         lines += [
             f"  {guess.field}: {guess.value} ({guess.confidence:.0%}: {guess.reason})"
             for guess in self.guesses[:_SHOWN]
@@ -64,14 +64,14 @@ class InspectedFile:
 
     def _repr_html_(self) -> str:
         rows = [(guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason) for guess in self.guesses]
-        return block(
-            paragraph(self._head(), strong=True),
-            table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
-            paragraph("To be answered:") if self.questions else "",
-            listed(_question(question) for question in self.questions),
+        return join_html(
+            render_paragraph(self._format_head(), strong=True),
+            render_table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
+            render_paragraph("To be answered:") if self.questions else "",
+            render_list(_format_question(question) for question in self.questions),
         )
 
-    def _head(self) -> str:
+    def _format_head(self) -> str:
         names = self.inspection.columns
         rest = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
         return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{rest}"
@@ -109,10 +109,10 @@ def inspect(
     RecordingError
         For a file that cannot be read.
     """
-    readable = readable_path(path)
-    machine = with_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
+    readable = check_readable_path(path)
+    machine = set_drive_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
     return InspectedFile(inspect_file(readable, machine, rate), rate)
 
 
-def _question(question: Question) -> str:
+def _format_question(question: Question) -> str:
     return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")

@@ -9,27 +9,27 @@ from pathlib import Path
 from typing import overload
 
 from dynident.arrays import FloatArray
-from dynident.desk.choosing import Addition, added_effects, named_effects
-from dynident.desk.figure import Figure, check_folder, figure_of
-from dynident.desk.frames import Columns, Framed, columns_of
+from dynident.desk.choosing import Addition, collect_added_effects, resolve_effects
+from dynident.desk.figure import Figure, check_folder_exists, join_figures
+from dynident.desk.frames import Columns, Framed, build_columns
 from dynident.desk.parameters import ErrorTable, Parameters
 from dynident.desk.recordings import Recordings, SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
+from dynident.desk.texts import format_text_table
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export import PredictingModel, TorquePredictor
-from dynident.html import block, folded, listed, paragraph, table
+from dynident.html import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
-from dynident.identification.study.gain import best_rung
+from dynident.identification.study.gain import find_best_step
 from dynident.identification.study.prediction import PredictedTorque, predict
-from dynident.progress import Progress, silent
-from dynident.reports.numbers import counted, number, percent
-from dynident.reports.words import place_text, rung_mark, shape_text, title_of
+from dynident.progress import Progress, ignore_progress
+from dynident.reports.numbers import format_count, format_number, format_percent
+from dynident.reports.words import format_joints, format_shape_constants, get_effect_title, get_step_mark
 from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
-NO_DATA = Recordings(())
+NO_RECORDINGS = Recordings(())
 _LONGEST = 90
 
 
@@ -50,8 +50,8 @@ class Model:
     """
 
     identification: Identification
-    recordings: Recordings = NO_DATA
-    validation: Recordings = NO_DATA
+    recordings: Recordings = NO_RECORDINGS
+    validation: Recordings = NO_RECORDINGS
 
     @property
     def robot(self) -> Robot:
@@ -81,7 +81,7 @@ class Model:
     @cached_property
     def errors(self) -> ErrorTable:
         """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
-        return ErrorTable.of(self.identification)
+        return ErrorTable.from_identification(self.identification)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -98,18 +98,18 @@ class Model:
         """The quality of the model, in a few sentences."""
         identification = self.identification
         n_determined = sum(parameter.well_identified for parameter in self.parameters)
-        n_parameters = counted(identification.model.n_parameters, "base parameter")
+        n_parameters = format_count(identification.model.n_parameters, "base parameter")
         errors = identification.held_out
-        held_out = "" if errors is None else f", {percent(errors.relative_total)} on held-out data"
+        held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
         sentences = [
-            f"The relative error of the torque is {percent(identification.fit.relative_total)} in the fit{held_out}.",
+            f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the fit{held_out}.",
             f"{n_determined} of {n_parameters} are determined by the data.",
-            f"The condition number of W is {number(identification.condition_number)}; there are "
+            f"The condition number of W is {format_number(identification.condition_number)}; there are "
             f"{identification.equations_per_parameter:.0f} equations per parameter.",
         ]
         if identification.warnings:
             sentences.append(f"There {'is' if len(identification.warnings) == 1 else 'are'} "
-                             f"{counted(len(identification.warnings), 'warning')}.")  # fmt: skip
+                             f"{format_count(len(identification.warnings), 'warning')}.")  # fmt: skip
         return " ".join(sentences)
 
     def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
@@ -130,7 +130,7 @@ class Model:
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
-    def extend(self, *what: Addition, progress: Progress = silent) -> Model:
+    def extend(self, *what: Addition, progress: Progress = ignore_progress) -> Model:
         """Add effects, each as one step of the ladder, on the data that the model was identified from.
 
         Parameters
@@ -151,7 +151,7 @@ class Model:
         DynidentError
             Where nothing would be added, an effect does not fit the robot, or the model has no data (see `with_data`).
         """
-        added = added_effects(what, self.robot)
+        added = collect_added_effects(what, self.robot)
         self.check_data("extend the model")
         extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
         return replace(self, identification=extended)
@@ -173,7 +173,7 @@ class Model:
         DynidentError
             Where one of them is not in the model, or nothing would be left.
         """
-        return replace(self, identification=remove(self.identification, named_effects(what)))
+        return replace(self, identification=remove(self.identification, resolve_effects(what)))
 
     def with_data(self, recordings: SomeRecordings, validation: SomeRecordings = ()) -> Model:
         """Return the model with the recordings that it was identified from, and held-out ones.
@@ -193,10 +193,10 @@ class Model:
             Where they have other names than those that it was identified from, or hold other samples.
         """
         fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
-        _check_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
+        _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
         check_same_recordings(self.identification, fit_recordings.recordings)
         if held_out and self.identification.data.validation_names:
-            _check_names(held_out, self.identification.data.validation_names, "was tried on")
+            _check_recording_names(held_out, self.identification.data.validation_names, "was tried on")
         return replace(self, recordings=fit_recordings, validation=held_out)
 
     def check_data(self, purpose: str) -> None:
@@ -251,7 +251,7 @@ class Model:
         TorquePredictor
             Call `step(q, dq, ddq)` once a sample, and `reset()` before a new motion.
         """
-        return PredictingModel.of(self.identification).predictor()
+        return PredictingModel.from_identification(self.identification).predictor()
 
     def save(self, path: str | Path) -> None:
         """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
@@ -271,7 +271,7 @@ class Model:
         path = Path(path)
         if path.suffix != ".npz":
             raise DynidentError(f"cannot write {path.name}; the file's ending has to be .npz", pointer=str(path))
-        check_folder(path)
+        check_folder_exists(path)
         path.write_bytes(to_bytes(self.identification))
 
     def plot(self) -> Figure:
@@ -285,13 +285,13 @@ class Model:
         return f"Model({inner}{words})"
 
     def _repr_html_(self) -> str:
-        return block(
-            paragraph(f"Model of {self.robot.name}", strong=True),
-            paragraph(self.summary),
+        return join_html(
+            render_paragraph(f"Model of {self.robot.name}", strong=True),
+            render_paragraph(self.summary),
             self.errors._repr_html_(),
-            listed(self.warnings),
-            folded("parameters", self.parameters._repr_html_()),
-            folded("ladder", self.ladder._repr_html_()),
+            render_list(self.warnings),
+            render_details("parameters", self.parameters._repr_html_()),
+            render_details("ladder", self.ladder._repr_html_()),
         )
 
 
@@ -308,7 +308,7 @@ class Ladder(Sequence[Model], Framed):
 
     def _columns(self) -> Columns:
         models = [model.identification for model in self.items]
-        best_step = best_rung(models)
+        best_step = find_best_step(models)
         rows = []
         for k, identification in enumerate(models):
             errors = (
@@ -319,16 +319,18 @@ class Ladder(Sequence[Model], Framed):
             )
             totals = (None if error is None else error.relative_total for error in errors)
             best, rises = (False, False) if best_step is None else (k == best_step.best, k in best_step.rises)
-            rows.append((k + 1, _whole_change(identification), identification.model.n_parameters, *totals, best, rises))
-        return columns_of(_FRAME_COLUMNS, rows)
+            rows.append(
+                (k + 1, _format_whole_change(identification), identification.model.n_parameters, *totals, best, rises)
+            )
+        return build_columns(_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
         """Draw the errors of every model, in total and joint by joint."""
-        from dynident.reports.figures.ladder import models_figure
+        from dynident.reports.figures.ladder import draw_models
 
-        count = counted(len(self.items), "model")
-        return figure_of(
-            [models_figure([model.identification for model in self.items])], f"errors of {count}, joint by joint"
+        count = format_count(len(self.items), "model")
+        return join_figures(
+            [draw_models([model.identification for model in self.items])], f"errors of {count}, joint by joint"
         )
 
     def __len__(self) -> int:
@@ -345,21 +347,32 @@ class Ladder(Sequence[Model], Framed):
         return Ladder(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        return text_table(f"Ladder({len(self.items)})", _COLUMNS, list(self._rows()), len(self.items), right_from=2)
+        return format_text_table(
+            f"Ladder({len(self.items)})", _COLUMNS, list(self._rows()), len(self.items), right_from=2
+        )
 
     def _repr_html_(self) -> str:
-        return table(_COLUMNS, list(self._rows()), right_from=2)
+        return render_table(_COLUMNS, list(self._rows()), right_from=2)
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
         models = [model.identification for model in self.items]
-        best_step = best_rung(models)
+        best_step = find_best_step(models)
         for k, identification in enumerate(models):
-            held_out = "–" if identification.held_out is None else percent(identification.held_out.relative_total)
-            fit, mark = percent(identification.fit.relative_total), rung_mark(best_step, k, len(models))
-            yield str(k + 1), _change(identification), str(identification.model.n_parameters), fit, held_out, mark
+            held_out = (
+                "–" if identification.held_out is None else format_percent(identification.held_out.relative_total)
+            )
+            fit, mark = format_percent(identification.fit.relative_total), get_step_mark(best_step, k, len(models))
+            yield (
+                str(k + 1),
+                _format_change(identification),
+                str(identification.model.n_parameters),
+                fit,
+                held_out,
+                mark,
+            )
 
 
-def _check_names(recordings: Recordings, names: tuple[str, ...], use: str) -> None:
+def _check_recording_names(recordings: Recordings, names: tuple[str, ...], use: str) -> None:
     if recordings.names != names:
         raise DynidentError(
             f"the model {use} {', '.join(names)}; these recordings are {', '.join(recordings.names) or 'none'}",
@@ -373,19 +386,19 @@ _FRAME_COLUMNS = (
 _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 
-def _whole_change(identification: Identification) -> str:
+def _format_whole_change(identification: Identification) -> str:
     robot = identification.model.robot
     if identification.step.parent is None:
-        return ", ".join(dict.fromkeys(title_of(choice.effect) for choice in identification.choices.effects))
-    added = [_words(choice, robot) for choice in identification.step.added]
-    return ", ".join([*added, *(f"without {_words(choice, robot)}" for choice in identification.step.removed)])
+        return ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in identification.choices.effects))
+    added = [_format_choice(choice, robot) for choice in identification.step.added]
+    return ", ".join([*added, *(f"without {_format_choice(choice, robot)}" for choice in identification.step.removed)])
 
 
-def _change(identification: Identification) -> str:
-    words = _whole_change(identification)
+def _format_change(identification: Identification) -> str:
+    words = _format_whole_change(identification)
     return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
 
 
-def _words(choice: EffectChoice, robot: Robot) -> str:
-    shape = f" ({shape_text(choice)})" if choice.shape else ""
-    return f"{title_of(choice.effect)} on {place_text(choice.joints, robot.joint_names)}{shape}"
+def _format_choice(choice: EffectChoice, robot: Robot) -> str:
+    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
+    return f"{get_effect_title(choice.effect)} on {format_joints(choice.joints, robot.joint_names)}{shape}"

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import overload
 
 from dynident.desk.frames import Columns, Framed
-from dynident.desk.texts import text_table
+from dynident.desk.texts import format_text_table
 from dynident.estimation import Errors
-from dynident.html import block, paragraph, table
+from dynident.html import join_html, render_paragraph, render_table
 from dynident.identification import Identification, IdentifiedParameter
-from dynident.reports.numbers import estimate, number, percent
-from dynident.reports.words import JUDGED
+from dynident.reports.numbers import format_estimate, format_number, format_percent
+from dynident.reports.words import PARAMETER_JUDGEMENTS
 
 _SHOWN = 30
 _LONGEST = 40
@@ -74,14 +74,21 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
 
     def __repr__(self) -> str:
         title = f"Parameters({len(self.items)}; .to_frame() gives all)"
-        return text_table(
-            title, _COLUMNS, [_row(parameter) for parameter in self.items[:_SHOWN]], len(self.items), right_from=2
+        return format_text_table(
+            title,
+            _COLUMNS,
+            [_format_parameter(parameter) for parameter in self.items[:_SHOWN]],
+            len(self.items),
+            right_from=2,
         )
 
     def _repr_html_(self) -> str:
         columns = (*_COLUMNS, "standard parameters")
-        rows = [(*_row(parameter), _shortened(parameter.grouping)) for parameter in self.items]
-        return block(paragraph(f"{len(self.items)} base parameters", strong=True), table(columns, rows, right_from=2))
+        rows = [(*_format_parameter(parameter), _shorten(parameter.grouping)) for parameter in self.items]
+        return join_html(
+            render_paragraph(f"{len(self.items)} base parameters", strong=True),
+            render_table(columns, rows, right_from=2),
+        )
 
 
 @dataclass(frozen=True)
@@ -121,7 +128,7 @@ class ErrorTable(Sequence[JointError], Framed):
     items: tuple[JointError, ...]
 
     @classmethod
-    def of(cls, identification: Identification) -> ErrorTable:
+    def from_identification(cls, identification: Identification) -> ErrorTable:
         """Return the errors of an identified model.
 
         Parameters
@@ -139,9 +146,9 @@ class ErrorTable(Sequence[JointError], Framed):
                     joint.name,
                     joint.effort_unit,
                     float(found.fit.relative[j]),
-                    *_moving(found.fit_moving, j),
+                    *_get_moving_error(found.fit_moving, j),
                     None if found.held_out is None else float(found.held_out.relative[j]),
-                    *_moving(found.held_out_moving, j),
+                    *_get_moving_error(found.held_out_moving, j),
                 )
                 for j, joint in enumerate(found.model.robot.joints)
             )
@@ -165,45 +172,45 @@ class ErrorTable(Sequence[JointError], Framed):
         return ErrorTable(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        rows = [_error_row(joint_error) for joint_error in self.items[:_SHOWN]]
-        return text_table(f"ErrorTable({len(self.items)} joints)", _ERROR_COLUMNS, rows, len(self.items))
+        rows = [_format_joint_error(joint_error) for joint_error in self.items[:_SHOWN]]
+        return format_text_table(f"ErrorTable({len(self.items)} joints)", _ERROR_COLUMNS, rows, len(self.items))
 
     def _repr_html_(self) -> str:
-        return table(_ERROR_COLUMNS, [_error_row(joint_error) for joint_error in self.items])
+        return render_table(_ERROR_COLUMNS, [_format_joint_error(joint_error) for joint_error in self.items])
 
 
 _COLUMNS = ("parameter", "joint", "value", "deviation", "95 % interval", "unit", "determined")
 _ERROR_COLUMNS = ("joint", "fit, moving", "rms", "all rows", "held out, moving", "rms", "all rows")
 
 
-def _row(parameter: IdentifiedParameter) -> tuple[str, ...]:
-    value, deviation = estimate(parameter.value, parameter.standard_deviation)
-    interval = " to ".join(estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
-    judgement = JUDGED[parameter.judgement].words if parameter.essential else "not essential"
+def _format_parameter(parameter: IdentifiedParameter) -> tuple[str, ...]:
+    value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
+    interval = " to ".join(format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
+    judgement = PARAMETER_JUDGEMENTS[parameter.judgement].words if parameter.essential else "not essential"
     return parameter.name, parameter.link, value, deviation, interval, parameter.unit, judgement
 
 
-def _error_row(error: JointError) -> tuple[str, ...]:
-    def rms(value: float | None) -> str:
-        return "–" if value is None else f"{number(value)} {error.unit}"
+def _format_joint_error(error: JointError) -> tuple[str, ...]:
+    def format_rms(value: float | None) -> str:
+        return "–" if value is None else f"{format_number(value)} {error.unit}"
 
     return (
         error.joint,
-        percent(error.fit_moving),
-        rms(error.fit_rms),
-        percent(error.fit),
-        percent(error.held_out_moving),
-        rms(error.held_out_rms),
-        percent(error.held_out),
+        format_percent(error.fit_moving),
+        format_rms(error.fit_rms),
+        format_percent(error.fit),
+        format_percent(error.held_out_moving),
+        format_rms(error.held_out_rms),
+        format_percent(error.held_out),
     )
 
 
-def _moving(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
+def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
     """Return relative error and rms of one joint where it moves; None for both where it never does."""
     if errors is None or not errors.counts[joint]:
         return None, None
     return float(errors.relative[joint]), float(errors.rms[joint])
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

@@ -11,18 +11,18 @@ from functools import cache
 from pathlib import Path
 from typing import Unpack
 
-from dynident.desk.recordings import CheckedRecording, Recordings, Source
-from dynident.desk.robots import DriveGains, with_gains
+from dynident.desk.recordings import CheckedRecording, Recordings, RecordingSource
+from dynident.desk.robots import DriveGains, set_drive_gains
 from dynident.errors import DynidentError
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
-from dynident.recordings.names import readable_path, unique_names
+from dynident.recordings.names import check_readable_path, make_unique_names
 from dynident.recordings.stated import RevisionFields
 from dynident.robot import Robot
 
 # The checks word their remedies for requests over HTTP. These are the same remedies as arguments of Python.
-_REWORDED = (
+_REWORDINGS = (
     (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
     (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
     (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
@@ -43,7 +43,7 @@ def read_recordings(
     drive_gains: DriveGains | None = None,
     metadata: RecordingMetadata | None = None,
     cure: bool = False,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Recordings:
     """Read files of recordings, and check them for common faults.
 
@@ -90,10 +90,10 @@ def read_recordings(
     RecordingError
         Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
     """
-    files = [readable_path(path) for path in paths]
+    files = [check_readable_path(path) for path in paths]
     if not files:
         raise DynidentError("give at least one file to read", title="No such file")
-    machine = robot if drive_gains is None else with_gains(robot, drive_gains)
+    machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
     stated = metadata or RecordingMetadata()
     if columns is not None:
         stated = replace(stated, columns=dict(columns))
@@ -103,26 +103,26 @@ def read_recordings(
         stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
     recordings: list[CheckedRecording] = []
     failures: list[tuple[Path, RecordingError]] = []
-    for index, (path, name) in enumerate(zip(files, unique_names(files), strict=True)):
-        share = part(progress, index / len(files), (index + 1) / len(files))
+    for index, (path, name) in enumerate(zip(files, make_unique_names(files), strict=True)):
+        share = scale_progress(progress, index / len(files), (index + 1) / len(files))
         try:
-            recordings.append(_read(path, machine, replace(stated, name=name), cure=cure, progress=share))
+            recordings.append(_read_recording(path, machine, replace(stated, name=name), cure=cure, progress=share))
         # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
         except RecordingError as error:
             failures.append((path, error))
     if failures:
-        raise _together(failures, len(files)) from failures[0][1]
+        raise _join_errors(failures, len(files)) from failures[0][1]
     return Recordings(tuple(recordings))
 
 
-def _read(
+def _read_recording(
     path: Path,
     robot: Robot,
     metadata: RecordingMetadata,
     *,
     cure: bool = False,
     edits: tuple[Revision, ...] = (),
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> CheckedRecording:
     with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
         destination = Path(file.name)
@@ -132,8 +132,10 @@ def _read(
         destination.unlink(missing_ok=True)
         raise
     _remove_when_unused(read.recording, destination)
-    checks = tuple(replace(check, detail=_reworded(check.detail)) for check in read.checks)
-    return CheckedRecording(read.recording, checks, robot, Source(path, read.metadata, (*edits, *read.revisions)))
+    checks = tuple(replace(check, detail=_reword(check.detail)) for check in read.checks)
+    return CheckedRecording(
+        read.recording, checks, robot, RecordingSource(path, read.metadata, (*edits, *read.revisions))
+    )
 
 
 def revise(
@@ -170,10 +172,10 @@ def revise(
         raise DynidentError(f"{error}; a revision has: {field_names}", title="Nothing to revise") from error
     source = recording.source
     edits = (*source.edits, revision)
-    revised = revision.of(source.metadata)
+    revised = revision.apply_to(source.metadata)
     if revision.name is None:
         revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
-    return _read(source.path, recording.robot, revised, edits=edits)
+    return _read_recording(source.path, recording.robot, revised, edits=edits)
 
 
 @cache
@@ -188,13 +190,13 @@ def _remove_when_unused(recording: Recording, path: Path) -> None:
     weakref.finalize(recording.source, path.unlink, missing_ok=True)
 
 
-def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
+def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
     for path, error in failures:
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
-        further = [f"\n    also {check.name.replace('_', ' ')}: {_reworded(check.detail)}" for check in own]
-        texts.append(f"{path.name}: {_reworded(error.detail)}{''.join(further)}")
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
+        texts.append(f"{path.name}: {_reword(error.detail)}{''.join(further)}")
         checks += error.checks
     _, first = failures[0]
     if len(failures) == 1:
@@ -205,7 +207,7 @@ def _together(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> 
     return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
 
 
-def _reworded(detail: str) -> str:
-    for pattern, words in _REWORDED:
+def _reword(detail: str) -> str:
+    for pattern, words in _REWORDINGS:
         detail = pattern.sub(words, detail)
     return detail

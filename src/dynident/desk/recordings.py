@@ -11,14 +11,14 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.desk.figure import Figure, figure_of
+from dynident.desk.figure import Figure, join_figures
 from dynident.desk.frames import Columns, Framed
 from dynident.errors import DynidentError
-from dynident.html import block, listed, paragraph, table
+from dynident.html import join_html, render_list, render_paragraph, render_table
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
-from dynident.recordings.digest import digest_of
-from dynident.recordings.names import parts_of
-from dynident.recordings.stored import StoredSamples, stored_samples
+from dynident.recordings.digest import compute_digest
+from dynident.recordings.names import split_path
+from dynident.recordings.stored import StoredSamples, load_stored_samples
 from dynident.robot import Robot
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
@@ -27,7 +27,7 @@ _LONGEST = 160
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """The file of a recording and its metadata: as stated at first, and as changed since, in order."""
 
     path: Path
@@ -37,7 +37,7 @@ class Source:
     @property
     def sha256(self) -> str:
         """The hash of the file, "" where it no longer exists."""
-        return digest_of(self.path) if all(part.is_file() for part in parts_of(self.path)) else ""
+        return compute_digest(self.path) if all(part.is_file() for part in split_path(self.path)) else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class CheckedRecording(Framed):
     recording: Recording
     checks: tuple[Check, ...] = ()
     robot: Robot | None = None
-    source: Source | None = None
+    source: RecordingSource | None = None
 
     @property
     def name(self) -> str:
@@ -89,23 +89,25 @@ class CheckedRecording(Framed):
         Recordings((self,)).save(folder)
 
     def _columns(self) -> Columns:
-        samples = self._samples()
+        samples = self._read_samples()
         return Columns(samples.columns, samples.units)
 
     def plot(self) -> Figure:
         """Draw position and torque of every joint over time."""
-        from dynident.reports.figures.recording import recording_figure
+        from dynident.reports.figures.recording import draw_recording
 
         slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
-        return figure_of([recording_figure(self.recording, slides)], f"recording {self.name}")
+        return join_figures([draw_recording(self.recording, slides)], f"recording {self.name}")
 
-    def _samples(self) -> StoredSamples:
-        return stored_samples(self.recording, () if self.robot is None else [joint.kind for joint in self.robot.joints])
+    def _read_samples(self) -> StoredSamples:
+        return load_stored_samples(
+            self.recording, () if self.robot is None else [joint.kind for joint in self.robot.joints]
+        )
 
     def __repr__(self) -> str:
         n_findings = len(self.findings)
         words = f", {n_findings} finding{'s' if n_findings > 1 else ''} (.findings)" if n_findings else ""
-        return f"CheckedRecording({_line(self.recording)}{words})"
+        return f"CheckedRecording({_format_line(self.recording)}{words})"
 
     def _repr_html_(self) -> str:
         return Recordings((self,))._repr_html_()
@@ -166,7 +168,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             unfinished.replace(destination)
 
     def _columns(self) -> Columns:
-        samples = [item._samples() for item in self.items]
+        samples = [item._read_samples() for item in self.items]
         counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
         names = dict.fromkeys(name for recording_samples in samples for name in recording_samples.columns)
         columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat(self.names, counts)}
@@ -186,7 +188,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
         if not self.items:
             raise DynidentError("there is no recording to draw")
         svgs = [item.plot().svg for item in self.items]
-        return figure_of(svgs, f"recordings {', '.join(self.names)}", self.names)
+        return join_figures(svgs, f"recordings {', '.join(self.names)}", self.names)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -215,9 +217,9 @@ class Recordings(Sequence[CheckedRecording], Framed):
         return Recordings(self.items + other.items)
 
     def __repr__(self) -> str:
-        lines = [f"  {_line(item.recording)}" for item in self.items[:_SHOWN]]
+        lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
         lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
-        findings = list(_told(self.items))
+        findings = list(_format_findings(self.items))
         lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
         lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
         return "\n".join([f"Recordings({len(self.items)})", *lines])
@@ -230,16 +232,16 @@ class Recordings(Sequence[CheckedRecording], Framed):
                 f"{item.recording.sampling_rate:.4g} Hz",
                 f"{item.recording.n_samples * item.recording.period:.4g} s",
                 str(len(item.recording.segments)),
-                _windows(item.recording),
+                _format_windows(item.recording),
                 str(len(item.findings)),
             )
             for item in self.items
         ]
         columns = ("recording", "samples", "rate", "duration", "runs", "windows", "findings")
-        return block(
-            paragraph(f"{len(self.items)} recording{'' if len(self.items) == 1 else 's'}", strong=True),
-            table(columns, rows),
-            listed(text.strip() for text in _told(self.items)),
+        return join_html(
+            render_paragraph(f"{len(self.items)} recording{'' if len(self.items) == 1 else 's'}", strong=True),
+            render_table(columns, rows),
+            render_list(text.strip() for text in _format_findings(self.items)),
         )
 
 
@@ -267,10 +269,10 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
         return recordings
     # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
     items = [recordings] if isinstance(recordings, (CheckedRecording, Recording, str)) else list(recordings)
-    return Recordings(tuple(_checked(item) for item in items))
+    return Recordings(tuple(_to_checked(item) for item in items))
 
 
-def _checked(item: object) -> CheckedRecording:
+def _to_checked(item: object) -> CheckedRecording:
     if isinstance(item, CheckedRecording):
         return item
     if isinstance(item, Recording):
@@ -280,21 +282,21 @@ def _checked(item: object) -> CheckedRecording:
     )
 
 
-def _line(recording: Recording) -> str:
+def _format_line(recording: Recording) -> str:
     runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
-    used = f"; used: {_windows(recording)}" if recording.windows else ""
+    used = f"; used: {_format_windows(recording)}" if recording.windows else ""
     return (
         f"{recording.name}: {recording.n} joints, {recording.n_samples} samples at {recording.sampling_rate:.4g} Hz, "
         f"{recording.n_samples * recording.period:.4g} s{runs}{used}"
     )
 
 
-def _windows(recording: Recording) -> str:
+def _format_windows(recording: Recording) -> str:
     texts = [f"{start:g} to {end:g} s" for start, end in recording.windows]
     return ", ".join(texts if len(texts) <= _SHOWN else [*texts[:_SHOWN], "…"]) or "all"
 
 
-def _told(items: Iterable[CheckedRecording]) -> Iterator[str]:
+def _format_findings(items: Iterable[CheckedRecording]) -> Iterator[str]:
     for item in items:
         for check in item.findings:
             yield f"  {_MARKS[check.status]} {item.name}, {check.name.replace('_', ' ')}: {check.detail}"

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from dynident.desk.designing import DesignedMotion
 from dynident.desk.diagnosing import DiagnosedModel
-from dynident.desk.figure import check_folder
+from dynident.desk.figure import check_folder_exists
 from dynident.desk.model import Model
 from dynident.desk.validating import Validations
 from dynident.diagnosis import compare
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
-from dynident.progress import Progress, part, silent
-from dynident.reports import ReportedRun, ReportedValidation
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.reports import ReportedRecording, ReportedValidation
 
 _ENDINGS = (".html", ".htm", ".pdf")
 
@@ -43,11 +43,11 @@ class Report:
         if path.suffix not in _ENDINGS:
             detail = f"cannot write {path.name}; the file's ending has to be .html or .pdf"
             raise DynidentError(detail, pointer=str(path))
-        check_folder(path)
+        check_folder_exists(path)
         if path.suffix == ".pdf":
-            from dynident.reports import pdf_of
+            from dynident.reports import render_pdf
 
-            path.write_bytes(pdf_of(self.html))
+            path.write_bytes(render_pdf(self.html))
         else:
             path.write_bytes(encode_text(self.html))
 
@@ -67,7 +67,7 @@ def report(
     validations: Validations | None = None,
     design: DesignedMotion | None = None,
     title: str = "",
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Report:
     """Report everything about a model on one page: errors, figures, parameters, data.
 
@@ -100,10 +100,10 @@ def report(
     all_recordings = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
     runs = []
     for index, (item, held_out) in enumerate(all_recordings):
-        share = part(progress, 0.8 * index / len(all_recordings), 0.8 * (index + 1) / len(all_recordings))
+        share = scale_progress(progress, 0.8 * index / len(all_recordings), 0.8 * (index + 1) / len(all_recordings))
         comparison = compare(model.identification, item.recording, share)
         origin = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)
-        runs.append(ReportedRun(item.recording, comparison, held_out, item.checks, *origin))
+        runs.append(ReportedRecording(item.recording, comparison, held_out, item.checks, *origin))
     heading = title or f"Identification of {model.robot.name}"
     page = html_report(
         model.identification,

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any, cast
 
 from dynident.descriptions import FORMATS, DescriptionFormat
-from dynident.desk.xacro_files import expanded
+from dynident.desk.xacro_files import expand_xacro
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
-from dynident.robot.pointers import listed
-from dynident.robot.xml_text import root_element
+from dynident.robot.pointers import join_names
+from dynident.robot.xml_text import read_root
 
-_TITLE = "Unusable robot"
+_ROBOT_TITLE = "Unusable robot"
 _FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
 _CONTENT = "/description/content"
-_DRIVE = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
+_DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
 
 DriveGains = Mapping[str, float] | Sequence[float]
 """Drive gains [12.17] in N m (N) per unit of current: by joint, or one a joint in the robot's order."""
@@ -72,11 +72,11 @@ def load_robot(
         "locked_joints": dict(locked_joints or {}),
         "gravity": None if gravity is None else tuple(gravity),
     }
-    robot = _read(source, name, stated)
-    return robot if drive_gains is None else with_gains(robot, drive_gains)
+    robot = _read_robot(source, name, stated)
+    return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
 
 
-def with_gains(robot: Robot, gains: DriveGains) -> Robot:
+def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
     """Return a robot with other drive gains; the couplings of its motors stay.
 
     Parameters
@@ -100,43 +100,43 @@ def with_gains(robot: Robot, gains: DriveGains) -> Robot:
                 f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one each, or a "
                 "mapping of joint names to gains",
                 pointer="drive_gains",
-                title=_TITLE,
+                title=_ROBOT_TITLE,
             )
         gains = dict(zip(robot.joint_names, gains, strict=True))
     for joint in gains:
         if joint not in robot.joint_names:
             detail = f"there is no joint {joint!r}; the robot has: {', '.join(robot.joint_names)}"
-            raise DynidentError(detail, pointer="drive_gains", title=_TITLE)
+            raise DynidentError(detail, pointer="drive_gains", title=_ROBOT_TITLE)
     pairs = zip(robot.joint_names, robot.drives, strict=True)
     changed = (Drive(float(gains[n]), coupling=drive.coupling) if n in gains else drive for n, drive in pairs)
     return replace(robot, drives=tuple(changed))
 
 
-def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
+def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
     path = Path(source)
     if not path.is_file():
-        arm = _known(str(source))
+        arm = _find_known_arm(str(source))
         return robot_from_description(name or arm.name, arm.description, **stated)
-    content = _text_of(path)
+    content = _read_text(path)
     place_of_content = _CONTENT
     try:
         # The content decides on the format: the endings of such files are used for several formats.
         if content.lstrip().startswith("<"):
-            root = root_element(content)
+            root = read_root(content)
             is_mjcf = root is not None and root.tag == "mujoco"
             robot_name = (
                 name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
             )
             if is_mjcf:
                 return robot_from_description(robot_name, Description("mjcf", content), **stated)
-            return robot_from_description(robot_name, Description("urdf", expanded(path, content)), **stated)
+            return robot_from_description(robot_name, Description("urdf", expand_xacro(path, content)), **stated)
         if not content.lstrip().startswith(("{", "[")):
-            return _from_table(name or path.stem, content, stated)
-        document = _parsed(content)
+            return _robot_from_table(name or path.stem, content, stated)
+        document = _parse_document(content)
         if not (isinstance(document, dict) and "description" in document):
             return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
         place_of_content = ""
-        return _from_document(document, name or str(document.get("name") or path.stem), stated)
+        return _robot_from_document(document, name or str(document.get("name") or path.stem), stated)
     except DynidentError as error:
         # Where the file is the description itself, the pointer's first part would name a place that is not in it.
         place = error.pointer.removeprefix(place_of_content)
@@ -145,7 +145,7 @@ def _read(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
         raise
 
 
-def _from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
+def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
     try:
         return robot_from_description(name, Description("dh", content), **stated)
     except DynidentError as error:
@@ -155,14 +155,14 @@ def _from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
         raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
 
 
-def _parsed(content: str) -> Any:
+def _parse_document(content: str) -> Any:
     try:
-        return parse_json(content, "", _TITLE)
+        return parse_json(content, "", _ROBOT_TITLE)
     except DynidentError as error:
         raise DynidentError(f"this is neither XML (URDF, MJCF) nor JSON: {error.detail}", title=error.title) from error
 
 
-def _known(name: str) -> Robot:
+def _find_known_arm(name: str) -> Robot:
     if name in library_names():
         return robot_from_library(name)
     raise DynidentError(
@@ -171,71 +171,82 @@ def _known(name: str) -> Robot:
     )
 
 
-def _text_of(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_TITLE) from error
+        raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_ROBOT_TITLE) from error
 
 
-def _from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
+def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
     """Return a robot from the body of a request; the stated arguments take precedence."""
-    expect_mapping(document, _FIELDS, "", _TITLE)
-    limits = {joint: _limits(value, f"/limits/{joint}") for joint, value in _object(document, "limits").items()}
+    expect_mapping(document, _FIELDS, "", _ROBOT_TITLE)
+    limits = {
+        joint: _parse_limits(value, f"/limits/{joint}") for joint, value in _get_object(document, "limits").items()
+    }
     for joint, stated_limits in stated["limits"].items():
         stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
         limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
-    drives = {joint: _drive(value, f"/drives/{joint}") for joint, value in _object(document, "drives").items()}
+    drives = {
+        joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
+    }
     locked = {
-        joint: expect_number(value, f"/locked_joints/{joint}", _TITLE)
-        for joint, value in _object(document, "locked_joints").items()
+        joint: expect_number(value, f"/locked_joints/{joint}", _ROBOT_TITLE)
+        for joint, value in _get_object(document, "locked_joints").items()
     }
     gravity = document.get("gravity")
     return robot_from_description(
         name,
-        _description(document["description"]),
+        _parse_description(document["description"]),
         limits=limits,
         drives={**drives, **stated["drives"]},
         locked_joints={**locked, **stated["locked_joints"]},
-        gravity=stated["gravity"] or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _TITLE)),
+        gravity=stated["gravity"]
+        or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
     )
 
 
-def _object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
+def _get_object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
     value = document.get(field) or {}
     if not isinstance(value, Mapping):
-        raise DynidentError("Expected an object with one entry a joint.", pointer=f"/{field}", title=_TITLE)
+        raise DynidentError("Expected an object with one entry a joint.", pointer=f"/{field}", title=_ROBOT_TITLE)
     return value
 
 
-def _description(value: object) -> Description:
-    fields = expect_mapping(value, ("format", "content"), "/description", _TITLE)
+def _parse_description(value: object) -> Description:
+    fields = expect_mapping(value, ("format", "content"), "/description", _ROBOT_TITLE)
     form = fields.get("format")
     if form not in FORMATS.names:
-        raise DynidentError(f"Expected {listed(FORMATS.names)}.", pointer="/description/format", title=_TITLE)
+        raise DynidentError(f"Expected {join_names(FORMATS.names)}.", pointer="/description/format", title=_ROBOT_TITLE)
     content = fields.get("content")
     if form == "modified_dh" and isinstance(content, (dict, list)):
         content = json.dumps(content)
-    return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _TITLE))
+    return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _ROBOT_TITLE))
 
 
-def _limits(value: object, pointer: str) -> Limits:
+def _parse_limits(value: object, pointer: str) -> Limits:
     names = tuple(asdict(Limits()))
-    fields = {k: v for k, v in expect_mapping(value, names, pointer, _TITLE).items() if v is not None}
+    fields = {k: v for k, v in expect_mapping(value, names, pointer, _ROBOT_TITLE).items() if v is not None}
     position = fields.pop("position", None)
-    numbers: dict[str, Any] = {key: expect_number(item, f"{pointer}/{key}", _TITLE) for key, item in fields.items()}
+    numbers: dict[str, Any] = {
+        key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()
+    }
     limits = replace(Limits(), **numbers)
     if position is None:
         return limits
-    low, high = expect_numbers(position, 2, f"{pointer}/position", _TITLE)
+    low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
     return replace(limits, position=(low, high))
 
 
-def _drive(value: object, pointer: str) -> Drive:
-    fields = {k: v for k, v in expect_mapping(value, _DRIVE, pointer, _TITLE).items() if v is not None}
+def _parse_drive(value: object, pointer: str) -> Drive:
+    fields = {k: v for k, v in expect_mapping(value, _DRIVE_FIELDS, pointer, _ROBOT_TITLE).items() if v is not None}
     coupling = fields.pop("coupling", {})
     if not isinstance(coupling, Mapping):
-        raise DynidentError("Expected an object of joints and numbers.", pointer=f"{pointer}/coupling", title=_TITLE)
-    shares = {joint: expect_number(item, f"{pointer}/coupling/{joint}", _TITLE) for joint, item in coupling.items()}
-    numbers = {key: expect_number(item, f"{pointer}/{key}", _TITLE) for key, item in fields.items()}
+        raise DynidentError(
+            "Expected an object of joints and numbers.", pointer=f"{pointer}/coupling", title=_ROBOT_TITLE
+        )
+    shares = {
+        joint: expect_number(item, f"{pointer}/coupling/{joint}", _ROBOT_TITLE) for joint, item in coupling.items()
+    }
+    numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
     return Drive(**numbers, coupling=shares)

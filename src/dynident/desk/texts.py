@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def text_table(
+def format_text_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], count: int, *, right_from: int = 1
 ) -> str:
     """Return a title and a table as plain text.
@@ -30,14 +30,12 @@ def text_table(
     widths = [max(len(row[k]) for row in all_rows) for k in range(len(columns))]
     lines = [
         "  "
-        + "  ".join(
-            _padded(text, width, k >= right_from) for k, (text, width) in enumerate(zip(row, widths, strict=True))
-        )
+        + "  ".join(_pad(text, width, k >= right_from) for k, (text, width) in enumerate(zip(row, widths, strict=True)))
         for row in all_rows
     ]
     rest = [f"  … and {count - len(rows)} more"] if count > len(rows) else []
     return "\n".join([title, *(line.rstrip() for line in lines), *rest])
 
 
-def _padded(text: str, width: int, right: bool) -> str:
+def _pad(text: str, width: int, right: bool) -> str:
     return text.rjust(width) if right else text.ljust(width)

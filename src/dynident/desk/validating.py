@@ -9,15 +9,15 @@ from typing import overload
 from dynident.desk.identifying import as_model
 from dynident.desk.model import Model
 from dynident.desk.recordings import SomeRecordings, as_recordings
-from dynident.desk.texts import text_table
-from dynident.html import block, paragraph, table
+from dynident.desk.texts import format_text_table
+from dynident.html import join_html, render_paragraph, render_table
 from dynident.identification import Identification
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.validation import (
     LARGEST_ERROR,
-    Judged,
+    ValidationOutcome,
     Verdict,
-    together,
+    combine_verdicts,
     validate_cross,
     validate_direct,
     validate_inertia_matrix,
@@ -49,7 +49,7 @@ class Validations(Sequence[Validation]):
     @property
     def verdict(self) -> Verdict:
         """The result of all tests: fail if one of them fails."""
-        return together([(validation.title, validation.judged) for validation in self.items]).verdict
+        return combine_verdicts([(validation.title, validation.judged) for validation in self.items]).verdict
 
     def __len__(self) -> int:
         return len(self.items)
@@ -65,11 +65,12 @@ class Validations(Sequence[Validation]):
         return Validations(self.items[index]) if isinstance(index, slice) else self.items[index]
 
     def __repr__(self) -> str:
-        return text_table(f"Validations({self.verdict})", _COLUMNS, self._rows(), len(self.items), right_from=3)
+        return format_text_table(f"Validations({self.verdict})", _COLUMNS, self._rows(), len(self.items), right_from=3)
 
     def _repr_html_(self) -> str:
-        return block(
-            paragraph(f"Validations: {_WORDS[self.verdict]}", strong=True), table(_COLUMNS, self._rows(), right_from=3)
+        return join_html(
+            render_paragraph(f"Validations: {_WORDS[self.verdict]}", strong=True),
+            render_table(_COLUMNS, self._rows(), right_from=3),
         )
 
     def _rows(self) -> list[tuple[str, ...]]:
@@ -82,7 +83,7 @@ def validate(
     *,
     limit: float = LARGEST_ERROR,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Validations:
     """Test a model on its own recordings, on others, and its inertia matrix over the whole joint range (§12.7).
 
@@ -112,15 +113,15 @@ def validate(
     desk_model = as_model(model)
     held_out = desk_model.validation if validation is None else as_recordings(validation)
     identification = desk_model.identification
-    no_data = Judged("not_evaluated", "There are no such recordings.")
+    no_data = ValidationOutcome("not_evaluated", "There are no such recordings.")
     direct = cross = no_data
     if desk_model.recordings:
         direct = validate_direct(
-            identification, desk_model.recordings.recordings, limit, part(progress, 0.0, 0.3)
+            identification, desk_model.recordings.recordings, limit, scale_progress(progress, 0.0, 0.3)
         ).judged
     if held_out:
-        cross = validate_cross(identification, held_out.recordings, limit, part(progress, 0.3, 0.6)).judged
-    inertia = validate_inertia_matrix(identification, seed=seed, progress=part(progress, 0.6, 1.0)).judged
+        cross = validate_cross(identification, held_out.recordings, limit, scale_progress(progress, 0.3, 0.6)).judged
+    inertia = validate_inertia_matrix(identification, seed=seed, progress=scale_progress(progress, 0.6, 1.0)).judged
     return Validations(
         (
             Validation("direct", direct, "direct: on the identification's own data"),

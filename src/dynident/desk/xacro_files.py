@@ -12,15 +12,15 @@ from types import ModuleType
 from typing import Any
 
 from dynident.errors import DynidentError
-from dynident.extras import install_hint
+from dynident.extras import format_install_hint
 from dynident.robot.packages import find_package
 
-_TITLE = "Unusable xacro"
-_USED = re.compile(r"<\s*xacro:|\$\{|\$\(")
+_XACRO_TITLE = "Unusable xacro"
+_XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
 _ROS_INDEX = "ament_index_python"
 
 
-def expanded(path: Path, content: str) -> str:
+def expand_xacro(path: Path, content: str) -> str:
     """Return the URDF of a file: its content, expanded where it is xacro.
 
     Included files are read from the folder of the file, those of packages from the folders above it or where the ROS
@@ -41,19 +41,19 @@ def expanded(path: Path, content: str) -> str:
     DynidentError
         The package xacro is not installed, or it cannot expand the file.
     """
-    if not _USED.search(content):
+    if not _XACRO_SYNTAX.search(content):
         return content
     try:
         import xacro
     except ModuleNotFoundError as missing:
         raise DynidentError(
             "this is xacro, which is expanded with the package xacro, and that is not installed: "
-            f"{install_hint('xacro')}; or expand it first (xacro robot.xacro > robot.urdf)",
+            f"{format_install_hint('xacro')}; or expand it first (xacro robot.xacro > robot.urdf)",
             pointer=str(path),
-            title=_TITLE,
+            title=_XACRO_TITLE,
         ) from missing
     try:
-        with _packages_found_near(path):
+        with _find_packages_near(path):
             return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
     except Exception as error:  # xacro raises many kinds of errors, all about the file
         cause: Any = error
@@ -61,7 +61,7 @@ def expanded(path: Path, content: str) -> str:
         while getattr(cause, "exc", None) is not None and not isinstance(cause, _PackageNotFound):
             cause = cause.exc
         reason = str(cause if isinstance(cause, _PackageNotFound) else error).strip() or type(error).__name__
-        raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_TITLE) from error
+        raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_XACRO_TITLE) from error
 
 
 class _PackageNotFound(Exception):
@@ -69,13 +69,13 @@ class _PackageNotFound(Exception):
 
 
 @contextmanager
-def _packages_found_near(path: Path) -> Iterator[None]:
+def _find_packages_near(path: Path) -> Iterator[None]:
     """Let xacro's $(find package) search near a file, where ROS is not installed or does not know the package.
 
     xacro asks the ROS package `ament_index_python`, which is on no package index; a stand-in replaces it meanwhile.
     """
     replaced = {name: sys.modules.get(name) for name in (_ROS_INDEX, f"{_ROS_INDEX}.packages")}
-    ask_ros = _ros_index()
+    ask_ros = _get_ros_index()
 
     def get_package_share_directory(name: str) -> str:
         folder = find_package(name, path)
@@ -103,7 +103,7 @@ def _packages_found_near(path: Path) -> Iterator[None]:
                 sys.modules[name] = module
 
 
-def _ros_index() -> Any:
+def _get_ros_index() -> Any:
     try:
         return import_module(f"{_ROS_INDEX}.packages").get_package_share_directory
     except ImportError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
@@ -61,4 +61,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.changed_values import Estimates, changes_at
-from dynident.diagnosis.comparing.content import common_content
+from dynident.diagnosis.changed_values import Estimates, yield_changes
+from dynident.diagnosis.comparing.content import find_overlaps
 from dynident.diagnosis.result import Change, FrictionDifference, RankedEffect
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import effect_by_id
-from dynident.effects.catalogue import is_change
+from dynident.effects import get_effect
+from dynident.effects.catalogue import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, identify_model
 from dynident.identification.choices import PriorName
 from dynident.identification.equations.checks import check_runs, check_temperature
-from dynident.identification.equations.data import motions_and_friction
-from dynident.progress import Progress, silent
+from dynident.identification.equations.data import split_friction_tests
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
 
 
-def together(
+def identify_on_both(
     identification: Identification,
     baseline: Sequence[Recording],
     recordings: Sequence[Recording],
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> tuple[Identification, tuple[Recording, ...], tuple[str, ...]]:
     """Identify the model on both sets of recordings as if nothing had changed.
 
@@ -49,18 +49,18 @@ def together(
     DynidentError
         Where one of the two sets is nothing but such tests, or a recording is in both.
     """
-    later = motions_and_friction(recordings)[0]
+    later = split_friction_tests(recordings)[0]
     try:
-        earlier = motions_and_friction(baseline)[0]
+        earlier = split_friction_tests(baseline)[0]
     except DynidentError as error:
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
-    _check_apart(earlier, later)
+    _check_no_copies(earlier, later)
     earlier_names = {recording.name for recording in earlier}
     renamed = [
         replace(recording, name=f"{recording.name} (later)") if recording.name in earlier_names else recording
         for recording in later
     ]
-    since = tuple(dict.fromkeys(label for recording in renamed for label in recording.run_labels))
+    since = tuple(dict.fromkeys(label for recording in renamed for label in recording.segment_names))
     everything = (*earlier, *renamed)
     effects = identification.choices.effects
     check_temperature(effects, everything, ())
@@ -69,7 +69,12 @@ def together(
         identification.model,
         everything,
         (),
-        replace(identification.choices, strategy="global", estimator="wls", prior=_kept(identification.choices.prior)),
+        replace(
+            identification.choices,
+            strategy="global",
+            estimator="wls",
+            prior=_select_prior(identification.choices.prior),
+        ),
         identification.preprocessing,
         identification.estimate.next_reference(),
         progress,
@@ -77,9 +82,9 @@ def together(
     return both, everything, since
 
 
-def _check_apart(earlier: Sequence[Recording], later: Sequence[Recording]) -> None:
+def _check_no_copies(earlier: Sequence[Recording], later: Sequence[Recording]) -> None:
     """Raise where the same samples are in both sets: a recording does not differ from itself."""
-    copies = [overlap for overlap in common_content(earlier, later) if overlap.kind == "copied"]
+    copies = [overlap for overlap in find_overlaps(earlier, later) if overlap.kind == "copied"]
     if copies:
         details = "; ".join(
             f"{overlap.held_out} is on both sides (the samples are those of {overlap.fitted})" for overlap in copies
@@ -91,12 +96,12 @@ def _check_apart(earlier: Sequence[Recording], later: Sequence[Recording]) -> No
         )
 
 
-def _kept(prior: PriorName | None) -> PriorName | None:
+def _select_prior(prior: PriorName | None) -> PriorName | None:
     """Return the prior to use: the entropic one goes with the feasible estimator alone, so numbers replace it."""
     return None if prior is None else "description"
 
 
-def changes_of(
+def list_changes(
     grown: Identification, picks: Sequence[Finding], ranked: Sequence[RankedEffect], since: tuple[str, ...]
 ) -> tuple[Change, ...]:
     """List the findings that only the later runs have, joint by joint, with their values in the final model.
@@ -112,28 +117,28 @@ def changes_of(
     -------
     tuple of Change
     """
-    estimates = Estimates.of(grown)
+    estimates = Estimates.from_identification(grown)
     changes: list[Change] = []
     for pick, ranked_effect in zip(picks, ranked, strict=True):
-        if is_change(ranked_effect.choice, since):
-            changes += changes_at(estimates, pick, ranked_effect)
+        if is_lasting_change(ranked_effect.choice, since):
+            changes += yield_changes(estimates, pick, ranked_effect)
     return tuple(changes)
 
 
-def summary_of(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
+def word_changes(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
     """Word what changed in a sentence, and how much friction may have changed without being seen."""
-    bound = _bound_of({joint for change in changes for joint in change.choice.joints}, friction)
+    bound = _word_friction_bound({joint for change in changes for joint in change.choice.joints}, friction)
     if not changes:
         return f"Nothing that these recordings can show has changed since the baseline.{bound}"
     parts = [
-        f"{effect_by_id(change.choice.effect).title}{f' on {change.choice.joints[0]}' if change.choice.joints else ''} "
+        f"{get_effect(change.choice.effect).title}{f' on {change.choice.joints[0]}' if change.choice.joints else ''} "
         f"({change.main.parameter} {change.main.value:+.3g}{'' if change.main.unit == '-' else f' {change.main.unit}'})"
         for change in changes
     ]
     return f"Since the baseline this has changed: {'; '.join(parts)}.{bound}"
 
 
-def _bound_of(changed: Collection[str], friction: Sequence[FrictionDifference]) -> str:
+def _word_friction_bound(changed: Collection[str], friction: Sequence[FrictionDifference]) -> str:
     """Word the least and the most that friction of unchanged joints may differ by."""
     bounds = sorted(
         (max(abs(end) for end in difference.interval) / difference.before, difference.joint)

@@ -11,36 +11,42 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
-from dynident.diagnosis.changes import changes_of, summary_of, together
+from dynident.diagnosis.changes import identify_on_both, list_changes, word_changes
 from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.comparing.noise import sensor_noise
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
-from dynident.diagnosis.doubts import Doubt, doubts_of
-from dynident.diagnosis.friction_since import friction_since, with_friction_differences
-from dynident.diagnosis.residuals.failure_map import failure_map
-from dynident.diagnosis.residuals.leads import find_leads
-from dynident.diagnosis.residuals.patterns import unknown_patterns
-from dynident.diagnosis.residuals.resolution import resolution
+from dynident.diagnosis.doubts import Doubt, list_doubts
+from dynident.diagnosis.friction_since import add_friction_differences, compute_friction_differences
+from dynident.diagnosis.residuals.failure_map import build_failure_map
+from dynident.diagnosis.residuals.leads import propose_shapes
+from dynident.diagnosis.residuals.patterns import find_unknown_patterns
+from dynident.diagnosis.residuals.resolution import compute_resolution
 from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
-from dynident.diagnosis.search.refine import refined
-from dynident.diagnosis.search.search import search
-from dynident.diagnosis.search.source import Source
-from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
-from dynident.diagnosis.search.sticking import held_at_rest
+from dynident.diagnosis.search.refine import refine_findings
+from dynident.diagnosis.search.search import search_findings
+from dynident.diagnosis.search.source import RecordedSource
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.sticking import find_static_friction
 from dynident.diagnosis.search.transients import find_contacts
-from dynident.diagnosis.search.unseen import nothing_left, too_uncertain
+from dynident.diagnosis.search.unseen import find_invisible, find_too_uncertain
 from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS, check_candidates
-from dynident.diagnosis.words import UNDETERMINED, over_noise, rank_all, summary, verdict_of
-from dynident.diagnosis.wrong_names import found_beside, helps_only_at_first, misnamed
-from dynident.effects import EffectChoice, effect_by_id
-from dynident.effects.catalogue import is_change
+from dynident.diagnosis.words import (
+    UNDETERMINED,
+    compute_residual_over_noise,
+    rank_effects,
+    select_verdict,
+    word_summary,
+)
+from dynident.diagnosis.wrong_names import find_dependent_findings, find_misnamed, is_only_helpful_at_first
+from dynident.effects import EffectChoice, get_effect
+from dynident.effects.catalogue import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, reidentify
-from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.equations.data import split_friction_tests
 from dynident.identification.study.extending import extend_at_once
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.recordings.poses import is_of_poses
+from dynident.recordings.poses import has_poses
 from dynident.threads import single_threaded
 
 _AT_FIRST = (
@@ -71,7 +77,7 @@ def diagnose(
     baseline: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Diagnosis:
     """Find the effects that are missing in an identified model.
 
@@ -118,7 +124,7 @@ def examine(
     baseline: Sequence[Recording] = (),
     candidates: Sequence[str] | None = None,
     most_effects: int = DEFAULT_MOST_EFFECTS,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Examination:
     """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
 
@@ -137,80 +143,80 @@ def examine(
         For recordings of poses at rest, in which nothing that is missing shows.
     """
     check_candidates(candidates or ())
-    if any(is_of_poses(recording) for recording in (*recordings, *baseline)):
+    if any(has_poses(recording) for recording in (*recordings, *baseline)):
         raise DynidentError(
             "poses at rest show gravity and constant torques, which the model has; what is missing shows in motion: "
             "record one, and identify from it",
             pointer="/measurement_ids",
             title="Poses at rest",
         )
-    recordings, _ = motions_and_friction(recordings)
+    recordings, _ = split_friction_tests(recordings)
     since: tuple[str, ...] = ()
     n_later = len(recordings)
     if baseline:
-        identification, recordings, since = together(identification, baseline, recordings)
-    identification = _evenly(identification)
+        identification, recordings, since = identify_on_both(identification, baseline, recordings)
+    identification = _reidentify_unweighted(identification)
     # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
     # taken out before anything else.
     undisturbed = leave_out_disturbances(identification, recordings)
     identification, recordings = undisturbed.identification, undisturbed.recordings
     model = identification.model
-    comparisons = [compare(identification, recording, part(progress, 0.0, 0.1)) for recording in recordings]
-    resolved = resolution(comparisons, identification.preprocessing)
-    leads = find_leads(comparisons, recordings, identification, since)
+    comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
+    resolved = compute_resolution(comparisons, identification.preprocessing)
+    leads = propose_shapes(comparisons, recordings, identification, since)
     pool = build_pool(model, candidates, leads, resolved)
-    floor = sensor_noise(recordings, identification.preprocessing)
+    floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
-    rows = Source(model, tuple(recordings), identification.preprocessing, reference)
-    data = rows.products(pool, part(progress, 0.1, 0.5))
-    start = _start(data, pool, identification, floor)
-    first = judge_all(data, pool, start.base, pool.at_first, start.noise)
+    rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
+    start = _build_start_state(data, pool, identification, floor)
+    first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
     # First the best candidates of a coarse grid, then their shape constants, on all rows.
-    picks, given_up = search(data, pool, start, first, most_effects, rows, part(progress, 0.5, 0.8))
-    picks, recommended = refined(
-        identification, picks, recordings, reference, resolved, floor, since, part(progress, 0.8, 0.9)
+    picks, given_up = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    picks, recommended = refine_findings(
+        identification, picks, recordings, reference, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
     )
     # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
     # more in that model.
-    grown, undetermined = _grown(identification, recommended, recordings, part(progress, 0.9, 1.0))
-    picks, recommended = _without(picks, recommended, list(undetermined))
-    final = _compared(identification, grown, recordings, comparisons)
-    unknown = unknown_patterns(final)
+    grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
+    picks, recommended = _drop_findings(picks, recommended, list(undetermined))
+    final = _compare_extended(identification, grown, recordings, comparisons)
+    unknown = find_unknown_patterns(final)
     # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
     # it.
-    wrong = misnamed(picks, recommended, unknown, final)
+    wrong = find_misnamed(picks, recommended, unknown, final)
     if wrong:
-        picks, recommended = _without(picks, recommended, [*wrong, *found_beside(picks, wrong, first)])
-        grown, _ = _grown(identification, recommended, recordings, silent)
-        final = _compared(identification, grown, recordings, comparisons)
-        unknown = unknown_patterns(final)
+        picks, recommended = _drop_findings(picks, recommended, [*wrong, *find_dependent_findings(picks, wrong, first)])
+        grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
+        final = _compare_extended(identification, grown, recordings, comparisons)
+        unknown = find_unknown_patterns(final)
     # Of two days, halts would have to be asked apart.
     if not baseline:
-        grown, final, held = held_at_rest(grown, recordings, final, candidates)
+        grown, final, held = find_static_friction(grown, recordings, final, candidates)
         picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
-        unknown = unknown_patterns(final) if held else unknown
-    residual = _rms(final)
+        unknown = find_unknown_patterns(final) if held else unknown
+    residual = _compute_rms(final)
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
-    ranked = rank_all((*contacts, *picks), first, (*pushes, *recommended))
+    ranked = rank_effects((*contacts, *picks), first, (*pushes, *recommended))
     unknown = (*undisturbed.unexplained_patterns, *unknown)
     changes: tuple[Change, ...] | None = None
     friction: tuple[FrictionDifference, ...] = ()
     if baseline:
-        grown = with_friction_differences(grown, since, recordings)
+        grown = add_friction_differences(grown, since, recordings)
         # The contacts stand first in the ranking, and are no changes of the robot.
-        changes = changes_of(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
-        friction = friction_since(grown, since, final[-n_later:])
+        changes = list_changes(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
+        friction = compute_friction_differences(grown, since, final[-n_later:])
     # What changed is no part of the model: that is of both sets of recordings.
-    missing = (*pushes, *(choice for choice in recommended if not is_change(choice, since)))
-    verdict = verdict_of(missing, unknown, over_noise(final, floor))
-    lasting_effects = [ranked_effect for ranked_effect in ranked if not is_change(ranked_effect.choice, since)]
-    hidden = (*undetermined.values(), *nothing_left(first))
-    sentences = [*undisturbed.sentences, summary(verdict, lasting_effects, unknown, residual, floor, model)]
+    missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
+    verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
+    lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
+    hidden = (*undetermined.values(), *find_invisible(first))
+    sentences = [*undisturbed.sentences, word_summary(verdict, lasting_effects, unknown, residual, floor, model)]
     if given_up:
         sentences.append(UNDETERMINED)
     if changes is not None:
-        sentences.insert(0, summary_of(changes, friction))
+        sentences.insert(0, word_changes(changes, friction))
     progress(1.0, "diagnosed")
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -220,16 +226,16 @@ def examine(
         candidates=ranked,
         recommended=missing,
         unknown=unknown,
-        not_visible=hidden + too_uncertain(data, pool, start.base, picks, hidden),
-        failure_map=failure_map(comparisons),
+        not_visible=hidden + find_too_uncertain(data, pool, start.base, picks, hidden),
+        failure_map=build_failure_map(comparisons),
         changes=changes,
         friction=friction,
     )
-    doubts = doubts_of(picks, recommended, hidden, model.robot, first, candidates or ())
+    doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
     return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
 
 
-def _evenly(identification: Identification) -> Identification:
+def _reidentify_unweighted(identification: Identification) -> Identification:
     """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
 
     Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
@@ -243,22 +249,22 @@ def _evenly(identification: Identification) -> Identification:
     return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
 
 
-def _start(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
+def _build_start_state(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
     """Return the state that the search starts from: the model with the contacts that disturb it."""
     base, noise = tuple(range(pool.n_base)), identification.noise
     picks = find_contacts(data, pool, base, noise, identification.preprocessing)
     for finding in picks:
         base += finding.columns
-    return State(base, noise_left(data, base) if picks else noise, floor, picks, pool.since)
+    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since)
 
 
-def _rms(comparisons: Sequence[Comparison]) -> FloatArray:
-    squares = np.sum([(c.told**2).sum(axis=0) for c in comparisons], axis=0)
-    counts = np.sum([c.telling.sum(axis=0) for c in comparisons], axis=0)
+def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
+    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
+    counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
 
 
-def _grown(
+def _extend_model(
     identification: Identification,
     recommended: Sequence[EffectChoice],
     recordings: Sequence[Recording],
@@ -270,8 +276,8 @@ def _grown(
     """
     grown = identification
     undetermined: dict[int, Invisible] = {}
-    for portion in _together(recommended):
-        portion_progress = part(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+    for portion in _group_portions(recommended):
+        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
         if len(portion) > 1:
             # One after another where one of them cannot be added.
             with suppress(DynidentError):
@@ -284,16 +290,16 @@ def _grown(
             except DynidentError as error:
                 undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
                 continue
-            if helps_only_at_first(grown, with_it, choice):
+            if is_only_helpful_at_first(grown, with_it, choice):
                 undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
             else:
                 grown = with_it
     return grown, undetermined
 
 
-def _together(recommended: Sequence[EffectChoice]) -> list[list[int]]:
+def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
     """Group the choices, in their order, into portions that can be added at once."""
-    first_order = [effect_by_id(choice.effect).first_order for choice in recommended]
+    first_order = [get_effect(choice.effect).first_order for choice in recommended]
     portions: list[list[int]] = []
     for number in range(len(recommended)):
         if number and not any(first_order[number - 1 : number + 1]):
@@ -303,7 +309,7 @@ def _together(recommended: Sequence[EffectChoice]) -> list[list[int]]:
     return portions
 
 
-def _without(
+def _drop_findings(
     picks: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Return the findings without those of these numbers."""
@@ -311,7 +317,7 @@ def _without(
     return tuple(picks[k] for k in remaining), tuple(recommended[k] for k in remaining)
 
 
-def _compared(
+def _compare_extended(
     identification: Identification,
     grown: Identification,
     recordings: Sequence[Recording],

@@ -13,19 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.diagnosis.candidates.gathering import gather
-from dynident.diagnosis.candidates.pool import Pool, pool_of
+from dynident.diagnosis.candidates.gathering import gather_products
+from dynident.diagnosis.candidates.pool import Pool, build_pool_of_choices
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
 from dynident.diagnosis.search.transients import find_contacts
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
-from dynident.estimation import OutlyingSpan, concatenate, find_outlying_spans
+from dynident.estimation import OutlyingSpan, concatenate_reductions, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.study.extending import extend_at_once
 from dynident.identification.study.fitting import identify_model
-from dynident.progress import silent
+from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.regressors.stream import reduce_recordings
 
@@ -102,7 +102,7 @@ class UndisturbedData:
     @property
     def sentences(self) -> list[str]:
         """One sentence for each disturbance."""
-        return [_sentence(disturbance, self.identification) for disturbance in self.disturbances]
+        return [_word_disturbance(disturbance, self.identification) for disturbance in self.disturbances]
 
 
 def leave_out_disturbances(identification: Identification, recordings: Sequence[Recording]) -> UndisturbedData:
@@ -121,30 +121,32 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
     parts = [reduce_recordings(model.observation, [recording], preprocessing, reference) for recording in recordings]
-    outlying = find_outlying_spans(concatenate(parts))
+    outlying = find_outlying_spans(concatenate_reductions(parts))
     if not outlying.spans:
         return UndisturbedData(identification, tuple(recordings), ())
     solution = replace(identification.estimate.solution, values=outlying.values)
     # The residual of each span is taken from the parameters that were fitted without all of them.
     undisturbed = replace(identification, estimate=replace(identification.estimate, solution=solution))
-    last = np.cumsum([part.n_stretches for part in parts])
+    last = np.cumsum([part.n_blocks for part in parts])
     disturbances: list[Disturbance] = []
     for span in outlying.spans:
         number = int(np.searchsorted(last, span.first, side="right"))
-        disturbances.append(_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number])))
+        disturbances.append(
+            _build_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number]))
+        )
     windowed = [
-        _without(
+        _cut_out(
             recording,
             [disturbance for disturbance in disturbances if disturbance.recording == number],
-            _width(identification),
+            _compute_filter_width(identification),
         )
         for number, recording in enumerate(recordings)
     ]
-    reidentified = identify_model(model, windowed, (), identification.choices, preprocessing, reference, silent)
+    reidentified = identify_model(
+        model, windowed, (), identification.choices, preprocessing, reference, ignore_progress
+    )
     explained = [
-        disturbance
-        if disturbance.cause
-        else _with_contact(disturbance, reidentified, recordings[disturbance.recording])
+        disturbance if disturbance.cause else _add_contact(disturbance, reidentified, recordings[disturbance.recording])
         for disturbance in disturbances
     ]
     pushes = [
@@ -152,19 +154,18 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     ]
     if pushes and not _can_be_added(identification, pushes, recordings):
         explained = [
-            replace(disturbance, contact=None, cause=_push_in_words(disturbance, reidentified))
-            for disturbance in explained
+            replace(disturbance, contact=None, cause=_word_push(disturbance, reidentified)) for disturbance in explained
         ]
     return UndisturbedData(reidentified, tuple(windowed), tuple(explained))
 
 
-def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparison: Comparison) -> Disturbance:
+def _build_disturbance(span: OutlyingSpan, number: int, recording: Recording, comparison: Comparison) -> Disturbance:
     """Return a span as a disturbance, with its ends where the residual rises and falls."""
-    residual = np.where(comparison.telling, comparison.residual, 0.0)
+    residual = np.where(comparison.counted_rows, comparison.residual, 0.0)
     inside = (comparison.t >= span.start) & (comparison.t <= span.end)
     segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
     inside &= comparison.segment == segment
-    usual = _usual(residual, comparison.telling & ~inside[:, None])
+    usual = _compute_median_sizes(residual, comparison.counted_rows & ~inside[:, None])
     power = ((residual / usual) ** 2).sum(axis=1)
     period = float(np.median(np.diff(comparison.t)))
     width = max(1, round(_SMOOTH / period))
@@ -174,17 +175,17 @@ def _disturbance(span: OutlyingSpan, number: int, recording: Recording, comparis
     # small part of the span; single rows on the other side do not end it.
     level = np.sqrt(np.median(smooth[~inside]) * np.quantile(smooth[rows], _STRONGEST))
     smallest = np.finfo(float).tiny
-    first, last = _richest_part(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
+    first, last = _find_richest_interval(np.log(np.maximum(smooth[rows], smallest) / max(level, smallest)))
     start, end = float(comparison.t[rows[first]]), float(comparison.t[rows[last]])
-    steps = _half_heights(comparison.t, np.sqrt(power), int(rows[first]), int(rows[last]))
+    steps = _find_half_heights(comparison.t, np.sqrt(power), int(rows[first]), int(rows[last]))
     own = inside & (comparison.t >= start) & (comparison.t <= end)
     squares = (residual**2).sum(axis=0)
     share = np.divide((residual[own] ** 2).sum(axis=0), squares, out=np.zeros_like(squares), where=squares > 0)
-    cause = _cause(comparison, own, usual)
-    return Disturbance(number, recording.run_label(int(segment)), start, end, steps, span.ratio, share, cause)
+    cause = _find_cause(comparison, own, usual)
+    return Disturbance(number, recording.name_segment(int(segment)), start, end, steps, span.ratio, share, cause)
 
 
-def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
+def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
     """Word what explains a disturbance with fewer numbers than a push: a drive without torque, or a clock."""
     measured, predicted = comparison.measured[rows], comparison.predicted[rows]
     # At both ends the filter mixes in what was before and after.
@@ -205,7 +206,7 @@ def _cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> str:
     return ""
 
 
-def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
+def _compute_median_sizes(residual: FloatArray, rows: BoolArray) -> FloatArray:
     """Return (n,): the median size of the residual (m, n) on some rows (m, n) of each joint."""
     sizes = [np.abs(residual[own, j]) for j, own in enumerate(rows.T)]
     medians = np.array([float(np.median(own)) if len(own) else 0.0 for own in sizes])
@@ -214,7 +215,7 @@ def _usual(residual: FloatArray, rows: BoolArray) -> FloatArray:
     return np.where(medians > 0.0, medians, largest if largest > 0.0 else 1.0)
 
 
-def _richest_part(values: FloatArray) -> tuple[int, int]:
+def _find_richest_interval(values: FloatArray) -> tuple[int, int]:
     """Return the first and last index of the interval with the largest sum (Kadane's algorithm)."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
     gains = sums - np.minimum.accumulate(sums)
@@ -222,7 +223,7 @@ def _richest_part(values: FloatArray) -> tuple[int, int]:
     return int(np.argmin(sums[:last])), last - 1
 
 
-def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
+def _find_half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tuple[float, float]:
     """Return the times near rows `first` and `last` where the residual's size (m,) rises to half its height and falls.
 
     A filter without phase turns a step into a ramp that is at half its height where the step is. The height is that of
@@ -245,7 +246,7 @@ def _half_heights(t: FloatArray, size: FloatArray, first: int, last: int) -> tup
     return (ends[0], ends[1]) if ends[0] < ends[1] else (float(t[first]), float(t[last]))
 
 
-def _width(identification: Identification) -> float:
+def _compute_filter_width(identification: Identification) -> float:
     """Return the seconds over which the filters smear a disturbance."""
     cutoffs = [
         c for c in (identification.preprocessing.position_cutoff, identification.preprocessing.torque_cutoff) if c
@@ -253,7 +254,7 @@ def _width(identification: Identification) -> float:
     return 1.0 / min([*cutoffs, _SLOWEST])
 
 
-def _without(recording: Recording, disturbances: Sequence[Disturbance], margin: float) -> Recording:
+def _cut_out(recording: Recording, disturbances: Sequence[Disturbance], margin: float) -> Recording:
     """Return the recording without the seconds of these disturbances, by windows of t."""
     if not disturbances:
         return recording
@@ -267,7 +268,7 @@ def _without(recording: Recording, disturbances: Sequence[Disturbance], margin: 
     return recording.with_windows(tuple(windows))
 
 
-def _with_contact(disturbance: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
+def _add_contact(disturbance: Disturbance, identification: Identification, recording: Recording) -> Disturbance:
     """Return the disturbance with the push that explains it best, tried on all links."""
     model = identification.model
     robot = model.robot
@@ -279,15 +280,17 @@ def _with_contact(disturbance: Disturbance, identification: Identification, reco
         for k in links
     ]
     choices = [EffectChoice(PUSH, (), tuple(sorted(shape.items())), (disturbance.run,)) for shape in shapes]
-    pool = pool_of(model, choices)
+    pool = build_pool_of_choices(model, choices)
     reference = identification.estimate.next_reference()
-    data = gather(pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base)
+    data = gather_products(
+        pool.observation, model.signals, [recording], identification.preprocessing, reference, pool.n_base
+    )
     base = tuple(range(pool.n_base))
     contacts = [
         contact
         for start in dict.fromkeys(window[0] for window in windows)
         for contact in find_contacts(
-            data, _beginning(pool, start), base, identification.noise, identification.preprocessing
+            data, _select_window(pool, start), base, identification.noise, identification.preprocessing
         )
     ]
     if not contacts:
@@ -300,14 +303,14 @@ def _with_contact(disturbance: Disturbance, identification: Identification, reco
     return replace(disturbance, start=float(window["t0"]), end=float(window["t1"]), contact=best, force=force)
 
 
-def _beginning(pool: Pool, start: float) -> Pool:
+def _select_window(pool: Pool, start: float) -> Pool:
     """Return the pool with the candidates of one window alone."""
     return replace(
         pool, candidates=tuple(candidate for candidate in pool.candidates if dict(candidate.shape)["t0"] == start)
     )
 
 
-def _sentence(disturbance: Disturbance, identification: Identification) -> str:
+def _word_disturbance(disturbance: Disturbance, identification: Identification) -> str:
     robot = identification.model.robot
     when = f"From {disturbance.start:.1f} to {disturbance.end:.1f} s of {disturbance.run}"
     advice = "What else is missing was asked of the other seconds alone."
@@ -321,11 +324,11 @@ def _sentence(disturbance: Disturbance, identification: Identification) -> str:
             "off. "
             f"Leave these seconds out of the identification. {advice}"
         )
-    push = _push_in_words(disturbance, identification)
+    push = _word_push(disturbance, identification)
     return f"{when} {push}: leave these seconds out of the identification, or add the contact. {advice}"
 
 
-def _push_in_words(disturbance: Disturbance, identification: Identification) -> str:
+def _word_push(disturbance: Disturbance, identification: Identification) -> str:
     """Word what the push of a disturbance may have been; return its cause where there is no push."""
     if disturbance.contact is None or disturbance.force is None:
         return disturbance.cause

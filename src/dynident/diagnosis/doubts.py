@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
-from dynident.diagnosis.residuals.stretches import t_of
+from dynident.diagnosis.candidates.gate import ScoredCandidate
+from dynident.diagnosis.residuals.stretches import compute_t
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.robot.model import Robot
 
 _MOST_RIVALS = 3
@@ -34,12 +34,12 @@ class Doubt:
     beside: tuple[EffectChoice, ...] = ()
 
 
-def doubts_of(
+def list_doubts(
     picks: Sequence[Finding],
     recommended: Sequence[EffectChoice],
     invisible: Sequence[Invisible],
     robot: Robot,
-    judged: Sequence[JudgedCandidate] = (),
+    judged: Sequence[ScoredCandidate] = (),
     asked: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
     """List what a diagnosis leaves open, first what decides about the first recommendation.
@@ -67,21 +67,23 @@ def doubts_of(
     for finding, choice in zip(picks, recommended, strict=True):
         others = tuple(other for other in recommended if other is not choice)
         # What came near matters where nothing is equal: with equals there is a plainer question to ask.
-        rivals = _rivals(choice, finding.equal)
-        doubt = Doubt(choice, rivals, others) if rivals else _near_doubt(choice, others, judged)
+        rivals = _list_rivals(choice, finding.equal)
+        doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
         doubts += [doubt] if doubt else []
     hidden: dict[str, list[str]] = {}
     for invisible_effect in invisible:
         hidden.setdefault(invisible_effect.effect, []).extend(invisible_effect.joints)
     recommended_ids = {choice.effect for choice in recommended}
     unseen_ids = [
-        name for name in dict.fromkeys((*asked, *_often_missed())) if name in hidden and name not in recommended_ids
+        name
+        for name in dict.fromkeys((*asked, *_list_often_missed()))
+        if name in hidden and name not in recommended_ids
     ]
-    doubts += [Doubt(_unseen(name, hidden[name], robot), (), tuple(recommended)) for name in unseen_ids]
+    doubts += [Doubt(_build_unseen_choice(name, hidden[name], robot), (), tuple(recommended)) for name in unseen_ids]
     return tuple(doubts)
 
 
-def _often_missed() -> list[str]:
+def _list_often_missed() -> list[str]:
     """List what most arms have, most often missed first.
 
     Effects that no data hint at and hardly any arm has are not worth anybody's time on the robot.
@@ -90,46 +92,48 @@ def _often_missed() -> list[str]:
     return sorted(ranks, key=ranks.__getitem__)
 
 
-def _rivals(choice: EffectChoice, others: Iterable[JudgedCandidate]) -> tuple[EffectChoice, ...]:
+def _list_rivals(choice: EffectChoice, others: Iterable[ScoredCandidate]) -> tuple[EffectChoice, ...]:
     """Return other names for an effect, one choice each; for an effect of some runs, other links that it may be on.
 
     Left out are effects that are the same function of every motion, and those so general that they include the effect:
     no
     motion tells a special case from what includes it.
     """
-    same = {choice.effect, *effect_by_id(choice.effect).same_function}
+    same = {choice.effect, *get_effect(choice.effect).same_function}
     rivals: dict[object, EffectChoice] = {}
     for scored in others:
         name = scored.candidate.effect
-        if _elsewhere(scored.candidate.choice, choice):
+        if _is_elsewhere(scored.candidate.choice, choice):
             rivals.setdefault(scored.candidate.joints, scored.candidate.choice)
-        elif name not in same and choice.effect not in effect_by_id(name).covers:
+        elif name not in same and choice.effect not in get_effect(name).covers:
             rivals.setdefault(name, scored.candidate.choice)
     return tuple(rivals.values())[:_MOST_RIVALS]
 
 
-def _elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
+def _is_elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
     """Return whether it is the same effect of some runs on another link."""
     return (
         other.effect == choice.effect
-        and effect_by_id(choice.effect).in_some_runs
+        and get_effect(choice.effect).in_some_runs
         and not set(other.joints) & set(choice.joints)
     )
 
 
-def _near_doubt(
-    choice: EffectChoice, others: tuple[EffectChoice, ...], judged: Sequence[JudgedCandidate]
+def _find_near_doubt(
+    choice: EffectChoice, others: tuple[EffectChoice, ...], judged: Sequence[ScoredCandidate]
 ) -> Doubt | None:
     """Return the doubt raised by a candidate that gains nearly as much as a finding, on some or all of its joints."""
-    own = _best_by_place(choice, judged)
+    own = _find_best_by_place(choice, judged)
     near = [
-        scored for scored in judged if _nearly_as_good(scored, _beside(scored, choice, own), _confused(scored, choice))
+        scored
+        for scored in judged
+        if _is_nearly_as_good(scored, _find_counterpart(scored, choice, own), _are_confused(scored, choice))
     ]
     for first in sorted(near, key=lambda scored: -scored.total_gain):
-        place = _place(first.candidate.joints, choice)
+        place = _get_place(first.candidate.joints, choice)
         at_issue = tuple(name for name in choice.joints if name in place)
-        same_place = [scored for scored in near if _place(scored.candidate.joints, choice) == place]
-        rivals = _rivals(choice, sorted(same_place, key=lambda scored: -scored.total_gain))
+        same_place = [scored for scored in near if _get_place(scored.candidate.joints, choice) == place]
+        rivals = _list_rivals(choice, sorted(same_place, key=lambda scored: -scored.total_gain))
         if rivals:
             rest = tuple(name for name in choice.joints if name not in place)
             undoubted = (replace(choice, joints=rest),) if rest else ()
@@ -137,9 +141,11 @@ def _near_doubt(
     return None
 
 
-def _best_by_place(choice: EffectChoice, judged: Sequence[JudgedCandidate]) -> dict[frozenset[str], JudgedCandidate]:
+def _find_best_by_place(
+    choice: EffectChoice, judged: Sequence[ScoredCandidate]
+) -> dict[frozenset[str], ScoredCandidate]:
     """Return the best candidate of the finding's effect on each subset of its joints."""
-    best: dict[frozenset[str], JudgedCandidate] = {}
+    best: dict[frozenset[str], ScoredCandidate] = {}
     for scored in sorted(judged, key=lambda scored: -scored.total_gain):
         joints = frozenset(scored.candidate.joints)
         within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)
@@ -148,39 +154,39 @@ def _best_by_place(choice: EffectChoice, judged: Sequence[JudgedCandidate]) -> d
     return best
 
 
-def _place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
+def _get_place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
     """Return the joints of a finding that a rival is about: its own, or all where one of them is the whole robot."""
     return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
 
 
-def _beside(
-    scored: JudgedCandidate, choice: EffectChoice, own: Mapping[frozenset[str], JudgedCandidate]
-) -> JudgedCandidate | None:
+def _find_counterpart(
+    scored: ScoredCandidate, choice: EffectChoice, own: Mapping[frozenset[str], ScoredCandidate]
+) -> ScoredCandidate | None:
     """Return the candidate of the finding that a rival is compared with; None where they do not compare."""
     if bool(scored.candidate.joints) == bool(choice.joints):
         return own.get(frozenset(scored.candidate.joints))
     # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
-    return own.get(frozenset(choice.joints)) if _confused(scored, choice) else None
+    return own.get(frozenset(choice.joints)) if _are_confused(scored, choice) else None
 
 
-def _confused(scored: JudgedCandidate, choice: EffectChoice) -> bool:
+def _are_confused(scored: ScoredCandidate, choice: EffectChoice) -> bool:
     """Return whether the catalogue warns that one of two effects is taken for the other."""
     name = scored.candidate.effect
-    return name in effect_by_id(choice.effect).confused_with or choice.effect in effect_by_id(name).confused_with
+    return name in get_effect(choice.effect).confused_with or choice.effect in get_effect(name).confused_with
 
 
-def _nearly_as_good(scored: JudgedCandidate, best: JudgedCandidate | None, confused: bool) -> bool:
+def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, confused: bool) -> bool:
     if best is None or scored.total_gain <= 0:
         return False
     if scored.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:
         return True
-    return scored.total_gain >= _NEAR * best.total_gain and t_of(best.gains - scored.gains) < _NEAR_T
+    return scored.total_gain >= _NEAR * best.total_gain and compute_t(best.gains - scored.gains) < _NEAR_T
 
 
-def _unseen(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
+def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
     """Return an effect that could not be seen, with shape constants from the middle of its grid."""
     names = tuple(dict.fromkeys(joints))
-    first = robot.movers(names[0])[0] if names else 0
+    first = robot.get_movers(names[0])[0] if names else 0
     grid = CATALOGUE[effect].grid(robot, first)
     shape = grid[len(grid) // 2] if grid else {}
     return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))

@@ -10,15 +10,15 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis.result import RankedEffect
-from dynident.effects import Column, EffectChoice, ReferenceParameters, columns_of, role_of
-from dynident.effects.catalogue import joints_of
-from dynident.estimation import Reduction, weighted_factor
+from dynident.effects import Column, EffectChoice, ReferenceParameters, build_columns, get_role
+from dynident.effects.catalogue import find_joints
+from dynident.estimation import Reduction, build_weighted_factor
 from dynident.identification import Identification
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import FilteredSamples, filtered_samples, parallel_filtered, reduce_recordings
+from dynident.regressors.stream import FilteredSamples, filter_in_parallel, reduce_recordings, stream_filtered_samples
 from dynident.robot import Robot
 from dynident.threads import single_threaded
 
@@ -59,7 +59,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _CandidateRows:
     """All rows together: t (m,); q, dq, ddq, load and residual (m, n); and (m, n) for each candidate.
 
     `fitted` is by how much its fit changes the prediction, `own` its own part of the torque, what the other parameters
@@ -81,7 +81,7 @@ def evidence(
     identification: Identification,
     candidates: Sequence[RankedEffect],
     recordings: Sequence[Recording],
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> tuple[Evidence, ...]:
     """Fit each of the first ranked effects beside a model, and bin what it explains joint by joint.
 
@@ -103,18 +103,20 @@ def evidence(
         return ()
     robot = identification.model.robot
     choices = [candidate.choice for candidate in top_candidates]
-    rows = _rows(identification, choices, recordings, progress)
+    rows = _compute_rows(identification, choices, recordings, progress)
     figures = []
     for number, (candidate, choice) in enumerate(zip(top_candidates, choices, strict=True)):
-        places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
-        for joint in sorted({j for name in places for j in robot.movers(name)}):
-            figure = _of_joint(candidate, number, joint, robot, rows)
+        places = [robot.tree.joint_names[j] for j in find_joints(choice, robot)]
+        for joint in sorted({j for name in places for j in robot.get_movers(name)}):
+            figure = _bin_for_joint(candidate, number, joint, robot, rows)
             if figure is not None:
                 figures.append(figure)
     return tuple(figures)
 
 
-def _of_joint(ranked: RankedEffect, number: int, joint: int, robot: Robot, rows: _Rows) -> Evidence | None:
+def _bin_for_joint(
+    ranked: RankedEffect, number: int, joint: int, robot: Robot, rows: _CandidateRows
+) -> Evidence | None:
     effort = robot.joints[joint].effort_unit
     residual, curve, own = rows.residual[:, joint], rows.fitted[number][:, joint], rows.own[number][:, joint]
     total = float((residual**2).sum())
@@ -126,17 +128,17 @@ def _of_joint(ranked: RankedEffect, number: int, joint: int, robot: Robot, rows:
         ("position", angle, rows.q[:, joint]),
         ("load", effort, rows.load[:, joint]),
         ("acceleration", f"{angle}/s²", rows.ddq[:, joint]),
-        ("travel since reversal", angle, _travel(rows.q[:, joint], rows.dq[:, joint])),
+        ("travel since reversal", angle, _compute_travel(rows.q[:, joint], rows.dq[:, joint])),
         ("time", "s", rows.t),
     ]
     # A ripple is a function of the phase of its cycles; over the position its waves would be averaged away.
     cycles = dict(ranked.choice.shape).get("k")
     if cycles:
         options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
-    shares = [_share(values, own) for _, _, values in options]
+    shares = [_compute_explained_share(values, own) for _, _, values in options]
     # Of axes that show it equally well the first: they are in the order in which people think of them.
     variable, unit, values = options[next(k for k, s in enumerate(shares) if s >= max(shares) - _AMBIGUOUS)]
-    bins = _bins(values)
+    bins = _number_bins(values)
     counts = np.bincount(bins).astype(np.float64)
     if len(counts) < 3 or counts.min() < _FEWEST:
         return None
@@ -156,60 +158,62 @@ def _of_joint(ranked: RankedEffect, number: int, joint: int, robot: Robot, rows:
     )
 
 
-def _bins(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+def _number_bins(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return (m,): the number of each value's bin; bins hold about equally many."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
     which = np.searchsorted(edges, values, side="right")
     return np.asarray(np.unique(which, return_inverse=True)[1])
 
 
-def _share(values: FloatArray, curve: FloatArray) -> float:
+def _compute_explained_share(values: FloatArray, curve: FloatArray) -> float:
     """Return the share of a curve's variance (m,) that its means in bins of a variable (m,) reproduce."""
-    bins = _bins(values)
+    bins = _number_bins(values)
     counts = np.bincount(bins)
     means = np.bincount(bins, weights=curve) / counts
     around = float(((curve - curve.mean()) ** 2).sum())
     return float((counts * (means - curve.mean()) ** 2).sum()) / around if around > 0 else 1.0
 
 
-def _travel(q: FloatArray, dq: FloatArray) -> FloatArray:
+def _compute_travel(q: FloatArray, dq: FloatArray) -> FloatArray:
     """Return (m,): how far a joint has come since its last reversal, with the sign of its motion."""
     sign = np.sign(dq)
     starts_stroke = np.concatenate([[True], sign[1:] != sign[:-1]])
     return np.asarray(q - q[np.flatnonzero(starts_stroke)[np.cumsum(starts_stroke) - 1]])
 
 
-def _rows(
+def _compute_rows(
     identification: Identification, choices: Sequence[EffectChoice], recordings: Sequence[Recording], progress: Progress
-) -> _Rows:
+) -> _CandidateRows:
     """Compute the residual and the fitted effects along all recordings."""
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
-    new, places = _columns(identification, choices)
-    whole = model.observation.extended(new, model.signals)
-    samples = _Samples(whole, recordings, identification, reference)
+    new, places = _build_columns(identification, choices)
+    whole = model.observation.extend(new, model.signals)
+    samples = _SampleCache(whole, recordings, identification, reference)
     reduction = reduce_recordings(
-        whole, recordings, preprocessing, reference, part(progress, 0.0, 0.6), samples_of=samples.of
+        whole, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.6), samples_of=samples.get_samples
     )
     base = tuple(range(model.n_parameters))
-    start = _values(reduction, base, identification.noise)
+    start = _fit_values(reduction, base, identification.noise)
     # Each effect is fitted together with all parameters of the model: what it explains is then what the model really
     # lacks.
-    fits = [_values(reduction, (*base, *columns), identification.noise) for columns in places]
-    rigid = np.array([role_of(column) == "link" for column in whole.columns])
+    fits = [_fit_values(reduction, (*base, *columns), identification.noise) for columns in places]
+    rigid = np.array([get_role(column) == "link" for column in whole.columns])
     added = np.arange(whole.n_columns) >= model.n_parameters
     parts: list[list[FloatArray]] = []
     for recording in recordings:
-        for piece, motion in zip(samples.of(recording), _motions(recording, identification), strict=True):
-            predicted = whole.torque(piece.values, start)
-            effects = [whole.torque(piece.values, fit) - predicted for fit in fits]
-            alone = [whole.torque(piece.values, np.where(added, fit, 0.0)) for fit in fits]
-            load = whole.torque(piece.values, np.where(rigid, start, 0.0))
+        for piece, motion in zip(
+            samples.get_samples(recording), _yield_motions(recording, identification), strict=True
+        ):
+            predicted = whole.compute_torque(piece.values, start)
+            effects = [whole.compute_torque(piece.values, fit) - predicted for fit in fits]
+            alone = [whole.compute_torque(piece.values, np.where(added, fit, 0.0)) for fit in fits]
+            load = whole.compute_torque(piece.values, np.where(rigid, start, 0.0))
             parts.append([piece.t, motion, load, piece.tau - predicted, *effects, *alone])
     t, motion, load, residual, *drawn = (np.concatenate(items) for items in zip(*parts, strict=True))
     n = model.robot.n
     progress(1.0, "drawing what each effect explains")
-    return _Rows(
+    return _CandidateRows(
         t=t,
         q=motion[:, :n],
         dq=motion[:, n : 2 * n],
@@ -221,7 +225,7 @@ def _rows(
     )
 
 
-def _columns(
+def _build_columns(
     identification: Identification, choices: Sequence[EffectChoice]
 ) -> tuple[list[Column], list[tuple[int, ...]]]:
     """Return the new columns of all choices, each once, and for every choice their numbers behind the model's own."""
@@ -230,7 +234,9 @@ def _columns(
     new: list[Column] = []
     places = []
     for choice in choices:
-        own = [column for column in columns_of([choice], identification.model.signals) if column.key not in known_keys]
+        own = [
+            column for column in build_columns([choice], identification.model.signals) if column.key not in known_keys
+        ]
         for column in own:
             if column.key not in where:
                 where[column.key] = identification.model.n_parameters + len(new)
@@ -239,12 +245,12 @@ def _columns(
     return new, places
 
 
-def _values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> FloatArray:
+def _fit_values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> FloatArray:
     """Return parameters (c,) with all columns but these at zero; of those that fit equally well the smallest.
 
     A column may depend on the model's own, which changes nothing in what is predicted.
     """
-    factor = weighted_factor(reduction.select(columns), noise)
+    factor = build_weighted_factor(reduction.select_columns(columns), noise)
     scales = np.linalg.norm(factor[:, :-1], axis=0)
     scales = np.where(scales > 0, scales, 1.0)
     values = np.zeros(reduction.n_columns)
@@ -252,7 +258,7 @@ def _values(reduction: Reduction, columns: Sequence[int], noise: FloatArray) -> 
     return values
 
 
-class _Samples:
+class _SampleCache:
     """Filtered entries of recordings, evaluated once where they are few enough to be kept in memory."""
 
     def __init__(
@@ -267,21 +273,21 @@ class _Samples:
         self._keep = rows * len(observation.entry_rows) < _KEPT_VALUES
         self._kept: dict[int, list[FilteredSamples]] = {}
 
-    def of(self, recording: Recording) -> Iterable[FilteredSamples]:
+    def get_samples(self, recording: Recording) -> Iterable[FilteredSamples]:
         """Return all pieces of a recording."""
         observation, preprocessing, reference = self._made
-        phases = RowPhases.of(observation, recording, preprocessing)
+        phases = RowPhases.from_recording(observation, recording, preprocessing)
         if id(recording) in self._kept:
             return self._kept[id(recording)]
-        pieces = filtered_samples(observation, recording, preprocessing, reference, phases=phases)
+        pieces = stream_filtered_samples(observation, recording, preprocessing, reference, phases=phases)
         if not self._keep:
             return pieces
         return self._kept.setdefault(id(recording), list(pieces))
 
 
-def _motions(recording: Recording, identification: Identification) -> Iterator[FloatArray]:
+def _yield_motions(recording: Recording, identification: Identification) -> Iterator[FloatArray]:
     """Yield (m, 3 n): q, dq, ddq of the rows, piece by piece."""
-    for _, _, rows in parallel_filtered(
+    for _, _, rows in filter_in_parallel(
         recording, identification.preprocessing, lambda block: np.hstack([block.q, block.dq, block.ddq])
     ):
         yield rows

@@ -13,7 +13,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import FrictionDifference
 from dynident.effects import Column, EffectChoice
-from dynident.effects.catalogue import role_of
+from dynident.effects.catalogue import get_role
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.identification.study.extending import extend_at_once
@@ -21,7 +21,7 @@ from dynident.recordings import Recording
 from dynident.robot.model import Joint
 
 
-def with_friction_differences(
+def add_friction_differences(
     grown: Identification, since: tuple[str, ...], recordings: Sequence[Recording]
 ) -> Identification:
     """Extend the model so that the friction of every joint may differ in the later runs.
@@ -40,7 +40,9 @@ def with_friction_differences(
     -------
     Identification
     """
-    lacking = [EffectChoice(effect, joints, (), since) for effect, joints in _lacking(grown, since).items()]
+    lacking = [
+        EffectChoice(effect, joints, (), since) for effect, joints in _list_lacking_friction(grown, since).items()
+    ]
     if not lacking:
         return grown
     with suppress(DynidentError):
@@ -53,7 +55,7 @@ def with_friction_differences(
     return grown
 
 
-def friction_since(
+def compute_friction_differences(
     grown: Identification, since: tuple[str, ...], later: Sequence[Comparison]
 ) -> tuple[FrictionDifference, ...]:
     """Compute by how much the friction of every joint that moves is larger in the later runs.
@@ -76,15 +78,15 @@ def friction_since(
     """
     rows = np.maximum(np.sum([comparison.moving.sum(axis=0) for comparison in later], axis=0), 1)
     speeds = np.sum([(np.abs(comparison.dq) * comparison.moving).sum(axis=0) for comparison in later], axis=0) / rows
-    friction_torque = np.sum([_taken(comparison) for comparison in later], axis=0) / rows
+    friction_torque = np.sum([_compute_dissipation(comparison) for comparison in later], axis=0) / rows
     return tuple(
         replace(difference, before=float(friction_torque[j]) - difference.value)
         for j, joint in enumerate(grown.model.robot.joints)
-        for difference in _at_speed(grown, since, joint, float(speeds[j]))
+        for difference in _yield_difference_at_speed(grown, since, joint, float(speeds[j]))
     )
 
 
-def _taken(comparison: Comparison) -> FloatArray:
+def _compute_dissipation(comparison: Comparison) -> FloatArray:
     """Return (n,): the sum of the torque along the motion beside the rigid body's."""
     return np.asarray(
         # The sign of the velocity makes dissipated torque add up; torque that only holds the joint changes sign with
@@ -93,24 +95,24 @@ def _taken(comparison: Comparison) -> FloatArray:
     )
 
 
-def _lacking(grown: Identification, since: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+def _list_lacking_friction(grown: Identification, since: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Return, by effect, the joints whose friction the model has for all runs and not yet for the later ones."""
     known_places = {(column.effect, column.link) for column in grown.model.kept if column.runs == since}
     lacking: dict[str, tuple[str, ...]] = {}
     for column in grown.model.kept:
         place = (column.effect, column.link)
-        if not column.runs and role_of(column) in ("dry", "damping") and place not in known_places:
+        if not column.runs and get_role(column) in ("dry", "damping") and place not in known_places:
             lacking[column.effect] = (*lacking.get(column.effect, ()), column.link)
     return lacking
 
 
-def _at_speed(
+def _yield_difference_at_speed(
     grown: Identification, since: tuple[str, ...], joint: Joint, speed: float
 ) -> Iterator[FrictionDifference]:
     """Yield the friction difference of one joint at a speed; nothing where it stands or is undetermined."""
     direction = np.array(
         [
-            _torque_of(column, speed) if column.link == joint.name and column.runs == since else 0.0
+            _compute_unit_torque(column, speed) if column.link == joint.name and column.runs == since else 0.0
             for column in grown.model.kept
         ]
     )
@@ -124,7 +126,7 @@ def _at_speed(
     yield FrictionDifference(joint.name, speed, value, (value - half, value + half), joint.effort_unit, 0.0)
 
 
-def _torque_of(column: Column, speed: float) -> float:
+def _compute_unit_torque(column: Column, speed: float) -> float:
     """Return the torque at a speed for a unit of a column's parameter, of Coulomb and viscous friction."""
-    role = role_of(column)
+    role = get_role(column)
     return 1.0 if role == "dry" else speed if role == "damping" else 0.0

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import Adequacy, RankedEffect, UnknownPattern
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.regressors.model import Model
 
 ABOVE_NOISE = 4.0
@@ -32,8 +32,8 @@ UNDETERMINED = (
 """What is said where a finding was given up for that."""
 
 
-def rank_all(
-    picks: Sequence[Finding], first: Sequence[JudgedCandidate], recommended: Sequence[EffectChoice]
+def rank_effects(
+    picks: Sequence[Finding], first: Sequence[ScoredCandidate], recommended: Sequence[EffectChoice]
 ) -> tuple[RankedEffect, ...]:
     """Rank every effect at its best place: the findings in the order of picking, then the others by their gain.
 
@@ -51,16 +51,16 @@ def rank_all(
     ranked: list[RankedEffect] = []
     for finding, choice in zip(picks, recommended, strict=True):
         others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
-        twins = tuple(sorted(others | set(effect_by_id(choice.effect).same_function)))
-        why = finding.why or f"Its mark in a residual: {effect_by_id(choice.effect).signature}."
+        twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
+        why = finding.why or f"Its mark in a residual: {get_effect(choice.effect).signature}."
         if twins:
             why += f" This data cannot tell it from: {', '.join(twins)}."
-        if places := _other_places(finding, choice):
+        if places := _list_other_places(finding, choice):
             why += f" It may as well be on: {', '.join(places)}."
-        scored = _narrowed(finding.judged, choice)
-        ranked.append(_ranked(len(ranked) + 1, scored, choice, finding.p, why, twins))
+        scored = _narrow_to_joints(finding.judged, choice)
+        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
-    best: dict[str, JudgedCandidate] = {}
+    best: dict[str, ScoredCandidate] = {}
     for scored in first:
         effect = scored.candidate.effect
         if effect not in picked and (effect not in best or scored.total_gain > best[effect].total_gain):
@@ -68,22 +68,22 @@ def rank_all(
     for scored in sorted(best.values(), key=lambda judged: -judged.total_gain):
         # It may have passed on its own at first; what was picked then explained the same part of the residual.
         better = "What ranks above it explains the same part of the residual, or nature does not allow it."
-        why = better if scored.passes else "That is not enough."
-        ranked.append(_ranked(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
+        why = better if scored.is_significant else "That is not enough."
+        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
     return tuple(ranked)
 
 
-def _other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
+def _list_other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
     """Return other joints on which the same effect gains as much by itself.
 
     Passive joints of a parallelogram turn alike, for example.
     """
     same = [scored.candidate.joints for scored in finding.equal if scored.candidate.effect == choice.effect]
-    places = same if effect_by_id(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
+    places = same if get_effect(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
     return tuple(dict.fromkeys(name for joints in places for name in joints if name not in choice.joints))
 
 
-def _narrowed(scored: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:
+def _narrow_to_joints(scored: ScoredCandidate, choice: EffectChoice) -> ScoredCandidate:
     """Return a finding on the joints that are recommended in the end: some of a group may have dropped out."""
     candidate = scored.candidate
     if candidate.joints == choice.joints:
@@ -94,16 +94,16 @@ def _narrowed(scored: JudgedCandidate, choice: EffectChoice) -> JudgedCandidate:
     return replace(scored, joints=joints, candidate=replace(candidate, joints=choice.joints))
 
 
-def _ranked(
+def _build_ranked_effect(
     rank: int,
-    scored: JudgedCandidate,
+    scored: ScoredCandidate,
     choice: EffectChoice,
     p: float,
     why: str,
     equivalent: tuple[str, ...] | None,
 ) -> RankedEffect:
     """Return one row of the ranking; `equivalent` is None for what is no finding."""
-    joints = scored.told_of
+    joints = scored.reported_joints
     measured = np.maximum(scored.measured[joints].sum(), 1e-300)
     before = float(np.sqrt(scored.before[:, joints].sum() / measured))
     after = float(np.sqrt(scored.after[:, joints].sum() / measured))
@@ -116,14 +116,14 @@ def _ranked(
         t_value=scored.t,
         p_value=p,
         significant=equivalent is not None,
-        evidence=_evidence(scored, before, after, why),
+        evidence=_word_evidence(scored, before, after, why),
         equivalent=equivalent or (),
         separability=scored.separability,
     )
 
 
-def _evidence(scored: JudgedCandidate, before: float, after: float, why: str) -> str:
-    effect = effect_by_id(scored.candidate.effect)
+def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: str) -> str:
+    effect = get_effect(scored.candidate.effect)
     place = ", ".join(scored.candidate.joints) or "the whole robot"
     if after >= before:
         return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
@@ -133,7 +133,7 @@ def _evidence(scored: JudgedCandidate, before: float, after: float, why: str) ->
     )
 
 
-def over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArray:
+def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArray:
     """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 
     In a simulation without sensor noise a residual counts against a small share of the torque instead.
@@ -145,7 +145,9 @@ def over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArr
     return np.asarray(np.sqrt(squares / rows) / np.where(noise > 0.0, noise, np.inf))
 
 
-def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], above: FloatArray) -> Adequacy:
+def select_verdict(
+    recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], above: FloatArray
+) -> Adequacy:
     """Return the verdict: a nameable effect is missing, something without a name is left, or nothing is.
 
     Parameters
@@ -163,7 +165,7 @@ def verdict_of(recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPat
     return "adequate"
 
 
-def summary(
+def word_summary(
     verdict: Adequacy,
     ranked: Sequence[RankedEffect],
     unknown: Sequence[UnknownPattern],
@@ -175,7 +177,7 @@ def summary(
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         names = "; ".join(
-            f"{effect_by_id(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
+            f"{get_effect(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
             for ranked_effect in significant
         )
         text = f"The model lacks: {names}."

@@ -10,11 +10,11 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.diagnosis.candidates.gate import SMALLEST_DROP, JudgedCandidate
+from dynident.diagnosis.candidates.gate import SMALLEST_DROP, ScoredCandidate
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
 
 _LEFT_OVER = 0.12
@@ -25,7 +25,7 @@ _MUCH_LEFT_OVER = 1.5
 """The same for any effect of one joint and any variable: what is left is larger than what the effect explained."""
 
 
-def misnamed(
+def find_misnamed(
     picks: Sequence[Finding],
     recommended: Sequence[EffectChoice],
     unknown: Sequence[UnknownPattern],
@@ -46,11 +46,11 @@ def misnamed(
     list of int
     """
     names = final[0].joint_names
-    squares = np.sum([(c.told**2).sum(axis=0) for c in final], axis=0)
+    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in final], axis=0)
     wrong = []
     for number, (finding, choice) in enumerate(zip(picks, recommended, strict=True)):
         judged = finding.judged
-        of_position = effect_by_id(choice.effect).of_position
+        of_position = get_effect(choice.effect).of_position
         if not of_position and len(choice.joints) != 1:
             continue
         least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
@@ -65,7 +65,7 @@ def misnamed(
     return wrong
 
 
-def helps_only_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
+def is_only_helpful_at_first(before: Identification, after: Identification, choice: EffectChoice) -> bool:
     """Return whether a first-order effect explains nothing any more in the model that is identified with it.
 
     Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
@@ -74,14 +74,16 @@ def helps_only_at_first(before: Identification, after: Identification, choice: E
     together
     rise.
     """
-    if not effect_by_id(choice.effect).first_order:
+    if not get_effect(choice.effect).first_order:
         return False
     was, now = before.fit.rms**2, after.fit.rms**2
     noise = np.maximum(before.noise**2, np.finfo(float).tiny)
     return not (now <= (1.0 - SMALLEST_DROP) * was).any() or float((now / noise).sum()) > float((was / noise).sum())
 
 
-def found_beside(picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[JudgedCandidate]) -> list[int]:
+def find_dependent_findings(
+    picks: Sequence[Finding], wrong: Sequence[int], first: Sequence[ScoredCandidate]
+) -> list[int]:
     """Return the numbers of the findings on the joints of a wrong name that do not pass without it.
 
     Beside a wrong curve something else may make up for its errors.
@@ -103,6 +105,6 @@ def found_beside(picks: Sequence[Finding], wrong: Sequence[int], first: Sequence
         mine = finding.judged
         shares_joint = any(set(picks[k].judged.joints) & set(mine.joints) for k in wrong)
         before = alone.get(mine.candidate)
-        if shares_joint and number not in wrong and before is not None and not before.passes:
+        if shares_joint and number not in wrong and before is not None and not before.is_significant:
             dependent.append(number)
     return dependent

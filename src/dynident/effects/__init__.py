@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.effects.catalogue import (
         CATALOGUE,
         UnknownEffectError,
-        columns_of,
-        effect_by_id,
-        role_of,
-        spec_of,
+        build_columns,
+        get_effect,
+        get_role,
+        get_spec,
     )
-    from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, LINKS, OFFSETS, EffectChoice, load_in
+    from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, LINKS, OFFSETS, EffectChoice, choose_payload
     from dynident.effects.effect import (
         DRIVE_ROLES,
         Column,
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
         ShapeSpec,
     )
     from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
-    from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, reference_size
+    from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, count_reference_parameters
     from dynident.effects.signals import MemorySignal, RunSignal, Signals
-    from dynident.effects.sizes import Usual
+    from dynident.effects.sizes import UsualSize
 
 __all__ = [
     "CATALOGUE",
@@ -58,16 +58,16 @@ __all__ = [
     "ShapeSpec",
     "Signals",
     "UnknownEffectError",
-    "Usual",
-    "columns_of",
-    "effect_by_id",
-    "load_in",
-    "reference_size",
-    "role_of",
-    "spec_of",
+    "UsualSize",
+    "build_columns",
+    "choose_payload",
+    "count_reference_parameters",
+    "get_effect",
+    "get_role",
+    "get_spec",
 ]
 
 if not TYPE_CHECKING:
     # Choices of effects are declared in this package, too. Loading names lazily lets code that only reads choices
     # start without CasADi.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -26,7 +26,7 @@ from dynident.effects.friction import (
 from dynident.effects.friction_in_time import TemperatureFriction, WarmUpFriction
 from dynident.effects.gears import Backlash, JointElasticity
 from dynident.effects.geometry import EncoderZeroError, KinematicError
-from dynident.effects.plugins import effects_in_this_room, installed_effects
+from dynident.effects.plugins import list_package_effects, load_installed_effects
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
 from dynident.effects.signals import RunSignal, Signals
@@ -36,7 +36,7 @@ from dynident.effects.tree_signals import TreeSignals
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
-_OURS: tuple[Effect, ...] = (
+_BUILT_IN_EFFECTS: tuple[Effect, ...] = (
     RigidBody(),
     RotorInertia(),
     Coulomb(),
@@ -80,12 +80,12 @@ class Catalogue(Mapping[str, Effect]):
 
     @cached_property
     def _effects(self) -> dict[str, Effect]:
-        ours = {effect.id: effect for effect in _OURS}
-        ours |= {effect.id: effect for effect in effects_in_this_room() if effect.id not in ours}
-        return ours | {effect.id: effect for effect in installed_effects(ours)}
+        ours = {effect.id: effect for effect in _BUILT_IN_EFFECTS}
+        ours |= {effect.id: effect for effect in list_package_effects() if effect.id not in ours}
+        return ours | {effect.id: effect for effect in load_installed_effects(ours)}
 
     @contextmanager
-    def with_one_more(self, effect: Effect) -> Iterator[None]:
+    def add_temporarily(self, effect: Effect) -> Iterator[None]:
         """Add an effect that is not installed, or replace that of the same id, within a `with` block."""
         before = dict(self._effects)
         self._effects[effect.id] = effect
@@ -112,7 +112,7 @@ class UnknownEffectError(DynidentError):
     """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint."""
 
 
-def effect_by_id(identifier: str, pointer: str = "") -> Effect:
+def get_effect(identifier: str, pointer: str = "") -> Effect:
     """Return the effect with an id.
 
     Parameters
@@ -137,7 +137,7 @@ def effect_by_id(identifier: str, pointer: str = "") -> Effect:
         ) from None
 
 
-def spec_of(column: Column) -> ParameterSpec | None:
+def get_spec(column: Column) -> ParameterSpec | None:
     """Return the specification of a column's parameter.
 
     None for a column that belongs to no effect, such as the offset of a sensor.
@@ -146,13 +146,13 @@ def spec_of(column: Column) -> ParameterSpec | None:
     return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
 
 
-def role_of(column: Column) -> Role | None:
+def get_role(column: Column) -> Role | None:
     """Return the role of a column's parameter; None where it has none."""
-    spec = spec_of(column)
+    spec = get_spec(column)
     return None if spec is None else spec.role
 
 
-def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
+def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
     """Return the joints that a chosen effect acts on, as indices of the tree's joints.
 
     Where the choice names no joints, they are the effect's default ones: of these only the driven joints, where some
@@ -170,7 +170,7 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
     UnknownEffectError
         If the choice names an unknown joint, or one on which the effect cannot act.
     """
-    effect = effect_by_id(choice.effect, pointer)
+    effect = get_effect(choice.effect, pointer)
     whole, robot = robot, robot.tree
     possible = effect.applicable(robot)
     if not possible:
@@ -178,7 +178,7 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
     if effect.scope == "robot":
         return possible
     if not choice.joints:
-        usual = effect.unless_named(robot)
+        usual = effect.get_default_joints(robot)
         if whole.linkage is None or effect.sits_on == "link":
             return usual
         # If the effect fits none of the driven joints, let it act on those of the others that it fits.
@@ -207,18 +207,18 @@ def joints_of(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[in
     return tuple(sorted(set(indices)))
 
 
-def is_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
+def is_lasting_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
     """Return whether a choice is a lasting change of the robot: from one of the runs `since` a baseline to the last.
 
     Events within a run, such as a contact, are no such change.
     """
     lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
-    return lasts and effect_by_id(choice.effect).may_change
+    return lasts and get_effect(choice.effect).may_change
 
 
-def check_shape(choice: EffectChoice, pointer: str = "") -> None:
+def check_shape_constants(choice: EffectChoice, pointer: str = "") -> None:
     """Raise `UnknownEffectError` if a choice has a shape constant that its effect lacks, or an impossible value."""
-    effect = effect_by_id(choice.effect, pointer)
+    effect = get_effect(choice.effect, pointer)
     constants = {spec.name: spec for spec in effect.shapes}
     for name, value in choice.shape:
         if name not in constants:
@@ -228,25 +228,25 @@ def check_shape(choice: EffectChoice, pointer: str = "") -> None:
             )
         if not constants[name].admits(value):
             raise UnknownEffectError(
-                f"{name} of {choice.effect} is {value}; {_expected(constants[name])}",
+                f"{name} of {choice.effect} is {value}; {_describe_expected(constants[name])}",
                 pointer=f"{pointer}/shape/{name}",
                 title="Impossible shape constant",
             )
 
 
-def _expected(spec: ShapeSpec) -> str:
+def _describe_expected(spec: ShapeSpec) -> str:
     if spec.words:
         return f"it has to be {' or '.join(f'{value:g} ({word})' for value, word in spec.words)}"
-    return f"its {spec.description} has to be a finite number{_besides(spec)}"
+    return f"its {spec.description} has to be a finite number{_describe_range(spec)}"
 
 
-def _besides(spec: ShapeSpec) -> str:
+def _describe_range(spec: ShapeSpec) -> str:
     if spec.signed:
         return "" if spec.may_be_zero else " other than zero"
     return ", zero or above" if spec.may_be_zero else " above zero"
 
 
-def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:
+def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:
     """Return the columns of all chosen effects on one robot, in their order.
 
     Parameters
@@ -266,25 +266,25 @@ def columns_of(choices: Iterable[EffectChoice], signals: Signals) -> list[Column
     """
     columns: list[Column] = []
     for index, choice in enumerate(choices):
-        choice_columns = columns_everywhere(choice, signals, f"/effects/{index}")
-        if choice.runs or effect_by_id(choice.effect).in_some_runs:
+        choice_columns = build_columns_for_all_runs(choice, signals, f"/effects/{index}")
+        if choice.runs or get_effect(choice.effect).in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
-            choice_columns = [_in_runs(column, present, choice.runs) for column in choice_columns]
+            choice_columns = [_restrict_to_runs(column, present, choice.runs) for column in choice_columns]
         columns += choice_columns
     return columns
 
 
-def columns_everywhere(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
+def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
     """Return the columns of a choice as if it were in all runs."""
-    check_shape(choice, pointer)
-    joints = joints_of(choice, signals.robot, pointer)
-    effect = effect_by_id(choice.effect)
+    check_shape_constants(choice, pointer)
+    joints = find_joints(choice, signals.robot, pointer)
+    effect = get_effect(choice.effect)
     if signals.robot.linkage is None:
         return effect.columns(signals, joints, choice.shape_values)
-    return _of_linked(effect, signals, signals.robot.linkage.driven, joints, choice)
+    return _build_dependent_columns(effect, signals, signals.robot.linkage.driven, joints, choice)
 
 
-def _of_linked(
+def _build_dependent_columns(
     effect: Effect, signals: Signals, driven: Sequence[int], joints: Sequence[int], choice: EffectChoice
 ) -> list[Column]:
     """Return the columns on a machine some of whose joints follow others, numbered like the tree's joints.
@@ -293,23 +293,23 @@ def _of_linked(
     depends on the signals of the tree.
     """
     shape = choice.shape_values
-    tree = TreeSignals.of(signals)
+    tree = TreeSignals.for_machine(signals)
     if effect.sits_on == "link":
-        return tree.columns(effect.columns(tree, joints, shape))
+        return tree.project_columns(effect.columns(tree, joints, shape))
     columns: list[Column] = []
     # An effect may fit a joint of the tree but not the driven robot, whose joints have other neighbours.
     fitting = effect.applicable(signals.robot)
     on_driven = [driven.index(j) for j in joints if j in driven and driven.index(j) in fitting]
     if on_driven or effect.scope == "robot":
         driven_columns = effect.columns(signals, on_driven, shape)
-        columns += [_numbered(column, signals.robot, driven) for column in driven_columns]
+        columns += [_number_column(column, signals.robot, driven) for column in driven_columns]
     others = [j for j in joints if j not in driven or driven.index(j) not in fitting]
     if others and effect.scope == "joint":
-        columns += tree.columns(effect.columns(tree, others, shape))
+        columns += tree.project_columns(effect.columns(tree, others, shape))
     return columns
 
 
-def _numbered(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
+def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
     """Return the column of a driven joint with the joint's number in the tree in its name."""
     if column.link not in robot.joint_names:
         return column
@@ -319,7 +319,7 @@ def _numbered(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
     return replace(column, name=f"{column.parameter}{driven[j] + 1}")
 
 
-def _in_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
+def _restrict_to_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
     """Return the column multiplied by `present`, which is 1 in some runs and 0 in the others."""
     energy, wrench = column.energy, column.wrench
     return replace(

@@ -28,10 +28,10 @@ class EffectChoice:
 
     def __repr__(self) -> str:
         # Imported here: the catalogue, which has the words for constants, loads CasADi.
-        from dynident.effects.written import effect_text
+        from dynident.effects.written import format_effect
 
         runs = f", runs={self.runs!r}" if self.runs else ""
-        return f"EffectChoice({effect_text(self)}{runs})"
+        return f"EffectChoice({format_effect(self)}{runs})"
 
     @property
     def shape_values(self) -> dict[str, float]:
@@ -49,6 +49,6 @@ JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoic
 """Effects on one joint that moves alone, at constant speed, without load."""
 
 
-def load_in(run: str) -> EffectChoice:
+def choose_payload(run: str) -> EffectChoice:
     """Return the choice of a payload in the run with this label only."""
     return EffectChoice("payload", runs=(run,))

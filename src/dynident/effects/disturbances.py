@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
-from dynident.effects.newton_euler import link_jacobian
-from dynident.effects.rigid_body import base_wrench, stored_energy
+from dynident.effects.newton_euler import build_link_jacobian
+from dynident.effects.rigid_body import get_base_wrench, get_stored_energy
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual, usual_force
+from dynident.effects.sizes import UsualSize, get_usual_force
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
@@ -49,12 +49,14 @@ class Payload(Effect):
     shown_by = ("MXp", "MYp", "MZp", "Mp")
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a ball of 4 cm, 6 cm before the flange."""
-        mass = usual_force(robot) / 9.81
-        return Usual({"Mp": mass, "MZp": 0.06 * mass, "XXp": 4.2e-3 * mass, "YYp": 4.2e-3 * mass, "ZZp": 0.6e-3 * mass})
+        mass = get_usual_force(robot) / 9.81
+        return UsualSize(
+            {"Mp": mass, "MZp": 0.06 * mass, "XXp": 4.2e-3 * mass, "YYp": 4.2e-3 * mass, "ZZp": 0.6e-3 * mass}
+        )
 
-    def unless_named(self, robot: Robot) -> tuple[int, ...]:
+    def get_default_joints(self, robot: Robot) -> tuple[int, ...]:
         """Return the last joint: that of the tool."""
         return (robot.n - 1,)
 
@@ -64,8 +66,8 @@ class Payload(Effect):
         return [
             replace(
                 self._reaching_column(signals, spec, joint, rows[:, 10 * joint + k]),
-                energy=partial(stored_energy, signals, 10 * joint + k),
-                wrench=partial(base_wrench, signals, 10 * joint + k),
+                energy=partial(get_stored_energy, signals, 10 * joint + k),
+                wrench=partial(get_base_wrench, signals, 10 * joint + k),
             )
             for joint in joints
             for k, spec in enumerate(self.parameters)
@@ -97,10 +99,10 @@ class ExternalContact(Effect):
     told_from = MappingProxyType({"repeated": ("base_vibration",)})
     scope = "robot"
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a push of a second and a half."""
-        force = usual_force(robot)
-        return Usual({"fx": 0.5 * force, "fz": force, "fzh": 0.5 * force}, {"t0": 3.0, "t1": 4.5})
+        force = get_usual_force(robot)
+        return UsualSize({"fx": 0.5 * force, "fz": force, "fzh": 0.5 * force}, {"t0": 3.0, "t1": 4.5})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return six columns of a wrench that stays, and six of one that swells and fades, inside the window."""
@@ -110,7 +112,7 @@ class ExternalContact(Effect):
         inside = (signals.time >= start) * (signals.time <= end)
         swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
         n = signals.robot.n
-        jacobian = link_jacobian(signals.robot, signals.q, min(int(constants["link"]) or n, n) - 1)
+        jacobian = build_link_jacobian(signals.robot, signals.q, min(int(constants["link"]) or n, n) - 1)
         columns = []
         for k, spec in enumerate(self.parameters):
             profile = inside if k < 6 else swell
@@ -138,9 +140,9 @@ class BaseVibration(Effect):
     scope = "robot"
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: that of a light stand."""
-        return Usual({"axc": 0.3, "ays": 0.2, "azc": 0.1, "azs": 0.3}, {"f": 7.0})
+        return UsualSize({"axc": 0.3, "ays": 0.2, "azc": 0.1, "azs": 0.3}, {"f": 7.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a cosine and a sine column for every direction of the base frame."""
@@ -151,7 +153,7 @@ class BaseVibration(Effect):
         for k, spec in enumerate(self.parameters):
             direction = np.eye(3)[k // 2]
             columns.append(
-                self._robot_column(spec, -signals.predicted.gravity_torque(direction) * waves[k % 2], constants)
+                self._robot_column(spec, -signals.predicted.build_gravity_torque(direction) * waves[k % 2], constants)
             )
         return columns
 

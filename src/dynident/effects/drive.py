@@ -9,9 +9,9 @@ from types import MappingProxyType
 import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
-from dynident.effects.mechanics import constant, frames_of
+from dynident.effects.mechanics import build_frames, to_constant
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import ROTOR_SHARE, Usual, largest_torque
+from dynident.effects.sizes import ROTOR_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 # Gear ratio of a usual direct gear.
@@ -38,9 +38,9 @@ class DriveGainError(Effect):
     needs_load = True
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some per cent."""
-        return Usual({"eps": 0.06})
+        return UsualSize({"eps": 0.06})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the predicted motor torque of every joint."""
@@ -62,9 +62,9 @@ class DriveGainSaturation(Effect):
     first_order = True
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a tenth at the largest torque."""
-        return Usual({"sat": 0.12 / largest_torque(robot, joint)})
+        return UsualSize({"sat": 0.12 / get_largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return torque times its size, of every joint."""
@@ -93,16 +93,16 @@ class TorqueDelay(Effect):
     needs_load = True
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some milliseconds."""
-        return Usual({"delay": 8e-3})
+        return UsualSize({"delay": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return minus the rate and half the second derivative of the predicted torque, with Coulomb friction."""
         predicted = signals.predicted
         # Coulomb friction jumps, so its derivatives are differences over the sampling period.
-        rate = predicted.smooth_rate + predicted.drive("Fc") * signals.sign_rate
-        curvature = predicted.smooth_curvature + predicted.drive("Fc") * signals.sign_curvature
+        rate = predicted.smooth_rate + predicted.get_drive_parameter("Fc") * signals.sign_rate
+        curvature = predicted.smooth_curvature + predicted.get_drive_parameter("Fc") * signals.sign_curvature
         return [
             self._robot_column(spec, torque)
             for spec, torque in zip(self.parameters, (-rate, 0.5 * curvature), strict=True)
@@ -126,15 +126,15 @@ class RotorCoupling(Effect):
     sources = ("Khalil and Dombre 2002, chapter 9",)
     told_from = MappingProxyType({"paces": ("rigid_body",)})
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: that of a usual rotor behind a direct gear."""
-        return Usual({"NJ": ROTOR_SHARE * largest_torque(robot, joint) / _GEAR_RATIO})
+        return UsualSize({"NJ": ROTOR_SHARE * get_largest_torque(robot, joint) / _GEAR_RATIO})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return one column a joint, by Lagrange's equation of the energy that couples rotor and carrier."""
         columns = []
         for j in joints:
-            energy = _carried_spin(signals, j)
+            energy = _build_carried_spin(signals, j)
             # Lagrange: d/dt ∂E/∂q̇ - ∂E/∂q, with the time derivative by the chain rule over q and q̇.
             momentum = ca.gradient(energy, signals.dq)
             rate = ca.jtimes(momentum, ca.vertcat(signals.q, signals.dq), ca.vertcat(signals.dq, signals.ddq))
@@ -145,27 +145,27 @@ class RotorCoupling(Effect):
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Return revolute joints whose motor a revolute joint carries."""
         return tuple(
-            j for j, joint in enumerate(robot.joints) if joint.kind == "revolute" and _revolute_ancestors(robot, j)
+            j for j, joint in enumerate(robot.joints) if joint.kind == "revolute" and _list_revolute_ancestors(robot, j)
         )
 
 
-def _carried_spin(signals: Signals, joint: int) -> ca.SX:
+def _build_carried_spin(signals: Signals, joint: int) -> ca.SX:
     """Return q̇j (zj · ω) for the angular velocity ω of the link that carries joint j's motor."""
     robot = signals.robot
-    frames = frames_of(robot, signals.q)
+    frames = build_frames(robot, signals.q)
     # The axis, turned back frame by frame: in frame i its product with axis i is what joint i adds to zj · ω.
-    axis = ca.mtimes(frames[joint].rotation, constant(robot.joints[joint].axis))
+    axis = ca.mtimes(frames[joint].rotation, to_constant(robot.joints[joint].axis))
     spin = ca.SX(1, 1)
     link = robot.joints[joint].parent
     while link >= 0:
         if robot.joints[link].kind == "revolute":
-            spin += ca.dot(axis, constant(robot.joints[link].axis)) * signals.dq[link]
+            spin += ca.dot(axis, to_constant(robot.joints[link].axis)) * signals.dq[link]
         axis = ca.mtimes(frames[link].rotation, axis)
         link = robot.joints[link].parent
     return signals.dq[joint] * spin
 
 
-def _revolute_ancestors(robot: Robot, joint: int) -> list[int]:
+def _list_revolute_ancestors(robot: Robot, joint: int) -> list[int]:
     ancestors = []
     link = robot.joints[joint].parent
     while link >= 0:

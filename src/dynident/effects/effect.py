@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual
+from dynident.effects.sizes import UsualSize
 from dynident.robot.model import Robot
 
 
@@ -94,11 +94,11 @@ class ParameterSpec:
             and abs(estimate.value) <= self.most + estimate.doubt
         )
 
-    def may_change_by(self, difference: Estimate) -> bool:
+    def admits_change(self, difference: Estimate) -> bool:
         """Return whether an estimated difference between two days, of either sign, is of a possible size."""
         return abs(difference.value) <= self.most_change + difference.doubt
 
-    def unit_on(self, kind: str) -> str:
+    def get_unit(self, kind: str) -> str:
         """Return the parameter's unit on a joint of this kind."""
         return self.prismatic_unit if kind == "prismatic" and self.prismatic_unit else self.unit
 
@@ -113,7 +113,7 @@ class Refinement:
     step: float
     in_octaves: bool = False
 
-    def moved(self, value: float, steps: float) -> float:
+    def apply_steps(self, value: float, steps: float) -> float:
         """Return the value `steps` steps further."""
         return value * 2.0 ** (self.step * steps) if self.in_octaves else value + self.step * steps
 
@@ -168,24 +168,24 @@ class ShapeSpec:
     natural: tuple[float, ...] = ()
     words: tuple[tuple[float, str], ...] = ()
 
-    def word(self, value: float) -> str | None:
+    def get_word(self, value: float) -> str | None:
         """Return the meaning of a value if the constant is a choice between kinds; None if it is a number."""
         return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
-    def told(self, value: float, digits: str = ".3g") -> str:
+    def format_value(self, value: float, digits: str = ".3g") -> str:
         """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl"."""
-        word = self.word(value)
+        word = self.get_word(value)
         if word is not None:
             return f"{self.name}: {word}"
         return f"{self.name} = {value:{digits}}{'' if self.unit == '-' else ' ' + self.unit}"
 
-    def sensible(self, value: float) -> tuple[float, ...]:
+    def list_allowed_values(self, value: float) -> tuple[float, ...]:
         """Return the value, or the whole numbers on both sides of it where only whole numbers make sense."""
         if not self.is_whole or value > self.least:
             return (value,)
         return tuple(dict.fromkeys((float(math.floor(value)), float(math.ceil(value)))))
 
-    def is_refined(self, value: float) -> bool:
+    def can_be_refined(self, value: float) -> bool:
         """Return whether the search looks for better values around this one."""
         return self.refined is not None and not (self.is_whole and value <= self.least)
 
@@ -332,7 +332,7 @@ class Effect(ABC):
         """Return the indices of the joints that the effect can act on."""
         return tuple(range(robot.n))
 
-    def unless_named(self, robot: Robot) -> tuple[int, ...]:
+    def get_default_joints(self, robot: Robot) -> tuple[int, ...]:
         """Return the indices of the joints that it acts on where none is named: by default all possible ones."""
         return self.applicable(robot)
 
@@ -344,15 +344,15 @@ class Effect(ABC):
         """Return whether this is friction that shows where the joint starts and stops: at low speed or after a halt."""
         return False
 
-    def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
+    def is_steep_at_rest(self, shape: Mapping[str, float]) -> bool:
         """Return whether this is a function of the speed that is steepest at rest."""
         return False
 
-    def usual(self, robot: Robot, joint: int) -> Usual | None:
+    def usual(self, robot: Robot, joint: int) -> UsualSize | None:
         """Return its usual size on a joint of a real arm (any, if the scope is the robot); None if it is not known."""
         return None
 
-    def held_in(self, roles: Collection[Role]) -> bool:
+    def fits_roles(self, roles: Collection[Role]) -> bool:
         """Return whether a file format for parameters with these roles can hold the whole effect."""
         return all(spec.role in roles for spec in self.parameters)
 
@@ -361,24 +361,28 @@ class Effect(ABC):
         """Whether it acts in one interval of time only."""
         return self.proposal == "burst"
 
-    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
         """Return whether estimates on one joint, by parameter, are possible in nature and large enough to notice.
 
         Where several parameters have a least size, one of them has to reach its own.
         """
-        return self._noticed(estimates) and all(spec.admits(estimate) for spec, estimate in self._known(estimates))
-
-    def may_change_so(self, estimates: Mapping[str, Estimate]) -> bool:
-        """Return whether differences between two days, by parameter, are noticeable and of possible size."""
-        return self._noticed(estimates) and all(
-            spec.may_change_by(difference) for spec, difference in self._known(estimates)
+        return self._is_noticeable(estimates) and all(
+            spec.admits(estimate) for spec, estimate in self._pair_estimates(estimates)
         )
 
-    def _noticed(self, estimates: Mapping[str, Estimate]) -> bool:
-        sizes = [abs(estimate.value) >= spec.least for spec, estimate in self._known(estimates) if spec.least > 0]
+    def is_plausible_change(self, estimates: Mapping[str, Estimate]) -> bool:
+        """Return whether differences between two days, by parameter, are noticeable and of possible size."""
+        return self._is_noticeable(estimates) and all(
+            spec.admits_change(difference) for spec, difference in self._pair_estimates(estimates)
+        )
+
+    def _is_noticeable(self, estimates: Mapping[str, Estimate]) -> bool:
+        sizes = [
+            abs(estimate.value) >= spec.least for spec, estimate in self._pair_estimates(estimates) if spec.least > 0
+        ]
         return not sizes or any(sizes)
 
-    def _known(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
+    def _pair_estimates(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
         return [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
 
     def shape_with_defaults(self, chosen: Mapping[str, float]) -> dict[str, float]:
@@ -415,7 +419,7 @@ class Effect(ABC):
             parameter=parameter.name,
             name=f"{parameter.name}{joint + 1}",
             link=described.name,
-            unit=parameter.unit_on(described.kind),
+            unit=parameter.get_unit(described.kind),
             torque=ca.sparsify(torque),
             shape=tuple(sorted((shape or {}).items())),
             energy=energy,
@@ -439,7 +443,7 @@ class Effect(ABC):
         )
 
 
-def geometric_grid(first: float, last: float, factor: float) -> list[float]:
+def build_geometric_grid(first: float, last: float, factor: float) -> list[float]:
     """Return values from `first` to at most `last`, each `factor` times the one before."""
     values = [first]
     # The tolerance keeps a last value that rounding has moved just beyond the end.

@@ -8,16 +8,16 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.signals import Signals
 from dynident.effects.sizes import (
     COULOMB_SHARE,
     VISCOUS_SHARE,
-    Usual,
-    largest_torque,
-    usual_coulomb,
-    usual_viscous,
-    velocity_scale,
+    UsualSize,
+    get_largest_torque,
+    get_usual_coulomb,
+    get_usual_viscous,
+    get_velocity_scale,
 )
 from dynident.robot.model import Robot
 
@@ -55,9 +55,9 @@ class Coulomb(_OneColumnFriction):
     may_change = True
     changes_with = ("viscous",)
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some per cent of the largest torque."""
-        return Usual({"Fc": usual_coulomb(robot, joint)})
+        return UsualSize({"Fc": get_usual_coulomb(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return sign(q̇)."""
@@ -81,10 +81,10 @@ class CoulombAsymmetric(Effect):
     experiment = "slow_sweep"
     is_friction = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a third of the usual friction, one way."""
-        torque = largest_torque(robot, joint)
-        return Usual({"Fcp": 0.3 * COULOMB_SHARE * torque, "Fcn": 0.0})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"Fcp": 0.3 * COULOMB_SHARE * torque, "Fcn": 0.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a column for each direction."""
@@ -111,9 +111,9 @@ class Viscous(_OneColumnFriction):
     may_change = True
     changes_with = ("coulomb",)
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some per cent of the largest torque at full speed."""
-        return Usual({"Fv": usual_viscous(robot, joint)})
+        return UsualSize({"Fv": get_usual_viscous(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return q̇."""
@@ -134,10 +134,10 @@ class ViscousAsymmetric(_OneColumnFriction):
     experiment = "constant_speeds"
     told_from = MappingProxyType({"constant_speeds": ("offset", "coulomb_asymmetric", "viscous_nonlinear")})
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a third of the usual friction."""
-        torque = largest_torque(robot, joint)
-        return Usual({"Fva": 0.3 * VISCOUS_SHARE * torque / velocity_scale(robot, joint)})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"Fva": 0.3 * VISCOUS_SHARE * torque / get_velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |q̇|."""
@@ -167,10 +167,10 @@ class Stribeck(_OneColumnFriction):
     told_from = MappingProxyType({"constant_speeds": ("viscous_nonlinear", "coulomb", "break_away", "viscous")})
     often_missed = 3
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: more than half of the usual Coulomb friction, at some per cent of the speed."""
-        torque = largest_torque(robot, joint)
-        return Usual({"Fst": 0.6 * COULOMB_SHARE * torque}, {"vs": 0.03 * velocity_scale(robot, joint)})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"Fst": 0.6 * COULOMB_SHARE * torque}, {"vs": 0.03 * get_velocity_scale(robot, joint)})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return exp(-|q̇/vs|^δ) sign(q̇)."""
@@ -186,7 +186,9 @@ class Stribeck(_OneColumnFriction):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
-        speeds = geometric_grid(0.004 * velocity_scale(robot, joint), 0.13 * velocity_scale(robot, joint), 2.0)
+        speeds = build_geometric_grid(
+            0.004 * get_velocity_scale(robot, joint), 0.13 * get_velocity_scale(robot, joint), 2.0
+        )
         return [{"vs": v, "delta": delta} for delta in (2.0, 1.0) for v in speeds]
 
 
@@ -206,10 +208,10 @@ class ViscousNonlinear(_OneColumnFriction):
     told_from = MappingProxyType({"constant_speeds": ("viscous", "coulomb")})
     often_missed = 5
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some per cent of the largest torque at half the speed."""
-        half = velocity_scale(robot, joint) / 2
-        return Usual({"Fvn": 0.06 * largest_torque(robot, joint) / half**2}, {"p": 2.0})
+        half = get_velocity_scale(robot, joint) / 2
+        return UsualSize({"Fvn": 0.06 * get_largest_torque(robot, joint) / half**2}, {"p": 2.0})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |q̇|^p sign(q̇)."""
@@ -218,9 +220,9 @@ class ViscousNonlinear(_OneColumnFriction):
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
         """Return whether the power is below one: then it is steepest where the joint starts."""
-        return self.steep_at_rest(shape)
+        return self.is_steep_at_rest(shape)
 
-    def steep_at_rest(self, shape: Mapping[str, float]) -> bool:
+    def is_steep_at_rest(self, shape: Mapping[str, float]) -> bool:
         """Return whether the power is below one."""
         return shape["p"] < 1.0
 
@@ -256,9 +258,9 @@ class LoadDependentFriction(_OneColumnFriction):
     # Where the load hardly varies, Coulomb friction explains the same torque.
     seldom_changes = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: that of harmonic drives."""
-        return Usual({"cl": 0.08})
+        return UsualSize({"cl": 0.08})
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |τl| sign(q̇)."""
@@ -284,11 +286,11 @@ class PositionDependentFriction(Effect):
     is_friction = True
     of_position = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a third of the usual Coulomb friction, once a turn."""
-        torque = largest_torque(robot, joint)
+        torque = get_largest_torque(robot, joint)
         values = {"Fpc": 0.3 * COULOMB_SHARE * torque, "Fps": 0.2 * COULOMB_SHARE * torque}
-        return Usual(values, {"k": 1.0})
+        return UsualSize(values, {"k": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a cosine and a sine column a joint."""

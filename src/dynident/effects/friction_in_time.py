@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import casadi as ca
 
-from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual, usual_coulomb, usual_viscous
+from dynident.effects.sizes import UsualSize, get_usual_coulomb, get_usual_viscous
 from dynident.robot.model import Robot
 
 REFERENCE_TEMPERATURE = 25.0
@@ -22,7 +22,7 @@ class _DriftingFriction(Effect):
 
     is_friction: ClassVar[bool] = True
 
-    def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+    def get_factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return the factor (1, 1)."""
         raise TypeError(f"{type(self).__name__} gives no factor")
 
@@ -31,7 +31,7 @@ class _DriftingFriction(Effect):
         constants = self.shape_with_defaults(shape)
         columns = []
         for j in joints:
-            factor = self.factor(signals, j, constants)
+            factor = self.get_factor(signals, j, constants)
             for spec, torque in zip(self.parameters, (signals.dq[j], signals.sign[j]), strict=True):
                 columns.append(self._column(signals, spec, j, factor * torque, constants))
         return columns
@@ -54,11 +54,13 @@ class TemperatureFriction(_DriftingFriction):
     told_from = MappingProxyType({"cold_and_warm": ("warm_up_friction", "viscous")})
     needs_temperature = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a per cent or two of the usual friction for every kelvin."""
-        return Usual({"Fvt": -0.02 * usual_viscous(robot, joint), "Fct": -0.01 * usual_coulomb(robot, joint)})
+        return UsualSize(
+            {"Fvt": -0.02 * get_usual_viscous(robot, joint), "Fct": -0.01 * get_usual_coulomb(robot, joint)}
+        )
 
-    def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+    def get_factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return T - 25 °C."""
         return signals.temperature[joint] - REFERENCE_TEMPERATURE
 
@@ -81,15 +83,15 @@ class WarmUpFriction(_DriftingFriction):
     experiment = "cold_and_warm"
     told_from = MappingProxyType({"cold_and_warm": ("viscous",)})
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: half of the usual friction, gone in a quarter of an hour."""
-        values = {"Fvw": 0.6 * usual_viscous(robot, joint), "Fcw": 0.3 * usual_coulomb(robot, joint)}
-        return Usual(values, {"Tw": 900.0})
+        values = {"Fvw": 0.6 * get_usual_viscous(robot, joint), "Fcw": 0.3 * get_usual_coulomb(robot, joint)}
+        return UsualSize(values, {"Tw": 900.0})
 
-    def factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
+    def get_factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return exp(-t / Tw)."""
         return ca.exp(-signals.time / shape["Tw"])
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return time constants from half a minute to two hours."""
-        return [{"Tw": value} for value in geometric_grid(30.0, 7680.0, 4.0)]
+        return [{"Tw": value} for value in build_geometric_grid(30.0, 7680.0, 4.0)]

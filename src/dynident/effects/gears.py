@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual, largest_torque
+from dynident.effects.sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 # Torsional stiffness of a joint per unit of the largest torque, N m/rad per N m.
@@ -41,10 +41,10 @@ class Backlash(Effect):
     first_order = True
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a tenth of a degree, or a fifth of a millimetre."""
         play = 2e-3 if robot.joints[joint].kind == "revolute" else 0.2e-3
-        return Usual({"bl": play, "bi": play}, {"w": 0.04 * largest_torque(robot, joint)})
+        return UsualSize({"bl": play, "bi": play}, {"w": 0.04 * get_largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint: by posture and by acceleration of the links, and by the rotor's inertia."""
@@ -64,17 +64,17 @@ class Backlash(Effect):
                 columns.append(self._reaching_column(signals, spec, j, torque, constants))
         return columns
 
-    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
         """Return whether the estimates agree on one play, measured at the motor or at the link."""
-        return super().natural(estimates) and _on_one_side(*map(estimates.get, ("bl", "bi", "br")))
+        return super().is_plausible(estimates) and _are_consistent(*map(estimates.get, ("bl", "bi", "br")))
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return half a per cent and 4 % of the joint's effort limit."""
-        effort = largest_torque(robot, joint)
+        effort = get_largest_torque(robot, joint)
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 
 
-def _on_one_side(posture: Estimate | None, links: Estimate | None, rotor: Estimate | None) -> bool:
+def _are_consistent(posture: Estimate | None, links: Estimate | None, rotor: Estimate | None) -> bool:
     """Return whether estimates of one gear are consistent with a position measured at the motor or at the link.
 
     At the motor, the link lags behind: posture and inertia of the links give the same value within a factor of two, and
@@ -115,14 +115,14 @@ class JointElasticity(Effect):
     first_order = True
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: that of a harmonic drive."""
-        compliance = 1 / (_STIFFNESS * largest_torque(robot, joint))
-        return Usual({"Ce": compliance, "Cl": compliance})
+        compliance = 1 / (_STIFFNESS * get_largest_torque(robot, joint))
+        return UsualSize({"Ce": compliance, "Cl": compliance})
 
-    def natural(self, estimates: Mapping[str, Estimate]) -> bool:
+    def is_plausible(self, estimates: Mapping[str, Estimate]) -> bool:
         """Return whether the estimates agree on one compliance, measured at the motor or at the link."""
-        return super().natural(estimates) and _on_one_side(*map(estimates.get, ("Ce", "Cl", "Cr")))
+        return super().is_plausible(estimates) and _are_consistent(*map(estimates.get, ("Ce", "Cl", "Cr")))
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual
+from dynident.effects.sizes import UsualSize
 from dynident.robot.model import Robot
 
 
@@ -25,9 +25,9 @@ class EncoderZeroError(Effect):
     needs_load = True
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: two degrees, or three millimetres."""
-        return Usual({"dq0": 0.03 if robot.joints[joint].kind == "revolute" else 3e-3})
+        return UsualSize({"dq0": 0.03 if robot.joints[joint].kind == "revolute" else 3e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the sensitivity of all joints' torque to the position of each."""
@@ -58,9 +58,9 @@ class KinematicError(Effect):
     first_order = True
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some millimetres."""
-        return Usual({"dx": 8e-3, "dy": -5e-3, "dz": 4e-3})
+        return UsualSize({"dx": 8e-3, "dy": -5e-3, "dz": 4e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint."""

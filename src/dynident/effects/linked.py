@@ -12,9 +12,9 @@ from functools import cached_property
 import casadi as ca
 
 from dynident.arrays import FloatArray
-from dynident.effects.mechanics import Mechanics, dynamic_rows, energy_rows, wrench_rows
-from dynident.effects.newton_euler import inverse_dynamics
-from dynident.expressions.angles import Turns
+from dynident.effects.mechanics import Mechanics, build_dynamic_rows, build_energy_rows, build_wrench_rows
+from dynident.effects.newton_euler import build_inverse_dynamics
+from dynident.expressions.angles import AngleTerms
 from dynident.robot.linkage import Linkage
 from dynident.robot.loops import Closure
 from dynident.robot.model import Robot
@@ -36,12 +36,12 @@ class OpenMotion:
         free = self.derivatives[0]
         if self.linkage.closure is not None:
             free = ca.vertcat(free, self.linkage.closure.symbols[1])
-        return ca.mtimes(_sparse(self.linkage.ratios), free) + ca.DM(self.linkage.offsets)
+        return ca.mtimes(_to_sparse(self.linkage.ratios), free) + ca.DM(self.linkage.offsets)
 
     @cached_property
     def jacobian(self) -> ca.SX:
         """G SX (N, n)."""
-        n, ratios = len(self.linkage.driven), _sparse(self.linkage.ratios)
+        n, ratios = len(self.linkage.driven), _to_sparse(self.linkage.ratios)
         closure = self.linkage.closure
         if closure is None:
             return ratios
@@ -56,35 +56,35 @@ class OpenMotion:
     @cached_property
     def ddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._derivative(1)
+        return self._differentiate(1)
 
     @cached_property
     def dddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._derivative(2)
+        return self._differentiate(2)
 
     @cached_property
     def ddddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._derivative(3)
+        return self._differentiate(3)
 
-    def lowered(self, torque: ca.SX) -> ca.SX:
+    def project_torque(self, torque: ca.SX) -> ca.SX:
         """Return Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
-    def closed(self, expression: ca.SX) -> ca.SX:
+    def substitute_passive(self, expression: ca.SX) -> ca.SX:
         """Return an expression of driven motion and the symbols of x as an expression of driven motion alone."""
         closure = self.linkage.closure
-        return expression if closure is None else closure.closed(expression, self.derivatives[0])
+        return expression if closure is None else closure.substitute_passive(expression, self.derivatives[0])
 
-    def _derivative(self, order: int) -> ca.SX:
+    def _differentiate(self, order: int) -> ca.SX:
         """Return the time derivative SX (N, 1) of order + 1: acceleration for 1, jerk for 2, …."""
         free = self.derivatives[order + 1]
         if self.linkage.closure is not None:
-            free = ca.vertcat(free, self._of_passive(self.linkage.closure, order))
-        return ca.mtimes(_sparse(self.linkage.ratios), free)
+            free = ca.vertcat(free, self._differentiate_passive(self.linkage.closure, order))
+        return ca.mtimes(_to_sparse(self.linkage.ratios), free)
 
-    def _of_passive(self, closure: Closure, order: int) -> ca.SX:
+    def _differentiate_passive(self, closure: Closure, order: int) -> ca.SX:
         driven, x = closure.symbols
         names = ("dqa", "ddqa", "dddqa", "ddddqa")
         rates = [ca.SX.sym(name, closure.n) for name in names[: order + 1]]
@@ -113,56 +113,56 @@ class TreeMotion:
     @cached_property
     def q(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._open.closed(self._open.q)
+        return self._open.substitute_passive(self._open.q)
 
     @cached_property
-    def turns(self) -> Turns:
+    def turns(self) -> AngleTerms:
         """The positions with their cosines and sines, SX (N, 1) each."""
         q = self._open.q
-        return Turns(self.q, self._open.closed(ca.cos(q)), self._open.closed(ca.sin(q)))
+        return AngleTerms(self.q, self._open.substitute_passive(ca.cos(q)), self._open.substitute_passive(ca.sin(q)))
 
     @cached_property
     def jacobian(self) -> ca.SX:
         """G SX (N, n)."""
-        return self._open.closed(self._open.jacobian)
+        return self._open.substitute_passive(self._open.jacobian)
 
     @cached_property
     def dq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._open.closed(self._open.dq)
+        return self._open.substitute_passive(self._open.dq)
 
     @cached_property
     def ddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._open.closed(self._open.ddq)
+        return self._open.substitute_passive(self._open.ddq)
 
     @cached_property
     def dddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._open.closed(self._open.dddq)
+        return self._open.substitute_passive(self._open.dddq)
 
     @cached_property
     def ddddq(self) -> ca.SX:
         """SX (N, 1)."""
-        return self._open.closed(self._open.ddddq)
+        return self._open.substitute_passive(self._open.ddddq)
 
-    def lowered(self, torque: ca.SX) -> ca.SX:
+    def project_torque(self, torque: ca.SX) -> ca.SX:
         """Return Gᵀ Γ_tree SX (n, k) of torques of the tree's joints SX (N, k)."""
         return ca.sparsify(ca.mtimes(self.jacobian.T, torque))
 
 
-def all_positions(robot: Robot, q: ca.SX) -> ca.SX:
+def build_all_positions(robot: Robot, q: ca.SX) -> ca.SX:
     """Return the positions SX of the driven joints, then of those that follow: `Robot.positions` as an expression."""
     if robot.linkage is None:
         return q
     return ca.vertcat(q, TreeMotion(robot.linkage, (q,)).q[list(robot.linkage.passive)])
 
 
-def _sparse(matrix: FloatArray) -> ca.SX:
+def _to_sparse(matrix: FloatArray) -> ca.SX:
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 
-class LinkedMechanics(Mechanics):
+class DependentMechanics(Mechanics):
     """The rigid-body model of a machine in the space of its driven joints: (n, 10 N) rows of the tree's links."""
 
     @cached_property
@@ -174,24 +174,26 @@ class LinkedMechanics(Mechanics):
     def rows(self) -> ca.SX:
         """SX (n, 10 N): the dynamic model's rows, Gᵀ times those of the tree."""
         motion = self._motion
-        rows = dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
-        return motion.closed(motion.lowered(rows))
+        rows = build_dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
+        return motion.substitute_passive(motion.project_torque(rows))
 
     @cached_property
     def wrenches(self) -> ca.SX:
         """SX (6, 10 N): the rows of the base's reaction wrench."""
         motion = self._motion
-        return motion.closed(wrench_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity))
+        return motion.substitute_passive(
+            build_wrench_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
+        )
 
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 N), SX (1, 10 N)): kinetic and potential energy rows."""
         motion = self._motion
-        kinetic, potential = energy_rows(self.robot.tree, motion.q, motion.dq, self.gravity)
-        return motion.closed(kinetic), motion.closed(potential)
+        kinetic, potential = build_energy_rows(self.robot.tree, motion.q, motion.dq, self.gravity)
+        return motion.substitute_passive(kinetic), motion.substitute_passive(potential)
 
 
-def torque_of_links(
+def build_link_torque(
     robot: Robot,
     q: ca.SX,
     dq: ca.SX,
@@ -205,7 +207,7 @@ def torque_of_links(
     The arguments are those of `inverse_dynamics`, with inertia SX (10 N, 1) and shift SX (3, N) of the tree.
     """
     if robot.linkage is None:
-        return inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)
+        return build_inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)
     motion = OpenMotion(robot.linkage, (q, dq, ddq))
-    torque = inverse_dynamics(robot.tree, motion.q, motion.dq, motion.ddq, gravity, inertia, shift)
-    return motion.closed(motion.lowered(torque))
+    torque = build_inverse_dynamics(robot.tree, motion.q, motion.dq, motion.ddq, gravity, inertia, shift)
+    return motion.substitute_passive(motion.project_torque(torque))

@@ -28,21 +28,21 @@ def _snap(matrix: FloatArray) -> FloatArray:
     return snapped
 
 
-def _sparse(matrix: FloatArray) -> ca.SX:
+def _to_sparse(matrix: FloatArray) -> ca.SX:
     return ca.sparsify(ca.SX(ca.DM(_snap(matrix))))
 
 
-def constant(vector: FloatArray) -> ca.SX:
+def to_constant(vector: FloatArray) -> ca.SX:
     """Return a vector (3,) of a description as constants SX (3, 1), with rounded zeros set to zero."""
     return ca.SX(ca.DM(_snap(vector)))
 
 
-def cross(a: ca.SX, b: ca.SX) -> ca.SX:
+def cross_product(a: ca.SX, b: ca.SX) -> ca.SX:
     """Return the vector product SX (3, 1)."""
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _rotation(joint: Joint, q: ca.SX) -> ca.SX:
+def _build_rotation(joint: Joint, q: ca.SX) -> ca.SX:
     """Return the rotation from the joint's frame to the frame of its placement."""
     if joint.kind == "prismatic":
         return ca.SX.eye(3)
@@ -60,19 +60,19 @@ class Frame:
     origin: ca.SX
 
 
-def frames_of(robot: Robot, q: ca.SX) -> list[Frame]:
+def build_frames(robot: Robot, q: ca.SX) -> list[Frame]:
     """Return the frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
     frames = []
     for index, joint in enumerate(robot.joints):
-        fixed = _sparse(joint.placement[:3, :3])
-        origin = ca.densify(_sparse(joint.placement[:3, 3:]))
+        fixed = _to_sparse(joint.placement[:3, :3])
+        origin = ca.densify(_to_sparse(joint.placement[:3, 3:]))
         if joint.kind == "prismatic":
-            origin = origin + ca.mtimes(fixed, constant(joint.axis)) * q[index]
-        frames.append(Frame(ca.mtimes(fixed, _rotation(joint, q[index])), origin))
+            origin = origin + ca.mtimes(fixed, to_constant(joint.axis)) * q[index]
+        frames.append(Frame(ca.mtimes(fixed, _build_rotation(joint, q[index])), origin))
     return frames
 
 
-def _body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _build_body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return force (3, 10) and moment (3, 10) about the frame's origin, linear in XX … M of one link."""
     w, a = omega, alpha
     zero = ca.SX(1, 1)
@@ -92,7 +92,7 @@ def _body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tuple[ca
     return force, moment
 
 
-def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
+def build_dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
     """Return the observation rows of the dynamic model [12.18] for the standard inertial parameters.
 
     Parameters
@@ -107,10 +107,10 @@ def dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) 
     SX (n, 10 n), structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in
     the order of `INERTIAL_NAMES`.
     """
-    return _projected_rows(robot, q, dq, ddq, gravity, of_base=False)
+    return _build_projected_rows(robot, q, dq, ddq, gravity, of_base=False)
 
 
-def wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
+def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -> ca.SX:
     """Return the observation rows of the base's reaction wrench for the standard inertial parameters (§12.8).
 
     Friction, motor torques and rotors do not appear: they are internal to the robot.
@@ -128,10 +128,10 @@ def wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX) -
         Force on the robot, then moment about the origin of the base frame, both along its axes. At rest the force
         carries the weight.
     """
-    return _projected_rows(robot, q, dq, ddq, gravity, of_base=True)
+    return _build_projected_rows(robot, q, dq, ddq, gravity, of_base=True)
 
 
-def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, *, of_base: bool) -> ca.SX:
+def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.SX, *, of_base: bool) -> ca.SX:
     """Return each link's wrench projected on the unit twists of the joints that carry it, or on the base's six."""
     n = robot.n
     zero = ca.SX.zeros(3, 1)
@@ -144,27 +144,27 @@ def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.S
     accelerations: list[ca.SX] = []
     twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # row j -> its unit twist (angular, linear) at this frame
     rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(6 if of_base else n)]
-    for i, (joint, frame) in enumerate(zip(robot.joints, frames_of(robot, q), strict=True)):
+    for i, (joint, frame) in enumerate(zip(robot.joints, build_frames(robot, q), strict=True)):
         root = joint.parent < 0
         down = frame.rotation.T
         omega_p = zero if root else omegas[joint.parent]
         alpha_p = zero if root else alphas[joint.parent]
         acceleration_p = -gravity if root else accelerations[joint.parent]
-        axis = constant(joint.axis)
+        axis = to_constant(joint.axis)
         omega = ca.mtimes(down, omega_p)
         alpha = ca.mtimes(down, alpha_p)
-        lever = cross(alpha_p, frame.origin) + cross(omega_p, cross(omega_p, frame.origin))
+        lever = cross_product(alpha_p, frame.origin) + cross_product(omega_p, cross_product(omega_p, frame.origin))
         acceleration = ca.mtimes(down, acceleration_p + lever)
         if joint.kind == "revolute":
-            alpha = alpha + axis * ddq[i] + cross(omega, axis * dq[i])
+            alpha = alpha + axis * ddq[i] + cross_product(omega, axis * dq[i])
             omega = omega + axis * dq[i]
         else:
-            acceleration = acceleration + axis * ddq[i] + 2 * cross(omega, axis * dq[i])
+            acceleration = acceleration + axis * ddq[i] + 2 * cross_product(omega, axis * dq[i])
         # A joint feels the wrenches of all links that it moves: carry its unit twist along to every later link's frame,
         # where its product with the link's wrench is the torque by virtual power.
         inherited = base if root else twists[joint.parent]
         here = {
-            j: (ca.mtimes(down, angular), ca.mtimes(down, linear + cross(angular, frame.origin)))
+            j: (ca.mtimes(down, angular), ca.mtimes(down, linear + cross_product(angular, frame.origin)))
             for j, (angular, linear) in inherited.items()
         }
         if not of_base:
@@ -173,13 +173,13 @@ def _projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca.S
         alphas.append(alpha)
         accelerations.append(acceleration)
         twists.append(here)
-        force, moment = _body_regressor(omega, alpha, acceleration)
+        force, moment = _build_body_regressor(omega, alpha, acceleration)
         for j, (angular, linear) in here.items():
             rows[j][i] = ca.mtimes(linear.T, force) + ca.mtimes(angular.T, moment)
     return ca.sparsify(ca.vertcat(*(ca.horzcat(*row) for row in rows)))
 
 
-def energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
+def build_energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the rows e(q, q̇) and u(q) of [12.32]-[12.34] for the standard inertial parameters.
 
     Returns
@@ -191,14 +191,14 @@ def energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.S
     velocities: list[ca.SX] = []
     poses: list[tuple[ca.SX, ca.SX]] = []
     zero = ca.SX.zeros(3, 1)
-    for i, (joint, frame) in enumerate(zip(robot.joints, frames_of(robot, q), strict=True)):
+    for i, (joint, frame) in enumerate(zip(robot.joints, build_frames(robot, q), strict=True)):
         root = joint.parent < 0
         omega_p, velocity_p = (zero, zero) if root else (omegas[joint.parent], velocities[joint.parent])
         rotation_p, origin_p = (ca.SX.eye(3), zero) if root else poses[joint.parent]
         down = frame.rotation.T
-        axis = constant(joint.axis)
+        axis = to_constant(joint.axis)
         w = ca.mtimes(down, omega_p)
-        v = ca.mtimes(down, velocity_p + cross(omega_p, frame.origin))
+        v = ca.mtimes(down, velocity_p + cross_product(omega_p, frame.origin))
         if joint.kind == "revolute":
             w = w + axis * dq[i]
         else:
@@ -233,19 +233,19 @@ class Mechanics:
     @cached_property
     def gravity(self) -> ca.SX:
         """The robot's gravity (3, 1) as constants."""
-        return constant(self.robot.gravity)
+        return to_constant(self.robot.gravity)
 
     @cached_property
     def rows(self) -> ca.SX:
         """SX (n, 10 n): the dynamic model's rows, [12.18]."""
-        return dynamic_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
+        return build_dynamic_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
 
     @cached_property
     def wrenches(self) -> ca.SX:
         """SX (6, 10 n): the rows of the base's reaction wrench."""
-        return wrench_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
+        return build_wrench_rows(self.robot, self.q, self.dq, self.ddq, self.gravity)
 
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 n), SX (1, 10 n)): kinetic and potential energy rows, [12.33] and [12.34]."""
-        return energy_rows(self.robot, self.q, self.dq, self.gravity)
+        return build_energy_rows(self.robot, self.q, self.dq, self.gravity)

@@ -16,12 +16,12 @@ from dynident.arrays import FloatArray
 from dynident.effects.signals import MemorySignal
 
 
-def step(signal: MemorySignal, state: float, displacement: float) -> float:
+def step_state(signal: MemorySignal, state: float, displacement: float) -> float:
     """Return the state after the joint has moved on by `displacement` (rad or m)."""
     return float(signal.operator.stroke(np.array([state]), np.array([[displacement / signal.slip]]))[0, 0])
 
 
-def step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
+def build_step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return `step` as an expression of SX (1, 1)."""
     return signal.operator.step(state, displacement / signal.slip)
 
@@ -52,11 +52,11 @@ class MemoryStates:
         before = q[0] if self._last is None else self._last
         for joint in self._joints:
             members = [k for k, signal in enumerate(self.signals) if signal.joint == joint]
-            self._walk(np.concatenate(([before[joint]], q[:, joint])), members, out)
+            self._follow_path(np.concatenate(([before[joint]], q[:, joint])), members, out)
         self._last = q[-1].copy()
         return out
 
-    def _walk(self, path: FloatArray, members: list[int], out: FloatArray) -> None:
+    def _follow_path(self, path: FloatArray, members: list[int], out: FloatArray) -> None:
         """Fill the columns `members` of `out` (m, …) along `path` (m + 1,), whose first point is the last one known."""
         # Signals with equal operators go through one array operation, whatever their slips.
         slips = np.array([self.signals[k].slip for k in members])
@@ -67,7 +67,7 @@ class MemoryStates:
         ]
         halts = any(operator.forgets_at_halts for operator in operators)
         state = self._state[members]
-        for first, last in itertools.pairwise(_strokes(np.sign(np.diff(path)), standstills=halts)):
+        for first, last in itertools.pairwise(_find_strokes(np.sign(np.diff(path)), standstills=halts)):
             ratio = (path[first + 1 : last + 1, None] - path[first]) / slips
             sliding = np.empty_like(ratio)
             for operator, places in groups:
@@ -77,7 +77,7 @@ class MemoryStates:
         self._state[members] = state
 
 
-def _strokes(moves: FloatArray, *, standstills: bool) -> list[int]:
+def _find_strokes(moves: FloatArray, *, standstills: bool) -> list[int]:
     """Return the index of the first move of each stroke in one direction, followed by the number of all moves.
 
     Moves are given by their signs (m,). A sample without movement belongs to the stroke before it, unless standstills

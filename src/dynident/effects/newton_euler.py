@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from dynident.effects.mechanics import Frame, constant, cross, frames_of
+from dynident.effects.mechanics import Frame, build_frames, cross_product, to_constant
 from dynident.robot.model import Joint, Robot
 
 
@@ -24,7 +24,7 @@ class _Motion:
     acceleration: ca.SX
 
 
-def inverse_dynamics(
+def build_inverse_dynamics(
     robot: Robot,
     q: ca.SX,
     dq: ca.SX,
@@ -50,7 +50,7 @@ def inverse_dynamics(
     -------
     SX (n, 1)
     """
-    frames = frames_of(robot, q)
+    frames = build_frames(robot, q)
     if shift is not None:
         frames = [Frame(frame.rotation, frame.origin + shift[:, i]) for i, frame in enumerate(frames)]
     # Outward: velocities and accelerations. Starting at rest with the acceleration -g stands for gravity on all links.
@@ -59,8 +59,8 @@ def inverse_dynamics(
     moments: list[ca.SX] = []
     rest = _Motion(ca.SX.zeros(3, 1), ca.SX.zeros(3, 1), -gravity)
     for i, (joint, frame) in enumerate(zip(robot.joints, frames, strict=True)):
-        moving = _carried(rest if joint.parent < 0 else motions[joint.parent], joint, frame, dq[i], ddq[i])
-        force, moment = _wrench(moving, inertia[10 * i : 10 * i + 10])
+        moving = _propagate_motion(rest if joint.parent < 0 else motions[joint.parent], joint, frame, dq[i], ddq[i])
+        force, moment = _build_wrench(moving, inertia[10 * i : 10 * i + 10])
         motions.append(moving)
         forces.append(force)
         moments.append(moment)
@@ -68,40 +68,44 @@ def inverse_dynamics(
     torque = [ca.SX(1, 1) for _ in range(robot.n)]
     for i in reversed(range(robot.n)):
         joint, frame = robot.joints[i], frames[i]
-        torque[i] = ca.dot(constant(joint.axis), moments[i] if joint.kind == "revolute" else forces[i])
+        torque[i] = ca.dot(to_constant(joint.axis), moments[i] if joint.kind == "revolute" else forces[i])
         if joint.parent >= 0:
             force = ca.mtimes(frame.rotation, forces[i])
             forces[joint.parent] += force
-            moments[joint.parent] += ca.mtimes(frame.rotation, moments[i]) + cross(frame.origin, force)
+            moments[joint.parent] += ca.mtimes(frame.rotation, moments[i]) + cross_product(frame.origin, force)
     return ca.vertcat(*torque)
 
 
-def _carried(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, ddq: ca.SX) -> _Motion:
+def _propagate_motion(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, ddq: ca.SX) -> _Motion:
     """Return the motion of a link, in its own frame, from that of its antecedent."""
-    down, axis = frame.rotation.T, constant(joint.axis)
+    down, axis = frame.rotation.T, to_constant(joint.axis)
     omega = ca.mtimes(down, parent.omega)
     alpha = ca.mtimes(down, parent.alpha)
-    lever = cross(parent.alpha, frame.origin) + cross(parent.omega, cross(parent.omega, frame.origin))
+    lever = cross_product(parent.alpha, frame.origin) + cross_product(
+        parent.omega, cross_product(parent.omega, frame.origin)
+    )
     acceleration = ca.mtimes(down, parent.acceleration + lever)
     if joint.kind == "revolute":
-        alpha = alpha + axis * ddq + cross(omega, axis * dq)
+        alpha = alpha + axis * ddq + cross_product(omega, axis * dq)
         return _Motion(omega + axis * dq, alpha, acceleration)
-    return _Motion(omega, alpha, acceleration + axis * ddq + 2 * cross(omega, axis * dq))
+    return _Motion(omega, alpha, acceleration + axis * ddq + 2 * cross_product(omega, axis * dq))
 
 
-def _wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _build_wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the force and moment (3, 1) about the frame's origin that a link with parameters k (10, 1) needs."""
     inertia = ca.vertcat(ca.horzcat(k[0], k[1], k[2]), ca.horzcat(k[1], k[3], k[4]), ca.horzcat(k[2], k[4], k[5]))
     first, mass = k[6:9], k[9]
     omega, alpha, acceleration = motion.omega, motion.alpha, motion.acceleration
-    force = mass * acceleration + cross(alpha, first) + cross(omega, cross(omega, first))
-    moment = ca.mtimes(inertia, alpha) + cross(omega, ca.mtimes(inertia, omega)) + cross(first, acceleration)
+    force = mass * acceleration + cross_product(alpha, first) + cross_product(omega, cross_product(omega, first))
+    moment = (
+        ca.mtimes(inertia, alpha) + cross_product(omega, ca.mtimes(inertia, omega)) + cross_product(first, acceleration)
+    )
     return force, moment
 
 
-def link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
+def build_link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
     """Return the Jacobian SX (6, n) of a link's frame: linear, then angular velocity, in the base frame."""
-    frames = frames_of(robot, q)
+    frames = build_frames(robot, q)
     rotations: list[ca.SX] = []
     origins: list[ca.SX] = []
     for joint, frame in zip(robot.joints, frames, strict=True):
@@ -114,9 +118,9 @@ def link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
     link = tip
     while link >= 0:
         joint = robot.joints[link]
-        axis = ca.mtimes(rotations[link], constant(np.asarray(joint.axis)))
+        axis = ca.mtimes(rotations[link], to_constant(np.asarray(joint.axis)))
         if joint.kind == "revolute":
-            jacobian[:3, link] = cross(axis, origins[tip] - origins[link])
+            jacobian[:3, link] = cross_product(axis, origins[tip] - origins[link])
             jacobian[3:, link] = axis
         else:
             jacobian[:3, link] = axis

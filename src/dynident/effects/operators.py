@@ -50,7 +50,7 @@ class Operator(ABC):
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ∂z'/∂z and ∂z'/∂ratio of steps, in the shape of the states `before` and `after` the steps."""
-        derivatives = _differentiated(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
+        derivatives = _differentiate(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
         passes, follows = (
             np.asarray(ca.DM(derivative), dtype=np.float64).reshape(before.shape) for derivative in derivatives
         )
@@ -129,7 +129,7 @@ STOP, DAHL, TRAVEL = Stop(), Dahl(), Travel()
 
 
 @lru_cache(maxsize=64)
-def _differentiated(operator: Operator) -> ca.Function:
+def _differentiate(operator: Operator) -> ca.Function:
     """Return the function (z, ratio) -> ∂z'/∂z, ∂z'/∂ratio."""
     state, ratio = ca.SX.sym("z"), ca.SX.sym("ratio")
     after = operator.step(state, ratio)

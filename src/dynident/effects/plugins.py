@@ -21,14 +21,14 @@ from dynident.effects.effect import Effect
 from dynident.effects.signals import Signals
 from dynident.robot import robot_from_modified_dh
 
-GROUP = "dynident.effects"
+ENTRY_POINT_GROUP = "dynident.effects"
 
 
-def installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
+def load_installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
     """Return the effects of all installed entry points, sorted by name, without those whose id is in use."""
     accepted: dict[str, Effect] = {}
-    for point in sorted(entry_points(group=GROUP), key=lambda item: item.name):
-        effect = _loaded(point)
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda item: item.name):
+        effect = _load_effect(point)
         if effect is None:
             continue
         if effect.id in used_ids or effect.id in accepted:
@@ -38,7 +38,7 @@ def installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
     return tuple(accepted.values())
 
 
-def effects_in_this_room() -> tuple[Effect, ...]:
+def list_package_effects() -> tuple[Effect, ...]:
     """Return all effects that modules of `dynident.effects` define, sorted by module."""
     instances = []
     for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
@@ -51,7 +51,7 @@ def effects_in_this_room() -> tuple[Effect, ...]:
     return tuple(instances)
 
 
-def _loaded(point: EntryPoint) -> Effect | None:
+def _load_effect(point: EntryPoint) -> Effect | None:
     try:
         plugin = point.load()
         effect = plugin() if isinstance(plugin, type) else plugin
@@ -65,14 +65,14 @@ def _loaded(point: EntryPoint) -> Effect | None:
         )
         return None
     try:
-        _try(effect)
+        _try_effect(effect)
     except Exception as error:  # whatever somebody else's code raises
         warnings.warn(f"the effect {effect.id!r} ({point.value}) is left out: {error}", stacklevel=3)
         return None
     return effect
 
 
-def _try(effect: Effect) -> None:
+def _try_effect(effect: Effect) -> None:
     """Build the effect's columns on a small arm; raise an error if they do not match its specification."""
     robot = robot_from_modified_dh("trial", _TRIAL)
     signals, names = Signals(robot), {spec.name for spec in effect.parameters}

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects.linked import torque_of_links
-from dynident.effects.mechanics import constant
+from dynident.effects.linked import build_link_torque
+from dynident.effects.mechanics import to_constant
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
@@ -23,7 +23,7 @@ DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 """Effects and parameters that a motor's torque consists of beside the load, in the order of `reference`."""
 
 
-def reference_size(robot: Robot) -> int:
+def count_reference_parameters(robot: Robot) -> int:
     """Return the length 10 N + 4 n of reference parameters: ten a link, then Ia, Fc, Fv and b of the drives."""
     return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
 
@@ -49,18 +49,18 @@ class ReferenceParameters:
     constant: FloatArray
 
     @classmethod
-    def of_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
+    def from_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
         """Return parameters of links (N, 10) alone: the n motors have neither rotors nor friction."""
         nothing = np.zeros(n)
         return cls(inertias, nothing, nothing, nothing, nothing)
 
     @classmethod
-    def nothing(cls, robot: Robot) -> ReferenceParameters:
+    def massless(cls, robot: Robot) -> ReferenceParameters:
         """Return parameters that predict no torque: links without mass."""
-        return cls.of_links(np.zeros((robot.tree.n, 10)), robot.n)
+        return cls.from_links(np.zeros((robot.tree.n, 10)), robot.n)
 
     @classmethod
-    def of_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
+    def from_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
         """Return the parameters in a vector (10 N + 4 n,), or in one (10 N,) of links alone.
 
         Raises
@@ -70,11 +70,11 @@ class ReferenceParameters:
         """
         links = 10 * robot.tree.n
         if vector.shape == (links,):
-            return cls.of_links(vector.reshape(-1, 10), robot.n)
-        if vector.shape != (reference_size(robot),):
+            return cls.from_links(vector.reshape(-1, 10), robot.n)
+        if vector.shape != (count_reference_parameters(robot),):
             raise DynidentError(
                 f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} of the links alone, "
-                f"or {reference_size(robot)} with Ia, Fc, Fv and b of all joints",
+                f"or {count_reference_parameters(robot)} with Ia, Fc, Fv and b of all joints",
                 title="Unusable reference parameters",
             )
         return cls(vector[:links].reshape(-1, 10), *vector[links:].reshape(len(DRIVE_PARAMETERS), robot.n))
@@ -85,7 +85,7 @@ class ReferenceParameters:
         drives = (self.rotors, self.dry, self.damping, self.constant)
         return np.concatenate([self.inertias.reshape(-1), *drives])
 
-    def vector_of(self, robot: Robot) -> FloatArray:
+    def to_vector(self, robot: Robot) -> FloatArray:
         """Return the vector (10 N + 4 n,), after a check that it fits a robot.
 
         Raises
@@ -101,7 +101,7 @@ class ReferenceParameters:
             )
         return self.vector
 
-    def is_like(self, other: ReferenceParameters) -> bool:
+    def equals(self, other: ReferenceParameters) -> bool:
         """Return whether all values are the same."""
         return np.array_equal(self.vector, other.vector)
 
@@ -129,7 +129,7 @@ class Prediction:
         """SX (10 N, 1): the standard inertial parameters."""
         return self.reference[: 10 * self.robot.tree.n]
 
-    def drive(self, parameter: str) -> ca.SX:
+    def get_drive_parameter(self, parameter: str) -> ca.SX:
         """Return Ia, Fc, Fv or b of every joint, SX (n, 1)."""
         n = self.robot.n
         first = 10 * self.robot.tree.n + n * [name for _, name in DRIVE_PARAMETERS].index(parameter)
@@ -138,17 +138,17 @@ class Prediction:
     @cached_property
     def load(self) -> ca.SX:
         """SX (n, 1): torque of the links, which the gears carry (N m, N)."""
-        return self._torque_of(constant(self.robot.gravity))
+        return self._build_torque(to_constant(self.robot.gravity))
 
     @cached_property
     def load_rate(self) -> ca.SX:
         """SX (n, 1): its time derivative."""
-        return self._rate(self.load, 3)
+        return self._differentiate(self.load, 3)
 
     @cached_property
     def load_acceleration(self) -> ca.SX:
         """SX (n, 1): its second time derivative."""
-        return self._rate(self.load_rate, 4)
+        return self._differentiate(self.load_rate, 4)
 
     @cached_property
     def load_over_position(self) -> ca.SX:
@@ -165,8 +165,8 @@ class Prediction:
         """SX (n, 3 N): ∂τl over a shift of the joint frames' origins, each in its antecedent's frame (N m/m)."""
         count = self.robot.tree.n
         shift = ca.SX.sym("shift", 3, count)
-        shifted = torque_of_links(
-            self.robot, self.q, self.dq, self.ddq, constant(self.robot.gravity), self.inertia, shift
+        shifted = build_link_torque(
+            self.robot, self.q, self.dq, self.ddq, to_constant(self.robot.gravity), self.inertia, shift
         )
         slope = ca.jacobian(shifted, ca.vec(shift))
         return ca.substitute(slope, shift, ca.SX.zeros(3, count))
@@ -176,37 +176,48 @@ class Prediction:
         """SX (n, 3): torque that the links need at rest against one m/s² of gravity along each axis of the base."""
         # The torque is linear in gravity: three unit vectors are enough for any direction and any tilt.
         still = ca.SX(self.robot.n, 1)
-        along = [torque_of_links(self.robot, self.q, still, still, constant(axis), self.inertia) for axis in np.eye(3)]
+        along = [
+            build_link_torque(self.robot, self.q, still, still, to_constant(axis), self.inertia) for axis in np.eye(3)
+        ]
         return ca.horzcat(*along)
 
-    def gravity_torque(self, gravity: FloatArray) -> ca.SX:
+    def build_gravity_torque(self, gravity: FloatArray) -> ca.SX:
         """Return the torque SX (n, 1) that the links need at rest against an acceleration of gravity (3,)."""
-        return ca.mtimes(self.gravity_torques, constant(gravity))
+        return ca.mtimes(self.gravity_torques, to_constant(gravity))
 
     @cached_property
     def smooth(self) -> ca.SX:
         """SX (n, 1): motor torque without what jumps at reversals."""
-        return self.load + self.drive("Ia") * self.ddq + self.drive("Fv") * self.dq + self.drive("b")
+        return (
+            self.load
+            + self.get_drive_parameter("Ia") * self.ddq
+            + self.get_drive_parameter("Fv") * self.dq
+            + self.get_drive_parameter("b")
+        )
 
     @cached_property
     def smooth_rate(self) -> ca.SX:
         """SX (n, 1): time derivative of the smooth motor torque."""
-        return self.load_rate + self.drive("Ia") * self.dddq + self.drive("Fv") * self.ddq
+        return self.load_rate + self.get_drive_parameter("Ia") * self.dddq + self.get_drive_parameter("Fv") * self.ddq
 
     @cached_property
     def smooth_curvature(self) -> ca.SX:
         """SX (n, 1): second time derivative of the smooth motor torque."""
-        return self.load_acceleration + self.drive("Ia") * self.ddddq + self.drive("Fv") * self.dddq
+        return (
+            self.load_acceleration
+            + self.get_drive_parameter("Ia") * self.ddddq
+            + self.get_drive_parameter("Fv") * self.dddq
+        )
 
     @cached_property
     def motor(self) -> ca.SX:
         """SX (n, 1): motor torque with friction."""
-        return self.smooth + self.drive("Fc") * self.sign
+        return self.smooth + self.get_drive_parameter("Fc") * self.sign
 
-    def _torque_of(self, gravity: ca.SX) -> ca.SX:
-        return torque_of_links(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
+    def _build_torque(self, gravity: ca.SX) -> ca.SX:
+        return build_link_torque(self.robot, self.q, self.dq, self.ddq, gravity, self.inertia)
 
-    def _rate(self, expression: ca.SX, order: int) -> ca.SX:
+    def _differentiate(self, expression: ca.SX, order: int) -> ca.SX:
         """Return the time derivative of an expression of q and its first `order` - 1 derivatives."""
         state: Sequence[ca.SX] = (self.q, self.dq, self.ddq, self.dddq, self.ddddq)
         return ca.jtimes(expression, ca.vertcat(*state[:order]), ca.vertcat(*state[1 : order + 1]))

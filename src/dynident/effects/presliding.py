@@ -7,10 +7,10 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, geometric_grid
+from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, ShapeSpec, build_geometric_grid
 from dynident.effects.operators import DAHL, STOP, TRAVEL
 from dynident.effects.signals import MemorySignal, Signals
-from dynident.effects.sizes import COULOMB_SHARE, Usual, largest_torque
+from dynident.effects.sizes import COULOMB_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 
@@ -60,9 +60,9 @@ class Presliding(Effect):
     is_friction = True
     needs_load = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: most of the usual Coulomb friction, over half a degree."""
-        return Usual({"Fz": 0.8 * COULOMB_SHARE * largest_torque(robot, joint), "cz": 0.0}, {"d0": 8e-3})
+        return UsualSize({"Fz": 0.8 * COULOMB_SHARE * get_largest_torque(robot, joint), "cz": 0.0}, {"d0": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a constant and a load-proportional column a joint."""
@@ -77,7 +77,7 @@ class Presliding(Effect):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return slip distances from 0.5 to 64 mrad (or mm) in factors of two, by both laws."""
-        return [{"d0": d, "law": law} for law in (1.0, -1.0) for d in geometric_grid(0.5e-3, 64e-3, 2.0)]
+        return [{"d0": d, "law": law} for law in (1.0, -1.0) for d in build_geometric_grid(0.5e-3, 64e-3, 2.0)]
 
 
 class BreakAway(Effect):
@@ -115,9 +115,9 @@ class BreakAway(Effect):
     # The friction that holds a joint and the one that brakes it change together; Coulomb friction alone is simpler.
     seldom_changes = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: more than half of the usual Coulomb friction, over half a degree."""
-        return Usual({"Fba": 0.6 * COULOMB_SHARE * largest_torque(robot, joint)}, {"db": 8e-3})
+        return UsualSize({"Fba": 0.6 * COULOMB_SHARE * get_largest_torque(robot, joint)}, {"db": 8e-3})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return one column a joint."""
@@ -134,4 +134,4 @@ class BreakAway(Effect):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return distances from 2 to 32 mrad (or mm) in factors of two."""
-        return [{"db": d} for d in geometric_grid(2e-3, 32e-3, 2.0)]
+        return [{"db": d} for d in build_geometric_grid(2e-3, 32e-3, 2.0)]

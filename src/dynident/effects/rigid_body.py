@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import ROTOR_SHARE, Usual, largest_torque
+from dynident.effects.sizes import ROTOR_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)
@@ -47,8 +47,8 @@ class RigidBody(Effect):
                 link=signals.robot.joints[link].name,
                 unit=spec.unit,
                 torque=rows[:, 10 * link + k],
-                energy=partial(stored_energy, signals, 10 * link + k),
-                wrench=partial(base_wrench, signals, 10 * link + k),
+                energy=partial(get_stored_energy, signals, 10 * link + k),
+                wrench=partial(get_base_wrench, signals, 10 * link + k),
             )
             for link in joints
             for k, spec in enumerate(self.parameters)
@@ -77,9 +77,9 @@ class RotorInertia(Effect):
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 12, [12.1] and [12.33]",)
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: that of a geared servo drive."""
-        return Usual({"Ia": ROTOR_SHARE * largest_torque(robot, joint)})
+        return UsualSize({"Ia": ROTOR_SHARE * get_largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return one column a joint."""
@@ -89,23 +89,23 @@ class RotorInertia(Effect):
                 self.parameters[0],
                 j,
                 signals.ddq[j],
-                energy=partial(_rotor_energy, signals, j),
+                energy=partial(_build_rotor_energy, signals, j),
             )
             for j in joints
         ]
 
 
-def base_wrench(signals: Signals, index: int) -> ca.SX:
+def get_base_wrench(signals: Signals, index: int) -> ca.SX:
     """Return the reaction (6, 1) of the base for one standard inertial parameter."""
     return signals.mechanics.wrenches[:, index]
 
 
-def stored_energy(signals: Signals, index: int) -> ca.SX:
+def get_stored_energy(signals: Signals, index: int) -> ca.SX:
     """Return the kinetic plus potential energy for one standard inertial parameter, [12.33] and [12.34]."""
     kinetic, potential = signals.mechanics.energies
     return kinetic[index] + potential[index]
 
 
-def _rotor_energy(signals: Signals, joint: int) -> ca.SX:
+def _build_rotor_energy(signals: Signals, joint: int) -> ca.SX:
     """Return e_Ia of [12.33]."""
     return 0.5 * signals.dq[joint] * signals.dq[joint]

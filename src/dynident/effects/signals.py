@@ -7,10 +7,10 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynident.effects.linked import LinkedMechanics
+from dynident.effects.linked import DependentMechanics
 from dynident.effects.mechanics import Mechanics
 from dynident.effects.operators import Operator
-from dynident.effects.prediction import Prediction, reference_size
+from dynident.effects.prediction import Prediction, count_reference_parameters
 from dynident.robot.model import Robot
 
 
@@ -64,8 +64,8 @@ class Signals:
         self.temperature = ca.SX.sym("temperature", n)
         # Parameters of the model so far, which give the *predicted* torque: a load computed from the measured torque
         # would put its noise into W.
-        self.reference = ca.SX.sym("K", reference_size(robot))
-        mechanics = Mechanics if robot.linkage is None else LinkedMechanics
+        self.reference = ca.SX.sym("K", count_reference_parameters(robot))
+        mechanics = Mechanics if robot.linkage is None else DependentMechanics
         self.mechanics = mechanics(robot, self.q, self.dq, self.ddq)
         # Signals of the tree that carries the links, where some joints follow others (`TreeSignals`).
         self.of_tree: Signals | None = None
@@ -117,7 +117,7 @@ class Signals:
         """SX (number of run signals, 1): the symbols of all run signals so far."""
         return ca.vertcat(*self._runs.values()) if self._runs else ca.SX(0, 1)
 
-    def runs_in(self, expression: ca.SX) -> tuple[RunSignal, ...]:
+    def find_run_signals(self, expression: ca.SX) -> tuple[RunSignal, ...]:
         """Return the run signals that an expression depends on."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         return tuple(signal for signal, symbol in self._runs.items() if symbol.name() in used)
@@ -139,7 +139,7 @@ class Signals:
         """SX (number of memory signals, 1)."""
         return ca.vertcat(*self._memory.values()) if self._memory else ca.SX(0, 1)
 
-    def memory_in(self, expression: ca.SX) -> tuple[MemorySignal, ...]:
+    def find_memory_signals(self, expression: ca.SX) -> tuple[MemorySignal, ...]:
         """Return the hysteresis states that an expression depends on."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         return tuple(signal for name, signal in self._memory_named.items() if name in used)

@@ -25,39 +25,39 @@ ROTOR_SHARE = 0.006
 
 
 @dataclass(frozen=True)
-class Usual:
+class UsualSize:
     """Usual size of an effect: parameters and shape constants by name, zero or the default where not named."""
 
     values: Mapping[str, float]
     shape: Mapping[str, float] = field(default_factory=dict)
 
 
-def velocity_scale(robot: Robot, joint: int) -> float:
+def get_velocity_scale(robot: Robot, joint: int) -> float:
     """Return the joint's velocity limit, or an arm's usual one; grids of velocities are relative to it."""
     limit = robot.joints[joint].limits.velocity
     return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
 
 
-def slowest_velocity(robot: Robot) -> float:
+def get_slowest_velocity(robot: Robot) -> float:
     """Return the smallest of the joints' velocity scales, which the width of a smooth sign is relative to."""
-    return min(velocity_scale(robot, joint) for joint in range(robot.n))
+    return min(get_velocity_scale(robot, joint) for joint in range(robot.n))
 
 
-def largest_torque(robot: Robot, joint: int) -> float:
+def get_largest_torque(robot: Robot, joint: int) -> float:
     """Return the effort limit of a joint, or an arm's usual one where none is known (N m or N)."""
     return robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
 
 
-def usual_coulomb(robot: Robot, joint: int) -> float:
+def get_usual_coulomb(robot: Robot, joint: int) -> float:
     """Return Coulomb friction of a joint (N m or N)."""
-    return COULOMB_SHARE * largest_torque(robot, joint)
+    return COULOMB_SHARE * get_largest_torque(robot, joint)
 
 
-def usual_viscous(robot: Robot, joint: int) -> float:
+def get_usual_viscous(robot: Robot, joint: int) -> float:
     """Return viscous friction of a joint (N m s/rad or N s/m)."""
-    return VISCOUS_SHARE * largest_torque(robot, joint) / velocity_scale(robot, joint)
+    return VISCOUS_SHARE * get_largest_torque(robot, joint) / get_velocity_scale(robot, joint)
 
 
-def usual_force(robot: Robot) -> float:
+def get_usual_force(robot: Robot) -> float:
     """Return the force (N) at one metre of a twelfth of the strongest joint's torque."""
-    return max(largest_torque(robot, joint) for joint in range(robot.n)) / 12
+    return max(get_largest_torque(robot, joint) for joint in range(robot.n)) / 12

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import Usual, largest_torque
+from dynident.effects.sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 _FIRST_JOINTS = 3
@@ -50,10 +50,10 @@ class GravityCompensator(Effect):
     sources = ("Klimchik, Caro, Wu, Pashkevich, Furet and Caro 2013",)
     experiment = "slow_sweep"
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a fifth of the largest torque."""
-        torque = largest_torque(robot, joint)
-        return Usual({"kab": 0.2 * torque, "kal": -0.1 * torque}, {"phi": 0.3, "r": 0.25})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"kab": 0.2 * torque, "kal": -0.1 * torque}, {"phi": 0.3, "r": 0.25})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return two columns a joint."""
@@ -115,10 +115,10 @@ class CableForce(Effect):
     of_position = True
     sources = ("Khalil and Dombre 2002, chapter 9",)
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a per cent or two of the largest torque for each radian."""
-        torque = largest_torque(robot, joint)
-        return Usual({"u20_": 0.01 * torque, "u11_": 0.02 * torque, "u02_": 0.01 * torque})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"u20_": 0.01 * torque, "u11_": 0.02 * torque, "u02_": 0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return nine columns for every joint of `joints` and the one after it."""

@@ -12,7 +12,14 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import COULOMB_SHARE, ROTOR_SHARE, VISCOUS_SHARE, Usual, largest_torque, velocity_scale
+from dynident.effects.sizes import (
+    COULOMB_SHARE,
+    ROTOR_SHARE,
+    VISCOUS_SHARE,
+    UsualSize,
+    get_largest_torque,
+    get_velocity_scale,
+)
 from dynident.robot.model import Robot
 
 
@@ -32,9 +39,9 @@ class Offset(Effect):
     experiment = "slow_sweep"
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a per cent or two of the largest torque."""
-        return Usual({"b": 0.015 * largest_torque(robot, joint)})
+        return UsualSize({"b": 0.015 * get_largest_torque(robot, joint)})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return one column of ones a joint."""
@@ -64,17 +71,17 @@ class JointSpring(Effect):
     # About an upright axis a tilted base has the same effect over the range of most motions.
     seldom_changes = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: some per cent of the largest torque for each radian."""
-        torque = largest_torque(robot, joint)
-        return Usual({"ks": 0.03 * torque, "bs": -0.01 * torque})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"ks": 0.03 * torque, "bs": -0.01 * torque})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the position and a constant: the rest position is part of the effect."""
         columns = []
         for j in joints:
             q = signals.q[j]
-            columns.append(self._column(signals, self.parameters[0], j, q, energy=partial(_half_square, q)))
+            columns.append(self._column(signals, self.parameters[0], j, q, energy=partial(_build_half_square, q)))
             columns.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=partial(ca.SX, q)))
         return columns
 
@@ -113,10 +120,10 @@ class TorqueRipple(Effect):
     )
     often_missed = 4
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a per cent of the largest torque."""
-        torque = largest_torque(robot, joint)
-        return Usual({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": 20.0})
+        torque = get_largest_torque(robot, joint)
+        return UsualSize({"Ac": 0.012 * torque, "As": 0.009 * torque}, {"k": 20.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a cosine and a sine column a joint."""
@@ -155,10 +162,10 @@ class BaseTilt(Effect):
     needs_load = True
     may_change = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: two degrees, in a direction between the axes."""
         lean = float(np.linalg.norm(robot.gravity)) * np.sin(np.radians(2.0))
-        return Usual({"gx": 0.8 * lean, "gy": -0.6 * lean})
+        return UsualSize({"gx": 0.8 * lean, "gy": -0.6 * lean})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the torque that a tilt of gravity by one m/s² adds to the model so far, and that of the first link.
@@ -166,8 +173,8 @@ class BaseTilt(Effect):
         About an upright first axis the first link has no gravity torque on a level base, so that the place of its mass
         is not identified. Two columns of their own stand for its torque on a tilted base.
         """
-        directions = across(signals.robot.gravity)
-        torques = [signals.predicted.gravity_torque(direction) for direction in directions]
+        directions = get_horizontal_directions(signals.robot.gravity)
+        torques = [signals.predicted.build_gravity_torque(direction) for direction in directions]
         for wave in (ca.cos(signals.q[0]), ca.sin(signals.q[0])):
             rows = ca.SX(signals.robot.n, 1)
             if signals.robot.joints[0].kind == "revolute":
@@ -210,15 +217,15 @@ class TransmissionCoupling(Effect):
     sources = ("Khalil and Dombre 2002, chapter 9",)
     is_friction = True
 
-    def usual(self, robot: Robot, joint: int) -> Usual:
+    def usual(self, robot: Robot, joint: int) -> UsualSize:
         """Return the usual size: a fifth to a third of the usual drive."""
-        torque = largest_torque(robot, joint)
+        torque = get_largest_torque(robot, joint)
         values = {
             "Iam": 0.2 * ROTOR_SHARE * torque,
-            "Fvm": 0.3 * VISCOUS_SHARE * torque / velocity_scale(robot, joint),
+            "Fvm": 0.3 * VISCOUS_SHARE * torque / get_velocity_scale(robot, joint),
             "Fcm": 0.3 * COULOMB_SHARE * torque,
         }
-        return Usual(values, {"side": 1.0})
+        return UsualSize(values, {"side": 1.0})
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns for every joint of `joints` and the one after it, each on both rows."""
@@ -242,7 +249,7 @@ class TransmissionCoupling(Effect):
                         unit=spec.unit,
                         torque=rows,
                         shape=tuple(constants.items()),
-                        energy=partial(_half_square, velocity) if spec.name == "Iam" else None,
+                        energy=partial(_build_half_square, velocity) if spec.name == "Iam" else None,
                     )
                 )
         return columns
@@ -262,7 +269,7 @@ class TransmissionCoupling(Effect):
         return [{"side": 1.0}, {"side": -1.0}]
 
 
-def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
+def get_horizontal_directions(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit vectors (3,) at right angles to gravity and each other; x and y where gravity is along z."""
     down = gravity / np.linalg.norm(gravity)
     # Start from the axis that is farthest from gravity, so that the projection is not lost in rounding.
@@ -273,5 +280,5 @@ def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
     return first, second
 
 
-def _half_square(q: ca.SX) -> ca.SX:
+def _build_half_square(q: ca.SX) -> ca.SX:
     return 0.5 * q * q

@@ -12,7 +12,7 @@ from dynident.effects.effect import Column
 from dynident.effects.linked import TreeMotion
 from dynident.effects.prediction import DRIVE_PARAMETERS
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
-from dynident.expressions.angles import turned
+from dynident.expressions.angles import substitute_angles
 
 
 class TreeSignals(Signals):
@@ -31,12 +31,14 @@ class TreeSignals(Signals):
         self._owner = owner
         self.time, self.period = owner.time, owner.period
         count = linkage.tree.n
-        movers = [min(linkage.movers(j), default=0) for j in range(count)]
+        movers = [min(linkage.get_movers(j), default=0) for j in range(count)]
         self.temperature = owner.temperature[movers]
         prediction = owner.predicted
         # Motors sit on the driven joints alone: the other joints' drive parameters are zero.
         drives = ca.SX(count, len(DRIVE_PARAMETERS))
-        drives[list(linkage.driven), :] = ca.horzcat(*(prediction.drive(name) for _, name in DRIVE_PARAMETERS))
+        drives[list(linkage.driven), :] = ca.horzcat(
+            *(prediction.get_drive_parameter(name) for _, name in DRIVE_PARAMETERS)
+        )
         self.reference = ca.vertcat(prediction.inertia, ca.vec(drives))
         self.motion = TreeMotion(linkage, (owner.q, owner.dq, owner.ddq, owner.dddq, owner.ddddq))
         # Hysteresis states count joints in the order of `Robot.positions`: the driven ones first.
@@ -44,14 +46,14 @@ class TreeSignals(Signals):
         self._place = [places.index(j) for j in range(count)]
 
     @classmethod
-    def of(cls, owner: Signals) -> TreeSignals:
+    def for_machine(cls, owner: Signals) -> TreeSignals:
         """Return the tree's signals for the machine of `owner`; they are built once."""
         if owner.of_tree is None:
             owner.of_tree = cls(owner)
         assert isinstance(owner.of_tree, cls)
         return owner.of_tree
 
-    def seen(self, expression: ca.SX) -> ca.SX:
+    def to_driven(self, expression: ca.SX) -> ca.SX:
         """Return an expression of the tree's motion as an expression of the driven joints' motion."""
         used = {symbol.name() for symbol in ca.symvar(expression)}
         names = ("dq", "ddq", "dddq", "ddddq")
@@ -59,7 +61,7 @@ class TreeSignals(Signals):
         symbols = [getattr(self, name) for name in used_names]
         # Positions with their cosines and sines, which the closed loops have computed already.
         if any(s.name() in used for s in ca.symvar(self.q)):
-            expression = turned(expression, self.q, self.motion.turns)
+            expression = substitute_angles(expression, self.q, self.motion.turns)
         if not symbols:
             return expression
         value: ca.SX = ca.substitute(
@@ -69,7 +71,7 @@ class TreeSignals(Signals):
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
         """Return the direction of friction at a relative velocity of the tree's joints."""
-        return self._owner.sign_of(self.seen(velocity))
+        return self._owner.sign_of(self.to_driven(velocity))
 
     def in_runs(self, signal: RunSignal) -> ca.SX:
         """Return the symbol SX (1, 1) that is 1 in the signal's runs."""
@@ -79,21 +81,21 @@ class TreeSignals(Signals):
         """Return the symbol SX (1, 1) of a hysteresis state."""
         return self._owner.memory(replace(signal, joint=self._place[signal.joint]))
 
-    def columns(self, tree_columns: Sequence[Column]) -> list[Column]:
+    def project_columns(self, tree_columns: Sequence[Column]) -> list[Column]:
         """Return columns of the tree as columns of the driven joints."""
         # All columns at once: they share most of their subexpressions.
         if not tree_columns:
             return []
-        torques = self.motion.lowered(self.seen(ca.horzcat(*(column.torque for column in tree_columns))))
+        torques = self.motion.project_torque(self.to_driven(ca.horzcat(*(column.torque for column in tree_columns))))
         return [
             replace(
                 column,
                 torque=ca.sparsify(torque),
-                energy=None if column.energy is None else partial(self._seen_part, column.energy),
-                wrench=None if column.wrench is None else partial(self._seen_part, column.wrench),
+                energy=None if column.energy is None else partial(self._to_driven_part, column.energy),
+                wrench=None if column.wrench is None else partial(self._to_driven_part, column.wrench),
             )
             for column, torque in zip(tree_columns, ca.horzsplit(torques), strict=True)
         ]
 
-    def _seen_part(self, part: Callable[[], ca.SX]) -> ca.SX:
-        return self.seen(part())
+    def _to_driven_part(self, part: Callable[[], ca.SX]) -> ca.SX:
+        return self.to_driven(part())

@@ -11,7 +11,7 @@ from dynident.errors import DynidentError
 _TITLE = "Unusable effect"
 
 
-def written_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[EffectChoice, ...]:
+def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[EffectChoice, ...]:
     """Return the effects that texts name; the word `default` stands for the four default ones.
 
     Parameters
@@ -27,36 +27,36 @@ def written_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Ef
         For a text that cannot be read. It is not checked whether the effects and joints exist.
     """
     choices: list[EffectChoice] = []
-    for text in effect_texts(texts):
+    for text in split_effects(texts):
         if text == "default":
             choices += DEFAULT_EFFECTS
             continue
-        name, joints, shape = effect_parts(text, pointer)
+        name, joints, shape = parse_effect(text, pointer)
         choices.append(EffectChoice(name, joints, tuple(sorted(shape.items()))))
     return tuple(choices)
 
 
-def effect_text(choice: EffectChoice, digits: str = ".6g") -> str:
+def format_effect(choice: EffectChoice, digits: str = ".6g") -> str:
     """Return an effect as text that `written_effects` reads; `digits` is the format of shape constants."""
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    constants = ((name, _word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
+    constants = ((name, _get_word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
     shape = ",".join(f"{name}={text}" for name, text in constants)
     return f"{choice.effect}{joints}{':' + shape if shape else ''}"
 
 
-def constant_in_words(effect: str, name: str, value: float) -> str:
+def format_constant(effect: str, name: str, value: float) -> str:
     """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
-    word = _word(effect, name, value)
+    word = _get_word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
 
 
-def _word(effect: str, name: str, value: float) -> str | None:
+def _get_word(effect: str, name: str, value: float) -> str | None:
     """Return the meaning of a constant that is a choice between kinds; None for a number or an unknown effect."""
     catalogued = CATALOGUE.get(effect)
-    return next((spec.word(value) for spec in (catalogued.shapes if catalogued else ()) if spec.name == name), None)
+    return next((spec.get_word(value) for spec in (catalogued.shapes if catalogued else ()) if spec.name == name), None)
 
 
-def effect_texts(arguments: Sequence[str]) -> list[str]:
+def split_effects(arguments: Sequence[str]) -> list[str]:
     """Split texts at commas into one text for each effect."""
     texts: list[str] = []
     for item in [item.strip() for text in arguments for item in text.split(",") if item.strip()]:
@@ -68,7 +68,7 @@ def effect_texts(arguments: Sequence[str]) -> list[str]:
     return texts
 
 
-def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
+def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
     """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
     head, _, constants = text.partition(":")
     name, sign, joints = head.partition("@")
@@ -82,11 +82,11 @@ def effect_parts(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
     words = {
         (spec.name, word): value for spec in (catalogued.shapes if catalogued else ()) for value, word in spec.words
     }
-    shape = dict(_constant(item, words, pointer) for item in constants.split(",") if item.strip())
+    shape = dict(_parse_constant(item, words, pointer) for item in constants.split(",") if item.strip())
     return name.strip(), tuple(joint.strip() for joint in joints.split("+") if joint.strip()), shape
 
 
-def _constant(item: str, words: Mapping[tuple[str, str], float], pointer: str) -> tuple[str, float]:
+def _parse_constant(item: str, words: Mapping[tuple[str, str], float], pointer: str) -> tuple[str, float]:
     name, sign, value = item.partition("=")
     if not sign or not name.strip() or not value.strip():
         raise DynidentError(f"cannot read {item.strip()!r}; write name=value", pointer=pointer, title=_TITLE)

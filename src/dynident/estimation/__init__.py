@@ -1,38 +1,41 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
-from dynident.estimation.beside import Apart, Beside, BesideAccumulator, distance_to_band
-from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap
-from dynident.estimation.correlation import correlation_factor, effective_rows
-from dynident.estimation.essential import Elimination, EliminationPath, eliminate
-from dynident.estimation.factors import EquationFactors, FactorAccumulator, Reduction, concatenate, told_apart
-from dynident.estimation.information import Information, known_values
-from dynident.estimation.instrumental import InstrumentalSolution, instrumental
+from dynident.estimation.beside import RestRowAccumulator, RestRows, RowGroup, compute_band_distance
+from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap_estimates
+from dynident.estimation.correlation import compute_correlation_factor, count_effective_rows
+from dynident.estimation.essential import Elimination, EliminationPath, eliminate_parameters
+from dynident.estimation.factors import (
+    EquationFactors,
+    FactorAccumulator,
+    Reduction,
+    concatenate_reductions,
+    merge_reversal_equations,
+)
+from dynident.estimation.information import PriorInformation, build_prior
+from dynident.estimation.instrumental import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
     Errors,
     EstimationError,
     Solution,
-    condition_number,
-    equilibrated_condition_number,
-    errors,
-    moving_errors,
-    noise_levels,
-    noise_of_rows,
+    build_weighted_factor,
+    compute_condition_number,
+    compute_equilibrated_condition_number,
+    compute_errors,
+    compute_moving_errors,
+    compute_noise_levels,
+    compute_relative_change,
+    compute_row_noise,
     ordinary,
-    share_of_measured,
     solve,
     weighted,
-    weighted_factor,
 )
-from dynident.estimation.linearised import Linearised, linearised
+from dynident.estimation.linearised import LinearisedSolution, linearise_constants
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
-from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows, statistics
-from dynident.estimation.turned import Turned
-from dynident.estimation.turning_noise import turning_weights
+from dynident.estimation.statistics import CovarianceName, Statistics, compute_row_freedom, statistics
+from dynident.estimation.turned import ReversalRows
+from dynident.estimation.turning_noise import estimate_reversal_weights
 
 __all__ = [
-    "Apart",
-    "Beside",
-    "BesideAccumulator",
     "Bootstrap",
     "CovarianceName",
     "Drawing",
@@ -42,38 +45,41 @@ __all__ = [
     "Errors",
     "EstimationError",
     "FactorAccumulator",
-    "Information",
     "InstrumentalSolution",
-    "Linearised",
+    "LinearisedSolution",
     "OutlyingSpan",
     "OutlyingSpans",
+    "PriorInformation",
     "Reduction",
+    "RestRowAccumulator",
+    "RestRows",
+    "ReversalRows",
+    "RowGroup",
     "Solution",
     "Statistics",
-    "Turned",
-    "bootstrap",
-    "concatenate",
-    "condition_number",
-    "correlation_factor",
-    "distance_to_band",
-    "effective_rows",
-    "eliminate",
-    "equilibrated_condition_number",
-    "errors",
+    "bootstrap_estimates",
+    "build_prior",
+    "build_weighted_factor",
+    "compute_band_distance",
+    "compute_condition_number",
+    "compute_correlation_factor",
+    "compute_equilibrated_condition_number",
+    "compute_errors",
+    "compute_moving_errors",
+    "compute_noise_levels",
+    "compute_relative_change",
+    "compute_row_freedom",
+    "compute_row_noise",
+    "concatenate_reductions",
+    "count_effective_rows",
+    "eliminate_parameters",
+    "estimate_reversal_weights",
     "find_outlying_spans",
-    "freedom_of_rows",
-    "instrumental",
-    "known_values",
-    "linearised",
-    "moving_errors",
-    "noise_levels",
-    "noise_of_rows",
+    "linearise_constants",
+    "merge_reversal_equations",
     "ordinary",
-    "share_of_measured",
     "solve",
+    "solve_instrumental",
     "statistics",
-    "told_apart",
-    "turning_weights",
     "weighted",
-    "weighted_factor",
 ]

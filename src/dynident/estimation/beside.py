@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.estimation.triangles import squared, triangular
+from dynident.estimation.triangles import compute_r_factor, pad_to_square
 
-MOST = 1000
+MOST_REST_ROWS = 1000
 """Largest number of rows at rest that are kept of one equation of a recording. Of more, every so many-th row is kept.
 """
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class RowGroup:
     """Rows that take part in the fit and whose residual is also known separately.
 
     Parameters
@@ -35,33 +35,33 @@ class Apart:
     factor: FloatArray
     count: int
 
-    def squares(self, values: FloatArray) -> float:
+    def sum_squares(self, values: FloatArray) -> float:
         """Return the sum of squared residuals for parameters (p,)."""
         rest = self.factor[:, -1] - self.factor[:, :-1] @ values
         return float(rest @ rest)
 
     @property
-    def measured(self) -> float:
+    def measured_squares(self) -> float:
         """Sum of squared Y."""
         return float(self.factor[:, -1] @ self.factor[:, -1])
 
-    def select(self, picked: Sequence[int]) -> Apart:
+    def select(self, picked: Sequence[int]) -> RowGroup:
         """Return the same rows with only the columns `picked`."""
-        return Apart(squared(triangular(self.factor[:, [*picked, -1]])), self.count)
+        return RowGroup(pad_to_square(compute_r_factor(self.factor[:, [*picked, -1]])), self.count)
 
-    def combined(self, change: FloatArray) -> Apart:
+    def combine_columns(self, change: FloatArray) -> RowGroup:
         """Return the same rows with combined columns: [W | Y] change, with change (p + 1, p' + 1)."""
-        return Apart(squared(triangular(self.factor @ change)), self.count)
+        return RowGroup(pad_to_square(compute_r_factor(self.factor @ change)), self.count)
 
     @classmethod
-    def joined(cls, parts: Sequence[Apart]) -> Apart:
+    def from_parts(cls, parts: Sequence[RowGroup]) -> RowGroup:
         """Join the rows of several recordings."""
-        factor = squared(triangular(np.concatenate([part.factor for part in parts])))
+        factor = pad_to_square(compute_r_factor(np.concatenate([part.factor for part in parts])))
         return cls(factor, sum(part.count for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class RestRows:
     """What one equation with p columns has besides the rows that only count while its joint moves.
 
     Parameters
@@ -79,19 +79,19 @@ class Beside:
         Number of rows that each of these rows stands for.
     """
 
-    turning: Apart | None
-    partial: Apart
+    turning: RowGroup | None
+    partial: RowGroup
     upper: FloatArray
     lower: FloatArray
     y: FloatArray
     weights: FloatArray
 
-    def standing_squares(self, values: FloatArray) -> float:
+    def sum_standing_squares(self, values: FloatArray) -> float:
         """Return the weighted sum of squared distances of y at rest to the friction band of parameters (p,)."""
-        return float(self.weights @ distance_to_band(self.y, self.lower @ values, self.upper @ values) ** 2)
+        return float(self.weights @ compute_band_distance(self.y, self.lower @ values, self.upper @ values) ** 2)
 
     @property
-    def standing_measured(self) -> float:
+    def standing_measured_squares(self) -> float:
         """Sum of squared Y at rest."""
         return float(self.weights @ self.y**2)
 
@@ -100,22 +100,22 @@ class Beside:
         """Number of rows at rest."""
         return float(self.weights.sum())
 
-    def select(self, places: Sequence[int]) -> Beside:
+    def select(self, places: Sequence[int]) -> RestRows:
         """Return the same rows with only the columns at `places`."""
         picked = list(places)
         turning = None if self.turning is None else self.turning.select(picked)
         upper, lower = self.upper[:, picked], self.lower[:, picked]
         return replace(self, turning=turning, partial=self.partial.select(picked), upper=upper, lower=lower)
 
-    def combined(self, change: FloatArray) -> Beside:
+    def combine_columns(self, change: FloatArray) -> RestRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""
         column_change = change[:-1, :-1]
-        turning = None if self.turning is None else self.turning.combined(change)
+        turning = None if self.turning is None else self.turning.combine_columns(change)
         upper, lower = self.upper @ column_change, self.lower @ column_change
-        return replace(self, turning=turning, partial=self.partial.combined(change), upper=upper, lower=lower)
+        return replace(self, turning=turning, partial=self.partial.combine_columns(change), upper=upper, lower=lower)
 
 
-def distance_to_band(y: FloatArray, first_bound: FloatArray, second_bound: FloatArray) -> FloatArray:
+def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: FloatArray) -> FloatArray:
     """Return the signed distance of y to the band between two bounds.
 
     Parameters
@@ -130,15 +130,15 @@ def distance_to_band(y: FloatArray, first_bound: FloatArray, second_bound: Float
     return np.asarray(y - np.clip(y, np.minimum(first_bound, second_bound), np.maximum(first_bound, second_bound)))
 
 
-def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
+def join_rest_rows(parts: Sequence[RestRows | None]) -> RestRows | None:
     """Join the rows at rest and at reversals of several recordings; None where one recording does not have them."""
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or not known:
         return None
     turning = [part.turning for part in known if part.turning is not None]
-    return Beside(
-        turning=Apart.joined(turning) if len(turning) == len(known) else None,
-        partial=Apart.joined([part.partial for part in known]),
+    return RestRows(
+        turning=RowGroup.from_parts(turning) if len(turning) == len(known) else None,
+        partial=RowGroup.from_parts([part.partial for part in known]),
         upper=np.concatenate([part.upper for part in known]),
         lower=np.concatenate([part.lower for part in known]),
         y=np.concatenate([part.y for part in known]),
@@ -146,7 +146,7 @@ def beside_all(parts: Sequence[Beside | None]) -> Beside | None:
     )
 
 
-class BesideAccumulator:
+class RestRowAccumulator:
     """Collects the rows at rest and next to halts of one equation, block by block.
 
     Parameters
@@ -157,30 +157,30 @@ class BesideAccumulator:
 
     def __init__(self, n_columns: int) -> None:
         self._p = n_columns
-        self._partial = Apart(np.zeros((n_columns + 1, n_columns + 1)), 0)
+        self._partial = RowGroup(np.zeros((n_columns + 1, n_columns + 1)), 0)
         self._parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
 
     def push_partial(self, rows: FloatArray) -> None:
         """Add rows of [W | Y] (m, p + 1) of the motion next to a halt."""
-        self._partial = _with_rows(self._partial, rows)
+        self._partial = _append_rows(self._partial, rows)
 
     def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
         """Add rows at rest: W (m, p) with the friction of either direction, and what was measured (m,)."""
         if len(y):
             self._parts.append((upper, lower, y))
 
-    def finish(self) -> Beside:
+    def finish(self) -> RestRows:
         """Return all rows that were collected, thinned to at most `MOST` at rest."""
         parts = self._parts or [(np.zeros((0, self._p)), np.zeros((0, self._p)), np.zeros(0))]
         upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
         # Ceiling division. The rows that stay count for the ones left out, so that sums over them keep their size.
-        stride = -(-len(y) // MOST) if len(y) else 1
+        stride = -(-len(y) // MOST_REST_ROWS) if len(y) else 1
         weights = np.full(len(y[::stride]), len(y) / max(len(y[::stride]), 1))
         thinned = upper[::stride], lower[::stride], y[::stride]
-        return Beside(None, self._partial, *thinned, weights)
+        return RestRows(None, self._partial, *thinned, weights)
 
 
-def _with_rows(known: Apart, rows: FloatArray) -> Apart:
+def _append_rows(known: RowGroup, rows: FloatArray) -> RowGroup:
     if not len(rows):
         return known
-    return Apart(squared(triangular(np.concatenate([known.factor, rows]))), known.count + len(rows))
+    return RowGroup(pad_to_square(compute_r_factor(np.concatenate([known.factor, rows]))), known.count + len(rows))

@@ -15,13 +15,13 @@ from typing import Literal
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.estimation.clusters import occupied, without_leverage
+from dynident.estimation.clusters import find_occupied_blocks, remove_leverage
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import Solution
 
 Drawing = Literal["wild", "pairs"]
 
-MANY = 30
+FEWEST_BLOCKS_FOR_PAIRS = 30
 """Number of blocks from which pairs are drawn. With fewer, too many draws lack a block that some parameter needs."""
 
 DRAWS = 999
@@ -53,7 +53,7 @@ class Bootstrap:
     lost: int
 
 
-def bootstrap(
+def bootstrap_estimates(
     reduction: Reduction,
     solution: Solution,
     *,
@@ -86,10 +86,10 @@ def bootstrap(
     In coordinates d with χ = χ̂ + root d, in which WᵀW is one, everything a draw needs are sums over blocks: of the
     information that each holds about d, of its scores and of its squared residuals, equation by equation.
     """
-    parts = _Parts.of(reduction, solution)
-    kind = kind or ("wild" if len(parts.squares) < MANY else "pairs")
+    parts = _BlockSums.from_solution(reduction, solution)
+    kind = kind or ("wild" if len(parts.squares) < FEWEST_BLOCKS_FOR_PAIRS else "pairs")
     rng = np.random.default_rng(seed)
-    draw_change = parts.wild if kind == "wild" else parts.pairs
+    draw_change = parts.draw_wild if kind == "wild" else parts.draw_pairs
     changes = [draw_change(rng, reweigh) for _ in range(draws)]
     determined = np.array([d for d in changes if d is not None]).reshape(-1, solution.root.shape[1])
     estimate_changes = determined @ solution.root.T
@@ -98,7 +98,7 @@ def bootstrap(
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _BlockSums:
     """What each block s contributes in equation e: A (s, e, f, f), g (s, e, f), ||ρ||² (s, e), rows (s, e); weighted.
 
     `known` (k, f) are rows of prior knowledge and `off` (k,) their residual at the estimate. `straight` and
@@ -115,9 +115,9 @@ class _Parts:
     straight_squares: FloatArray
 
     @classmethod
-    def of(cls, reduction: Reduction, solution: Solution) -> _Parts:
+    def from_solution(cls, reduction: Reduction, solution: Solution) -> _BlockSums:
         root = solution.root
-        f, s, n = root.shape[1], reduction.n_stretches, len(reduction.equations)
+        f, s, n = root.shape[1], reduction.n_blocks, len(reduction.equations)
         information, scores = np.zeros((s, n, f, f)), np.zeros((s, n, f))
         squares, counts = np.zeros((s, n)), np.zeros((s, n))
         for e, (equation, sigma) in enumerate(zip(reduction.equations, solution.noise, strict=True)):
@@ -130,11 +130,11 @@ class _Parts:
             scores[:, e] = np.einsum("sm,smf->sf", rests, w)
             squares[:, e] = (rests**2).sum(axis=1)
             counts[:, e] = equation.counts
-        filled = occupied(reduction)
+        filled = find_occupied_blocks(reduction)
         information, scores, squares, counts = information[filled], scores[filled], squares[filled], counts[filled]
         # A block pulls the estimate towards itself, which shrinks its own residuals. Undo that with (1 - A)⁻¹, as CR3
         # does.
-        u = np.einsum("sij,sj->si", without_leverage(information.sum(axis=1)), scores.sum(axis=1))
+        u = np.einsum("sij,sj->si", remove_leverage(information.sum(axis=1)), scores.sum(axis=1))
         moved = np.einsum("seij,sj->sei", information, u)
         straight = scores + moved
         longer = squares + 2 * np.einsum("sei,si->se", scores, u) + np.einsum("sei,si->se", moved, u)
@@ -144,27 +144,27 @@ class _Parts:
             off = solution.known.right - solution.known.factor @ solution.values
         return cls(information, scores, squares, counts, known, off, straight, longer)
 
-    def wild(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
+    def draw_wild(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
         """Return the change d (f,) in one draw of random weights for the residuals of all blocks."""
         v = rng.choice(np.concatenate([-_WEBB, _WEBB]), size=len(self.squares))
         squares = v**2 @ self.straight_squares
         usual = self.straight_squares.sum(axis=0)
         # Prior knowledge is no block of time: it is redrawn from the normal distribution that it stands for.
         prior = self.known.T @ rng.standard_normal(len(self.known))
-        return self._solved(
+        return self._solve_draw(
             self.information.sum(axis=0), np.tensordot(v, self.straight, 1), squares, usual, prior, reweigh
         )
 
-    def pairs(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
+    def draw_pairs(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
         """Return the change d (f,) in one draw of blocks with replacement; None where it does not determine all."""
         s = len(self.squares)
         m = np.bincount(rng.integers(s, size=s), minlength=s).astype(np.float64)
         usual = self.squares.sum(axis=0) * (m @ self.counts) / np.maximum(self.counts.sum(axis=0), 1.0)
         prior = self.known.T @ (self.off + rng.standard_normal(len(self.known)))
         information = np.tensordot(m, self.information, 1)
-        return self._solved(information, np.tensordot(m, self.scores, 1), m @ self.squares, usual, prior, reweigh)
+        return self._solve_draw(information, np.tensordot(m, self.scores, 1), m @ self.squares, usual, prior, reweigh)
 
-    def _solved(
+    def _solve_draw(
         self,
         information: FloatArray,
         scores: FloatArray,

@@ -29,7 +29,7 @@ _SURE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class ClusterCovariance:
     """Covariance of estimates from their spread over blocks of time.
 
     Parameters
@@ -43,7 +43,9 @@ class Spread:
     freedom: FloatArray
 
 
-def spread_over_stretches(reduction: Reduction, solution: Solution, scores: FloatArray | None = None) -> Spread:
+def estimate_cluster_covariance(
+    reduction: Reduction, solution: Solution, scores: FloatArray | None = None
+) -> ClusterCovariance:
     """Estimate how far the estimates move when blocks of time are left out, of all equations together.
 
     Parameters
@@ -65,21 +67,21 @@ def spread_over_stretches(reduction: Reduction, solution: Solution, scores: Floa
     adds its own. All is done in coordinates in which B is one.
     """
     root = solution.root
-    informations = _informations(reduction, solution, root)
+    informations = _compute_informations(reduction, solution, root)
     if scores is None:
-        scores = _scores(reduction, solution) @ root
+        scores = _compute_scores(reduction, solution) @ root
     # A block in which all joints stood has no score. It would only raise the number of clusters.
-    filled = occupied(reduction)
+    filled = find_occupied_blocks(reduction)
     scores, informations = scores[filled], informations[filled]
     count, size = scores.shape
-    amplified, dominated = _without(informations)
+    amplified, dominated = _leave_out_blocks(informations)
     steps = np.einsum("sij,sj->si", amplified, scores)
     inner = (count - 1) / count * steps.T @ steps
     # Whatever one stretch alone tells of: as the other directions are on average, no less than for independent rows.
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
     average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)
-    assumed = max(average_variance, _of_rows(reduction, solution)) * dominated
+    assumed = max(average_variance, _compute_row_variance(reduction, solution)) * dominated
     known = np.zeros((size, size))
     if solution.known is not None:
         rows = solution.known.factor @ root
@@ -90,30 +92,33 @@ def spread_over_stretches(reduction: Reduction, solution: Solution, scores: Floa
     from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
     # In these coordinates a parameter is a linear form; normalise it so that the three variances can be compared.
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
-    doubt = from_steps**2 / np.maximum(_satterthwaite(informations, amplified, directions), 1.0) + from_assumption**2
+    doubt = (
+        from_steps**2 / np.maximum(_compute_satterthwaite_freedom(informations, amplified, directions), 1.0)
+        + from_assumption**2
+    )
     freedom = (from_steps + from_assumption + from_knowledge) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
-    return Spread(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
+    return ClusterCovariance(0.5 * (covariance + covariance.T), np.clip(freedom, 1.0, _SURE))
 
 
-def occupied(reduction: Reduction) -> BoolArray:
+def find_occupied_blocks(reduction: Reduction) -> BoolArray:
     """Return (s,): which blocks of time have any row in them; in the others all joints stood still."""
     counts = [equation.counts for equation in reduction.equations if len(equation.counts)]
-    return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_stretches, dtype=bool)
+    return np.asarray(np.sum(counts, axis=0) > 0) if counts else np.zeros(reduction.n_blocks, dtype=bool)
 
 
-def _of_rows(reduction: Reduction, solution: Solution) -> float:
+def _compute_row_variance(reduction: Reduction, solution: Solution) -> float:
     """Return the mean square of the residuals in units of the noise: the variance if rows were independent."""
     squares = sum(
-        float(equation.squares(solution.values).sum()) / float(sigma) ** 2
+        float(equation.sum_squares(solution.values).sum()) / float(sigma) ** 2
         for equation, sigma in zip(reduction.equations, solution.noise, strict=True)
         if len(equation.counts)
     )
     return squares / max(reduction.n_rows - reduction.n_columns, 1)
 
 
-def _scores(reduction: Reduction, solution: Solution) -> FloatArray:
+def _compute_scores(reduction: Reduction, solution: Solution) -> FloatArray:
     """Return W_sᵀρ_s of every block (s, c), each equation in units of its noise."""
-    scores = np.zeros((reduction.n_stretches, reduction.n_columns))
+    scores = np.zeros((reduction.n_blocks, reduction.n_columns))
     for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
         if not len(equation.counts):
             continue
@@ -123,10 +128,10 @@ def _scores(reduction: Reduction, solution: Solution) -> FloatArray:
     return scores
 
 
-def _informations(reduction: Reduction, solution: Solution, root: FloatArray) -> FloatArray:
+def _compute_informations(reduction: Reduction, solution: Solution, root: FloatArray) -> FloatArray:
     """Return rootᵀ A_s root of every block (s, f, f)."""
     f = root.shape[1]
-    informations = np.zeros((reduction.n_stretches, f, f))
+    informations = np.zeros((reduction.n_blocks, f, f))
     for equation, sigma in zip(reduction.equations, solution.noise, strict=True):
         if not len(equation.counts):
             continue
@@ -135,7 +140,7 @@ def _informations(reduction: Reduction, solution: Solution, root: FloatArray) ->
     return informations
 
 
-def _without(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _leave_out_blocks(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (1 - A_s)⁻¹ (s, f, f) of every block, and Σ v vᵀ (f, f) of directions v that only one block determines."""
     s, f, _ = informations.shape
     away, alone = np.zeros((s, f, f)), np.zeros((f, f))
@@ -152,12 +157,12 @@ def _without(informations: FloatArray) -> tuple[FloatArray, FloatArray]:
     return away, alone + dominated.sum(axis=0)
 
 
-def without_leverage(informations: FloatArray) -> FloatArray:
+def remove_leverage(informations: FloatArray) -> FloatArray:
     """Return (1 - A_s)⁻¹ (s, f, f) for A_s (s, f, f): it undoes the pull of each block on its own residuals."""
-    return _without(informations)[0]
+    return _leave_out_blocks(informations)[0]
 
 
-def _satterthwaite(informations: FloatArray, away: FloatArray, directions: FloatArray) -> FloatArray:
+def _compute_satterthwaite_freedom(informations: FloatArray, away: FloatArray, directions: FloatArray) -> FloatArray:
     """Return the degrees of freedom (c,) of the variance along directions (c, f), for independent unit residuals.
 
     With u_s = (1 - A_s)⁻¹ l the steps lᵀd_s have the covariance Ω = δ u_sᵀA_s u_s - u_sᵀA_s A_t u_t: (tr Ω)² / tr Ω².

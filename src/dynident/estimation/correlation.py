@@ -6,13 +6,13 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.triangles import triangular
-from dynident.estimation.whitening import Whitened, whitened
+from dynident.estimation.triangles import compute_r_factor
+from dynident.estimation.whitening import WhitenedColumns, whiten_columns
 
 _FEWEST_STRETCHES = 5
 
 
-def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
+def compute_correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
     """Return by how much the rows of one equation overstate the information in them, at least 1.
 
     Parameters
@@ -28,17 +28,17 @@ def correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
     """
     rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
     rows = float(equation.counts.sum())
-    if not _enough(equation.factors[:, :, :-1], rows):
+    if not _is_determined(equation.factors[:, :, :-1], rows):
         return 1.0
-    return _overstated(equation.whitened, rests, rows)
+    return _compute_overstatement_of_whitened(equation.whitened_columns, rests, rows)
 
 
-def correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the correlation factor of every equation (n,) at parameters χ (c,)."""
-    return np.array([correlation_factor(equation, values) for equation in reduction.equations])
+    return np.array([compute_correlation_factor(equation, values) for equation in reduction.equations])
 
 
-def effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
+def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return how many independent samples the rows of every equation are worth.
 
     Parameters
@@ -51,22 +51,24 @@ def effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
     -------
     (n,) array
     """
-    return reduction.row_counts / correlation_factors(reduction, values)
+    return reduction.row_counts / compute_correlation_factors(reduction, values)
 
 
-def overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
+def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
     """Return the correlation factor of columns (s, m, p) and residuals (s, m) that stand for `rows` rows together."""
-    if not _enough(w, rows):
+    if not _is_determined(w, rows):
         return 1.0
-    return _overstated(whitened(w, triangular(w.reshape(-1, w.shape[2]))), rests, rows)
+    return _compute_overstatement_of_whitened(
+        whiten_columns(w, compute_r_factor(w.reshape(-1, w.shape[2]))), rests, rows
+    )
 
 
-def _enough(w: FloatArray, rows: float) -> bool:
+def _is_determined(w: FloatArray, rows: float) -> bool:
     n_stretches, _, k = w.shape
     return bool(n_stretches >= _FEWEST_STRETCHES and k > 0 and rows > k)
 
 
-def _overstated(columns: Whitened | None, rests: FloatArray, rows: float) -> float:
+def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:
     if columns is None:
         return 1.0
     # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.

@@ -8,12 +8,12 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.estimation.least_squares import Solution
-from dynident.estimation.statistics import Statistics, correlations
+from dynident.estimation.statistics import Statistics, compute_correlations
 
-CLOSE = 0.9
+STRONG_CORRELATION = 0.9
 """Correlation of two estimates above which they are determined mostly together."""
 
-HARDLY, NEVER = 50.0, 1000.0
+POORLY_DETERMINED, NOT_DETERMINED = 50.0, 1000.0
 """How many times less than the best direction one is seen to be called hardly, or not, determined."""
 
 # Share of the largest contribution below which a parameter does not belong to a direction.
@@ -21,7 +21,7 @@ _SHOWN = 0.25
 
 
 @dataclass(frozen=True)
-class CloseTogether:
+class CorrelatedPair:
     """Two parameters, by number, and the correlation of their estimates."""
 
     first: int
@@ -30,7 +30,7 @@ class CloseTogether:
 
 
 @dataclass(frozen=True)
-class HardlySeen:
+class WeakDirection:
     """A combination of parameters that the data hardly determine.
 
     Parameters
@@ -49,15 +49,15 @@ class HardlySeen:
 
 
 @dataclass(frozen=True, eq=False)
-class Dependence:
+class Collinearity:
     """Correlation (c, c) of all estimates, close pairs and poorly determined directions, worst first."""
 
     correlation: FloatArray
-    pairs: tuple[CloseTogether, ...]
-    directions: tuple[HardlySeen, ...]
+    pairs: tuple[CorrelatedPair, ...]
+    directions: tuple[WeakDirection, ...]
 
 
-def dependence(solution: Solution, uncertainty: Statistics, most: int = 10) -> Dependence:
+def find_collinearity(solution: Solution, uncertainty: Statistics, most: int = 10) -> Collinearity:
     """Find parameters that the data determine only together.
 
     Parameters
@@ -72,31 +72,33 @@ def dependence(solution: Solution, uncertainty: Statistics, most: int = 10) -> D
     -------
     Dependence
     """
-    correlation = correlations(uncertainty.covariance)
+    correlation = compute_correlations(uncertainty.covariance)
     # A parameter that is fixed has no correlation with anything.
     fixed = np.diag(uncertainty.covariance) <= 0
     correlation[fixed] = correlation[:, fixed] = 0.0
     np.fill_diagonal(correlation, 1.0)
-    return Dependence(correlation, _pairs(correlation, most), _directions(solution, uncertainty, most))
+    return Collinearity(
+        correlation, _find_correlated_pairs(correlation, most), _find_weak_directions(solution, uncertainty, most)
+    )
 
 
-def _pairs(correlation: FloatArray, most: int) -> tuple[CloseTogether, ...]:
-    first, second = np.nonzero(np.triu(np.abs(correlation) >= CLOSE, 1))
+def _find_correlated_pairs(correlation: FloatArray, most: int) -> tuple[CorrelatedPair, ...]:
+    first, second = np.nonzero(np.triu(np.abs(correlation) >= STRONG_CORRELATION, 1))
     sizes = correlation[first, second]
     order = np.argsort(-np.abs(sizes), kind="stable")[:most]
-    return tuple(CloseTogether(int(first[k]), int(second[k]), float(sizes[k])) for k in order)
+    return tuple(CorrelatedPair(int(first[k]), int(second[k]), float(sizes[k])) for k in order)
 
 
-def _directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple[HardlySeen, ...]:
+def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple[WeakDirection, ...]:
     scales = solution.scales
     if len(scales) == 0 or np.any(scales <= 0):
         return ()
     # Scaled columns make the ratio independent of the parameters' units.
     _, singular, vt = np.linalg.svd(solution.factor / scales)
-    weak_directions: list[HardlySeen] = []
+    weak_directions: list[WeakDirection] = []
     for size, direction in zip(singular[::-1], vt[::-1], strict=True):
         ratio = float(singular[0] / size) if size > 0 else float("inf")
-        if ratio < HARDLY or len(weak_directions) == most:
+        if ratio < POORLY_DETERMINED or len(weak_directions) == most:
             break
         members = np.flatnonzero(np.abs(direction) >= _SHOWN * np.abs(direction).max())
         # The combination whose estimate is bad: v in columns of equal size is v times their sizes in parameters.
@@ -106,6 +108,6 @@ def _directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple
         order = members[np.argsort(-np.abs(weights[members]), kind="stable")]
         parts = tuple((int(k), float(weights[k])) for k in order)
         weak_directions.append(
-            HardlySeen(parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance @ weights, 0.0))))
+            WeakDirection(parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance @ weights, 0.0))))
         )
     return tuple(weak_directions)

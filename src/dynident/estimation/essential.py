@@ -19,17 +19,17 @@ from scipy.special import fdtrc
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import covariance_of, deviations_of
-from dynident.estimation.least_squares import Solution, weighted_factor
+from dynident.estimation.information import extract_deviations, invert_information
+from dynident.estimation.least_squares import Solution, build_weighted_factor
 from dynident.estimation.statistics import Statistics
-from dynident.estimation.triangles import triangular
+from dynident.estimation.triangles import compute_r_factor
 
 Stop = Literal["ratio", "test", "last"]
 
-RATIO = 10.0
+WELL_IDENTIFIED_RATIO = 10.0
 """Ratio of the largest to the smallest relative standard deviation at which the elimination ends."""
 
-LEVEL = 0.05
+ELIMINATION_LEVEL = 0.05
 """Significance level of the test: the elimination ends if noise alone would explain more rarely what was removed."""
 
 
@@ -86,8 +86,12 @@ class EliminationPath:
         return tuple(step.removed for step in self.eliminations)
 
 
-def eliminate(
-    reduction: Reduction, solution: Solution, uncertainty: Statistics, ratio: float = RATIO, level: float = LEVEL
+def eliminate_parameters(
+    reduction: Reduction,
+    solution: Solution,
+    uncertainty: Statistics,
+    ratio: float = WELL_IDENTIFIED_RATIO,
+    level: float = ELIMINATION_LEVEL,
 ) -> EliminationPath:
     """Remove parameters from a solved model, one at a time.
 
@@ -108,18 +112,18 @@ def eliminate(
     EliminationPath
     """
     c = reduction.n_columns
-    r = weighted_factor(reduction, solution.noise, solution.known)
+    r = build_weighted_factor(reduction, solution.noise, solution.known)
     freedom = max(float(uncertainty.effective_rows.sum()) - c, 1.0)
     gram = r[:c, :c].T @ r[:c, :c]
     # The sandwich's inner matrix, recovered from the covariance: smaller models take their block of it.
     meat = gram @ uncertainty.covariance @ gram
     remaining = np.arange(c)
-    full, full_covariance = _fitted(r, remaining, meat)
+    full, full_covariance = _fit_subset(r, remaining, meat)
     values, covariance = full, full_covariance
     eliminations: list[Elimination] = []
     while True:
-        relative = _relative(values, covariance)
-        spread = _spread(relative)
+        relative = _compute_relative_deviations(values, covariance)
+        spread = _compute_deviation_ratio(relative)
         if spread < ratio:
             return EliminationPath(tuple(eliminations), "ratio", spread, None)
         if len(remaining) == 1:
@@ -127,9 +131,9 @@ def eliminate(
         worst = int(np.argmax(relative))
         removed = np.array([*(step.removed for step in eliminations), remaining[worst]], dtype=np.intp)
         # The test is on the full model's estimates, so that earlier steps do not bias it.
-        statistic = _wald(full, full_covariance, removed)
+        statistic = _compute_wald_statistic(full, full_covariance, removed)
         rest = np.delete(remaining, worst)
-        smaller, smaller_covariance = _fitted(r, rest, meat)
+        smaller, smaller_covariance = _fit_subset(r, rest, meat)
         padded_values = np.zeros(c)
         padded_values[rest] = smaller
         step = Elimination(
@@ -146,24 +150,24 @@ def eliminate(
         remaining, values, covariance = rest, smaller, smaller_covariance
 
 
-def _fitted(r: FloatArray, remaining: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit_subset(r: FloatArray, remaining: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the values (k,) of the remaining parameters alone, and their covariance (k, k)."""
-    small = triangular(r[:, [*remaining, r.shape[1] - 1]])
+    small = compute_r_factor(r[:, [*remaining, r.shape[1] - 1]])
     k = len(remaining)
-    bread = covariance_of(small[:k, :k])
+    bread = invert_information(small[:k, :k])
     return solve_triangular(small[:k, :k], small[:k, k]), bread @ meat[np.ix_(remaining, remaining)] @ bread
 
 
-def _relative(values: FloatArray, covariance: FloatArray) -> FloatArray:
-    return deviations_of(covariance) / np.maximum(np.abs(values), np.finfo(float).tiny)
+def _compute_relative_deviations(values: FloatArray, covariance: FloatArray) -> FloatArray:
+    return extract_deviations(covariance) / np.maximum(np.abs(values), np.finfo(float).tiny)
 
 
-def _spread(relative: FloatArray) -> float:
+def _compute_deviation_ratio(relative: FloatArray) -> float:
     smallest = float(relative.min())
     return float(relative.max()) / smallest if smallest > 0 else 1.0
 
 
-def _wald(values: FloatArray, covariance: FloatArray, removed: IndexArray) -> float:
+def _compute_wald_statistic(values: FloatArray, covariance: FloatArray, removed: IndexArray) -> float:
     """Return χ_Sᵀ C_SS⁻¹ χ_S / |S|, scaled by the parameters' own deviations to limit rounding."""
     block = covariance[np.ix_(removed, removed)]
     deviations = np.sqrt(np.maximum(np.diag(block), np.finfo(float).tiny))

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.estimation.beside import Apart, Beside, beside_all
-from dynident.estimation.triangles import join, squared, triangular
-from dynident.estimation.turned import Turned
-from dynident.estimation.whitening import Whitened, whitened
+from dynident.estimation.beside import RestRows, RowGroup, join_rest_rows
+from dynident.estimation.triangles import compute_r_factor, join_factors, pad_to_square
+from dynident.estimation.turned import ReversalRows
+from dynident.estimation.whitening import WhitenedColumns, whiten_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,36 +40,36 @@ class EquationFactors:
     columns: IndexArray
     factors: FloatArray
     counts: IndexArray
-    beside: Beside | None = None
-    turned: Turned | None = None
+    rest_rows: RestRows | None = None
+    reversal_rows: ReversalRows | None = None
 
     def __repr__(self) -> str:
         rows = int(self.counts.sum())
         return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} stretches)"
 
     @cached_property
-    def joined(self) -> FloatArray:
+    def joint_factor(self) -> FloatArray:
         """Factor (p + 1, p + 1) of all blocks together."""
-        return join(self.factors)
+        return join_factors(self.factors)
 
     @cached_property
-    def whitened(self) -> Whitened | None:
+    def whitened_columns(self) -> WhitenedColumns | None:
         """Columns without Y, whitened over all blocks; None where the equation excites none of them."""
-        return whitened(self.factors[:, :, :-1], self.joined[:, :-1])
+        return whiten_columns(self.factors[:, :, :-1], self.joint_factor[:, :-1])
 
     @property
     def own_noise(self) -> float:
         """Noise that is left when the equation is fitted by itself: a first guess, before any parameter is known."""
         freedom = max(float(self.counts.sum()) - len(self.columns), 1.0)
-        return abs(float(self.joined[-1, -1])) / float(np.sqrt(freedom))
+        return abs(float(self.joint_factor[-1, -1])) / float(np.sqrt(freedom))
 
-    def without(self, stretches: Sequence[int]) -> FloatArray:
+    def factor_without_blocks(self, stretches: Sequence[int]) -> FloatArray:
         """Return the factor (p + 1, p + 1) of all blocks but these."""
         keep = np.ones(len(self.factors), dtype=bool)
         keep[list(stretches)] = False
-        return join(self.factors[keep])
+        return join_factors(self.factors[keep])
 
-    def select(self, columns: IndexArray) -> EquationFactors:
+    def select_columns(self, columns: IndexArray) -> EquationFactors:
         """Return the same rows with only these parameters; parameters that the equation does not contain are ignored.
 
         The positions in `columns` (k,) become the new parameter numbers.
@@ -77,40 +77,40 @@ class EquationFactors:
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
-        rest_rows = None if self.beside is None else self.beside.select([position for _, position in chosen])
+        rest_rows = None if self.rest_rows is None else self.rest_rows.select([position for _, position in chosen])
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
-        if self.turned is not None:
-            return self._of(numbers, self.turned.select(picked), rest_rows)
-        factors = triangular(self.factors[:, :, picked]) if len(self.factors) else self.factors
-        return EquationFactors(numbers, squared(factors), self.counts, rest_rows)
+        if self.reversal_rows is not None:
+            return self._rebuild(numbers, self.reversal_rows.select(picked), rest_rows)
+        factors = compute_r_factor(self.factors[:, :, picked]) if len(self.factors) else self.factors
+        return EquationFactors(numbers, pad_to_square(factors), self.counts, rest_rows)
 
-    def weighing_turns(self, weight: float) -> EquationFactors:
+    def weight_reversals(self, weight: float) -> EquationFactors:
         """Return the same rows with squared residuals at reversals weighted by `weight` relative to the others."""
-        if self.turned is None or self.turned.weight == weight:
+        if self.reversal_rows is None or self.reversal_rows.weight == weight:
             return self
-        return self._of(self.columns, replace(self.turned, weight=weight), self.beside)
+        return self._rebuild(self.columns, replace(self.reversal_rows, weight=weight), self.rest_rows)
 
     @property
-    def turning(self) -> Apart | Turned | None:
+    def rows_at_reversals(self) -> RowGroup | ReversalRows | None:
         """Rows at reversals, each counting alike; None where they are not known."""
-        separate_rows = None if self.beside is None else self.beside.turning
-        return self.turned if separate_rows is None else separate_rows
+        separate_rows = None if self.rest_rows is None else self.rest_rows.turning
+        return self.reversal_rows if separate_rows is None else separate_rows
 
     @property
-    def without_weights(self) -> EquationFactors:
+    def with_fixed_weights(self) -> EquationFactors:
         """The same rows, where those at reversals can no longer be weighted, only counted separately."""
-        if self.turned is None:
+        if self.reversal_rows is None:
             return self
-        rest_rows = self.beside
+        rest_rows = self.rest_rows
         if rest_rows is not None and rest_rows.turning is None:
-            rest_rows = replace(rest_rows, turning=self.turned.in_one)
+            rest_rows = replace(rest_rows, turning=self.reversal_rows.row_group)
         return EquationFactors(self.columns, self.factors, self.counts, rest_rows)
 
-    def _of(self, columns: IndexArray, turned: Turned, rest_rows: Beside | None) -> EquationFactors:
+    def _rebuild(self, columns: IndexArray, turned: ReversalRows, rest_rows: RestRows | None) -> EquationFactors:
         """Build the equation from its rows at reversals and the others, with these numbers of columns."""
-        return EquationFactors(columns, turned.together, self.counts, rest_rows, turned)
+        return EquationFactors(columns, turned.weighted_factors, self.counts, rest_rows, turned)
 
-    def combined(self, weights: FloatArray) -> EquationFactors:
+    def combine_columns(self, weights: FloatArray) -> EquationFactors:
         """Return the same rows with combined columns; `weights` (c, c') lead from all columns to the new ones."""
         own = weights[self.columns]
         chosen = np.flatnonzero((own != 0).any(axis=0))
@@ -118,13 +118,13 @@ class EquationFactors:
         whole = np.zeros((k + 1, len(chosen) + 1))
         # The last column is Y, which every combination leaves as it is.
         whole[:k, :-1], whole[k, -1] = own[:, chosen], 1.0
-        rest_rows = None if self.beside is None else self.beside.combined(whole)
-        if self.turned is not None:
-            return self._of(chosen.astype(np.intp), self.turned.combined(whole), rest_rows)
-        factors = triangular(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
-        return EquationFactors(chosen.astype(np.intp), squared(factors), self.counts, rest_rows)
+        rest_rows = None if self.rest_rows is None else self.rest_rows.combine_columns(whole)
+        if self.reversal_rows is not None:
+            return self._rebuild(chosen.astype(np.intp), self.reversal_rows.combine_columns(whole), rest_rows)
+        factors = compute_r_factor(self.factors @ whole) if len(self.factors) else np.zeros((0, *whole.shape[1:] * 2))
+        return EquationFactors(chosen.astype(np.intp), pad_to_square(factors), self.counts, rest_rows)
 
-    def changed(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
+    def mix_columns(self, change: FloatArray, columns: IndexArray) -> EquationFactors:
         """Return the rows of [W | Y] change, with Y and W mixed.
 
         Rows at rest are dropped: a band about Y is none about a combination of Y and columns.
@@ -135,10 +135,10 @@ class EquationFactors:
         columns : (p',)
             Numbers of the new columns.
         """
-        factors = triangular(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
-        return EquationFactors(np.asarray(columns, dtype=np.intp), squared(factors), self.counts)
+        factors = compute_r_factor(self.factors @ change) if len(self.factors) else np.zeros((0, *change.shape[1:] * 2))
+        return EquationFactors(np.asarray(columns, dtype=np.intp), pad_to_square(factors), self.counts)
 
-    def squares(self, values: FloatArray) -> FloatArray:
+    def sum_squares(self, values: FloatArray) -> FloatArray:
         """Return the sum of squared residuals of parameters χ (c,) in every block (s,)."""
         k = len(self.columns)
         rests = self.factors[:, :, k] - self.factors[:, :, :k] @ values[self.columns]
@@ -165,11 +165,11 @@ class Reduction:
     def __repr__(self) -> str:
         return (
             f"Reduction({len(self.equations)} equations of {self.n_columns} columns, {self.n_rows} rows in "
-            f"{self.n_stretches} stretches)"
+            f"{self.n_blocks} stretches)"
         )
 
     @property
-    def n_stretches(self) -> int:
+    def n_blocks(self) -> int:
         """Number of blocks of time."""
         return len(self.spans)
 
@@ -183,38 +183,38 @@ class Reduction:
         """Number of rows of every equation (n,)."""
         return np.array([float(equation.counts.sum()) for equation in self.equations])
 
-    def select(self, columns: Sequence[int] | IndexArray) -> Reduction:
+    def select_columns(self, columns: Sequence[int] | IndexArray) -> Reduction:
         """Return the same data with only these columns, in this order."""
         chosen = np.asarray(columns, dtype=np.intp)
-        return Reduction(len(chosen), tuple(e.select(chosen) for e in self.equations), self.spans)
+        return Reduction(len(chosen), tuple(e.select_columns(chosen) for e in self.equations), self.spans)
 
-    def combined(self, weights: FloatArray) -> Reduction:
+    def combine_columns(self, weights: FloatArray) -> Reduction:
         """Return the same data with combined columns: W' = W weights, weights (c, c')."""
-        return Reduction(weights.shape[1], tuple(e.combined(weights) for e in self.equations), self.spans)
+        return Reduction(weights.shape[1], tuple(e.combine_columns(weights) for e in self.equations), self.spans)
 
-    def weighing_turns(self, weights: FloatArray) -> Reduction:
+    def weight_reversals(self, weights: FloatArray) -> Reduction:
         """Return the same data with squared residuals at reversals weighted by `weights` (n,), one per equation."""
         pairs = zip(self.equations, weights, strict=True)
-        return replace(self, equations=tuple(equation.weighing_turns(float(weight)) for equation, weight in pairs))
+        return replace(self, equations=tuple(equation.weight_reversals(float(weight)) for equation, weight in pairs))
 
     @property
-    def alike(self) -> Reduction:
+    def equally_weighted(self) -> Reduction:
         """The same data, every row counting alike."""
-        return self.weighing_turns(np.ones(len(self.equations)))
+        return self.weight_reversals(np.ones(len(self.equations)))
 
     @property
-    def without_weights(self) -> Reduction:
+    def with_fixed_weights(self) -> Reduction:
         """The same data, where rows at reversals can no longer be weighted: it takes less memory."""
-        return replace(self, equations=tuple(equation.without_weights for equation in self.equations))
+        return replace(self, equations=tuple(equation.with_fixed_weights for equation in self.equations))
 
-    def stretches(self, indices: Sequence[int]) -> Reduction:
+    def select_blocks(self, indices: Sequence[int]) -> Reduction:
         """Return only the blocks of time with these indices."""
         picked = list(indices)
         equations = tuple(EquationFactors(e.columns, e.factors[picked], e.counts[picked]) for e in self.equations)
         return Reduction(self.n_columns, equations, self.spans[picked])
 
 
-def concatenate(parts: Sequence[Reduction]) -> Reduction:
+def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
     """Put data sets with the same columns behind one another.
 
     Parameters
@@ -226,25 +226,27 @@ def concatenate(parts: Sequence[Reduction]) -> Reduction:
     Reduction
     """
     first = parts[0]
-    equations = tuple(_behind([part.equations[j] for part in parts]) for j in range(len(first.equations)))
+    equations = tuple(
+        _concatenate_equations([part.equations[j] for part in parts]) for j in range(len(first.equations))
+    )
     return Reduction(first.n_columns, equations, np.concatenate([part.spans for part in parts]))
 
 
-def _behind(parts: Sequence[EquationFactors]) -> EquationFactors:
+def _concatenate_equations(parts: Sequence[EquationFactors]) -> EquationFactors:
     """Concatenate one equation of several data sets; reversals stay weightable only where all of them know them."""
-    weighted_rows = [part.turned for part in parts if part.turned is not None]
+    weighted_rows = [part.reversal_rows for part in parts if part.reversal_rows is not None]
     if len(weighted_rows) < len(parts):
-        parts = [part.without_weights for part in parts]
+        parts = [part.with_fixed_weights for part in parts]
     return EquationFactors(
         parts[0].columns,
         np.concatenate([part.factors for part in parts]),
         np.concatenate([part.counts for part in parts]),
-        beside_all([part.beside for part in parts]),
-        Turned.joined(weighted_rows) if len(weighted_rows) == len(parts) else None,
+        join_rest_rows([part.rest_rows for part in parts]),
+        ReversalRows.from_parts(weighted_rows) if len(weighted_rows) == len(parts) else None,
     )
 
 
-def told_apart(both: Reduction) -> Reduction:
+def merge_reversal_equations(both: Reduction) -> Reduction:
     """Merge 2 n equations into n whose rows at reversals can be weighted.
 
     Parameters
@@ -260,9 +262,9 @@ def told_apart(both: Reduction) -> Reduction:
     n = len(both.equations) // 2
     equations = []
     for steady, turning in zip(both.equations[:n], both.equations[n:], strict=True):
-        turned = Turned.apart(steady.factors, turning.factors, turning.counts)
+        turned = ReversalRows.from_factors(steady.factors, turning.factors, turning.counts)
         counts = steady.counts + turning.counts
-        equations.append(EquationFactors(steady.columns, turned.together, counts, steady.beside, turned))
+        equations.append(EquationFactors(steady.columns, turned.weighted_factors, counts, steady.rest_rows, turned))
     return replace(both, equations=tuple(equations))
 
 
@@ -325,17 +327,17 @@ class FactorAccumulator:
                 if self._pending_rows >= self._PENDING:
                     self._fold()
             if last < len(t):
-                self.end_stretch()
+                self.end_block()
             first = last
 
-    def end_stretch(self) -> None:
+    def end_block(self) -> None:
         """Close the current block of time: a recording or a segment ends here."""
         if not self._is_open:
             return
         self._fold()
         for factors, factor in zip(self._factors, self._open, strict=True):
             assert factor is not None
-            factors.append(squared(factor))
+            factors.append(pad_to_square(factor))
         self._counts.append(self._count.copy())
         self._spans.append((self._from, self._to))
         self._open = [None for _ in self._columns]
@@ -349,13 +351,13 @@ class FactorAccumulator:
         for k, pending in enumerate(self._pending):
             before = self._open[k]
             stacked = np.concatenate(pending if before is None else [before, *pending])
-            self._open[k] = triangular(stacked)
+            self._open[k] = compute_r_factor(stacked)
         self._pending = [[] for _ in self._columns]
         self._pending_rows = 0
 
     def finish(self) -> Reduction:
         """Close the last block and return all factors."""
-        self.end_stretch()
+        self.end_block()
         counts = np.array(self._counts, dtype=np.intp).reshape(-1, len(self._columns))
         equations = tuple(
             EquationFactors(

@@ -13,7 +13,7 @@ _FLAT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class PriorInformation:
     """Equations factor χ = right, each in units of its own standard deviation.
 
     They are rows like those of W and Y, already weighted: stacked under the weighted rows they give the estimate that
@@ -38,12 +38,12 @@ class Information:
         """The matrix [factor | right], (k, c + 1)."""
         return np.column_stack([self.factor, self.right])
 
-    def and_also(self, other: Information) -> Information:
+    def combine_with(self, other: PriorInformation) -> PriorInformation:
         """Return the equations of both."""
-        return Information(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
+        return PriorInformation(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
 
 
-def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> Information:
+def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> PriorInformation:
     """Turn estimates and their covariance into equations of prior knowledge.
 
     A variance of zero would be certainty, which no weight can express: it counts as a millionth of a millionth of the
@@ -61,7 +61,7 @@ def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray
     -------
     Information
     """
-    deviation = deviations_of(covariance)
+    deviation = extract_deviations(covariance)
     least = max(float(deviation.max(initial=0.0)), float(np.abs(values).max(initial=0.0)), 1.0) * 1e-9
     deviation = np.maximum(deviation, least)
     correlation = covariance / np.outer(deviation, deviation)
@@ -73,20 +73,20 @@ def known_values(values: FloatArray, covariance: FloatArray, columns: IndexArray
     whiten = (vectors * roots).T / deviation
     factor = np.zeros((len(values), n_columns))
     factor[:, columns] = whiten
-    return Information(factor, whiten @ values)
+    return PriorInformation(factor, whiten @ values)
 
 
-def covariance_of(factor: FloatArray) -> FloatArray:
+def invert_information(factor: FloatArray) -> FloatArray:
     """Return (RᵀR)⁻¹ (c, c) of a triangular factor R."""
-    root = root_of(factor)
+    root = invert_factor(factor)
     return np.asarray(root @ root.T)
 
 
-def root_of(factor: FloatArray) -> FloatArray:
+def invert_factor(factor: FloatArray) -> FloatArray:
     """Return R⁻¹ (c, c) of a triangular factor R."""
     return np.asarray(solve_triangular(factor, np.eye(len(factor))))
 
 
-def deviations_of(covariance: FloatArray) -> FloatArray:
+def extract_deviations(covariance: FloatArray) -> FloatArray:
     """Return the standard deviations (c,) of a covariance, [12.9]; 0 where rounding left a negative variance."""
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

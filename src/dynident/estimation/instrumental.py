@@ -13,22 +13,22 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.arrays import FloatArray
-from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
-from dynident.estimation.correlation import overstatement
+from dynident.estimation.clusters import FEWEST_CLUSTERS, estimate_cluster_covariance, find_occupied_blocks
+from dynident.estimation.correlation import compute_overstatement
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import Information
+from dynident.estimation.information import PriorInformation
 from dynident.estimation.least_squares import (
     MOST_ROUNDS,
     EstimationError,
     Solution,
+    are_weights_settled,
+    build_weighted_factor,
     check_rank,
     check_rows,
-    noise_levels,
-    weighted_factor,
-    weights_settled,
+    compute_noise_levels,
 )
-from dynident.estimation.statistics import CovarianceName, Statistics, freedom_of_rows
-from dynident.estimation.triangles import triangular
+from dynident.estimation.statistics import CovarianceName, Statistics, compute_row_freedom
+from dynident.estimation.triangles import compute_r_factor
 
 _SINGULAR = 1e-10
 WEAKEST = 0.1
@@ -52,8 +52,8 @@ class InstrumentalSolution:
     strength: float
 
 
-def instrumental(
-    both: Reduction, known: Information | None = None, covariance: CovarianceName = "by_time_and_joints"
+def solve_instrumental(
+    both: Reduction, known: PriorInformation | None = None, covariance: CovarianceName = "by_time_and_joints"
 ) -> InstrumentalSolution:
     """Solve by instrumental variables, each equation weighted by 1 / standard deviation of its residual.
 
@@ -76,26 +76,28 @@ def instrumental(
         Where the instruments do not determine the parameters.
     """
     c = both.n_columns // 2
-    observed = both.select(np.arange(c, 2 * c))
+    observed = both.select_columns(np.arange(c, 2 * c))
     # Prior knowledge has no noise in W: it is its own instrument.
-    twice = None if known is None else Information(np.hstack([known.factor, known.factor]), known.right)
+    twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
 
-    def levels(values: FloatArray) -> FloatArray:
-        noise = noise_levels(observed, values)
-        return noise if known is None else noise * np.sqrt(_overstated(both, values))
+    def compute_levels(values: FloatArray) -> FloatArray:
+        noise = compute_noise_levels(observed, values)
+        return noise if known is None else noise * np.sqrt(_compute_overstatements(both, values))
 
-    solved, converged = _solved(both, np.ones(len(both.equations)), twice), False
+    solved, converged = _solve_weighted(both, np.ones(len(both.equations)), twice), False
     for _ in range(MOST_ROUNDS):
-        noise = levels(solved.values)
-        solved = _solved(both, noise, twice)
-        if converged := weights_settled(observed, noise, levels(solved.values)):
+        noise = compute_levels(solved.values)
+        solved = _solve_weighted(both, noise, twice)
+        if converged := are_weights_settled(observed, noise, compute_levels(solved.values)):
             break
     solution = Solution(solved.values, noise, solved.observed, known, converged=converged)
-    return InstrumentalSolution(solution, _statistics(both, observed, solution, solved, covariance), solved.strength)
+    return InstrumentalSolution(
+        solution, _compute_statistics(both, observed, solution, solved, covariance), solved.strength
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class _InstrumentalFactors:
     """χ (c,), the factors of the weighted Z and W (c, c), and W projected on Z: Q_zᵀ W (c, c)."""
 
     values: FloatArray
@@ -105,13 +107,13 @@ class _Solved:
     strength: float
 
 
-def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _Solved:
+def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation | None) -> _InstrumentalFactors:
     c = both.n_columns // 2
     check_rows(both.n_rows, c, twice)
-    r = weighted_factor(both, noise, twice)
+    r = build_weighted_factor(both, noise, twice)
     # One QR of [Z | W | Y] gives everything: its first block rows are R_z, Q_zᵀ W and Q_zᵀ Y.
     instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
-    observed = triangular(r[: 2 * c, c : 2 * c])
+    observed = compute_r_factor(r[: 2 * c, c : 2 * c])
     check_rank(instruments, _SINGULAR, " of the simulated motion")
     check_rank(observed, _SINGULAR, " of the measured motion")
     # Q_zᵀ Q_w: its singular values are the canonical correlations.
@@ -126,37 +128,37 @@ def _solved(both: Reduction, noise: FloatArray, twice: Information | None) -> _S
             title="Weak instruments",
         )
     values = solve_triangular(observed, np.linalg.solve(common, right))
-    return _Solved(values, instruments, observed, projected, strength)
+    return _InstrumentalFactors(values, instruments, observed, projected, strength)
 
 
-def _overstated(both: Reduction, values: FloatArray) -> FloatArray:
+def _compute_overstatements(both: Reduction, values: FloatArray) -> FloatArray:
     """Return by how much the rows of every equation overstate the information in them (n,)."""
     inflation = []
     for equation in both.equations:
         k = len(equation.columns) // 2
         rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[equation.columns[:k]]
-        inflation.append(overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
+        inflation.append(compute_overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
     return np.array(inflation)
 
 
-def _statistics(
-    both: Reduction, observed: Reduction, solution: Solution, solved: _Solved, kind: CovarianceName
+def _compute_statistics(
+    both: Reduction, observed: Reduction, solution: Solution, solved: _InstrumentalFactors, kind: CovarianceName
 ) -> Statistics:
     """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
-    overstated = _overstated(both, solution.values)
-    noise = noise_levels(observed, solution.values)
+    overstated = _compute_overstatements(both, solution.values)
+    noise = compute_noise_levels(observed, solution.values)
     worth = both.row_counts / overstated
-    if kind == "by_time_and_joints" and occupied(both).sum() >= FEWEST_CLUSTERS:
+    if kind == "by_time_and_joints" and find_occupied_blocks(both).sum() >= FEWEST_CLUSTERS:
         # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
         turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
-        spread = spread_over_stretches(observed, solution, _scores(both, solution) @ turned)
+        spread = estimate_cluster_covariance(observed, solution, _compute_scores(both, solution) @ turned)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     c = observed.n_columns
     counted = np.ones(len(overstated)) if kind == "independent" else overstated
     meat = np.zeros((c, c))
     for j, equation in enumerate(both.equations):
         k = len(equation.columns) // 2
-        z = equation.joined[:, :k]
+        z = equation.joint_factor[:, :k]
         where = equation.columns[:k]
         meat[np.ix_(where, where)] += (noise[j] ** 2 * counted[j] / solution.noise[j] ** 4) * (z.T @ z)
     if solution.known is not None:
@@ -165,13 +167,13 @@ def _statistics(
     whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
     inverse = np.linalg.inv(solved.projected)
     covariance = inverse @ whitened @ inverse.T
-    freedom = freedom_of_rows(both.row_counts / counted, c)
+    freedom = compute_row_freedom(both.row_counts / counted, c)
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
-def _scores(both: Reduction, solution: Solution) -> FloatArray:
+def _compute_scores(both: Reduction, solution: Solution) -> FloatArray:
     """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
-    scores = np.zeros((both.n_stretches, both.n_columns // 2))
+    scores = np.zeros((both.n_blocks, both.n_columns // 2))
     for equation, sigma in zip(both.equations, solution.noise, strict=True):
         k = len(equation.columns) // 2
         where = equation.columns[:k]

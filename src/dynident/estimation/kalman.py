@@ -168,11 +168,11 @@ class KalmanFilter:
         """
         if self._pending is None:
             raise ValueError("begin a stretch before its second sample")
-        sample = self._corrected(q, *self._pending)
+        sample = self._correct(q, *self._pending)
         self._pending = np.array(tau), np.array(acceleration), np.ones(self._n) if doubt is None else np.array(doubt)
         return sample
 
-    def _corrected(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray) -> KalmanSample:
+    def _correct(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray) -> KalmanSample:
         """Use the torque at the state's own instant and the position one period later, and move on to that."""
         n, period = self._n, self._period
         moving = np.concatenate([self.motion, acceleration])
@@ -199,7 +199,7 @@ class KalmanFilter:
         if not (np.isfinite(innovation).all() and np.isfinite(expected).all()):
             raise EstimationError("the state is not finite any more")
         # Whitened by the motion's part of the covariance alone, these are ordinary least-squares rows of χ.
-        whiten = _whitening(spread)
+        whiten = _compute_whitening(spread)
         rows = whiten @ np.column_stack([by_values, innovation + by_values @ self.values])
 
         surprise = float(innovation @ np.linalg.solve(expected, innovation)) / n
@@ -207,16 +207,16 @@ class KalmanFilter:
         gain = np.linalg.solve(expected, of_values.T).T
         change = gain @ innovation
         self.values = self.values + change
-        self.covariance = _symmetric(self.covariance - gain @ of_values.T)
+        self.covariance = _symmetrise(self.covariance - gain @ of_values.T)
         gain = np.linalg.solve(spread, cross.T).T
         moving = moving + owed @ change + gain @ (innovation - by_values @ change)
         self.motion = self._step @ moving
         self._sensitivity = self._step @ (owed - gain @ by_values)
-        self._motion_covariance = _symmetric(self._step @ (covariance - gain @ cross.T) @ self._step.T)
+        self._motion_covariance = _symmetrise(self._step @ (covariance - gain @ cross.T) @ self._step.T)
         return KalmanSample(rows, surprise)
 
 
-def _whitening(spread: FloatArray) -> FloatArray:
+def _compute_whitening(spread: FloatArray) -> FloatArray:
     """Return a matrix (m, m) that whitens noise with this covariance, each row as near to its own as can be."""
     size = np.sqrt(np.diag(spread))
     # The symmetric root of the correlation matrix, unlike a Cholesky factor, does not mix joints by their order.
@@ -226,5 +226,5 @@ def _whitening(spread: FloatArray) -> FloatArray:
     return np.asarray((vectors / np.sqrt(eigenvalues)) @ vectors.T / size)
 
 
-def _symmetric(matrix: FloatArray) -> FloatArray:
+def _symmetrise(matrix: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (matrix + matrix.T))

@@ -10,10 +10,10 @@ from scipy.linalg import solve_triangular
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.correlation import correlation_factors
+from dynident.estimation.correlation import compute_correlation_factors
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import Information, root_of
-from dynident.estimation.triangles import triangular
+from dynident.estimation.information import PriorInformation, invert_factor
+from dynident.estimation.triangles import compute_r_factor
 
 MOST_ROUNDS = 20
 """Largest number of rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
@@ -54,7 +54,7 @@ class Solution:
     values: FloatArray
     noise: FloatArray
     factor: FloatArray
-    known: Information | None = None
+    known: PriorInformation | None = None
     free: FloatArray | None = None
     converged: bool = True
 
@@ -73,8 +73,8 @@ class Solution:
     def root(self) -> FloatArray:
         """A root (c, f) of `normal_inverse`, with one column for every free direction."""
         if self.free is None:
-            return root_of(self.factor)
-        return np.asarray(self.free @ root_of(triangular(self.factor @ self.free)))
+            return invert_factor(self.factor)
+        return np.asarray(self.free @ invert_factor(compute_r_factor(self.factor @ self.free)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class Errors:
         return float(np.sqrt(self.squares.sum() / max(float(self.counts.sum()), 1.0)))
 
 
-def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> FloatArray:
+def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorInformation | None = None) -> FloatArray:
     """Return the triangular factor of [W | Y] over all equations, together with prior knowledge.
 
     Parameters
@@ -140,17 +140,17 @@ def weighted_factor(reduction: Reduction, noise: FloatArray, known: Information 
         if not len(equation.counts):
             continue
         wide = np.zeros((k + 1, c + 1))
-        wide[:, equation.columns] = equation.joined[:, :k] / sigma
-        wide[:, c] = equation.joined[:, k] / sigma
+        wide[:, equation.columns] = equation.joint_factor[:, :k] / sigma
+        wide[:, c] = equation.joint_factor[:, k] / sigma
         parts.append(wide)
     stacked = np.concatenate(parts)
     # Too few rows still give a square factor, so that the rank check reports the problem.
     if len(stacked) < c + 1:
         stacked = np.pad(stacked, [(0, c + 1 - len(stacked)), (0, 0)])
-    return triangular(stacked)
+    return compute_r_factor(stacked)
 
 
-def condition_number(reduction: Reduction) -> float:
+def compute_condition_number(reduction: Reduction) -> float:
     """Return cond(W), [12.12], of the unweighted W without prior knowledge.
 
     Parameters
@@ -161,10 +161,12 @@ def condition_number(reduction: Reduction) -> float:
     -------
     float
     """
-    return _condition(weighted_factor(reduction.alike, np.ones(len(reduction.equations)))[:-1, :-1])
+    return _compute_condition(
+        build_weighted_factor(reduction.equally_weighted, np.ones(len(reduction.equations)))[:-1, :-1]
+    )
 
 
-def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
+def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> float:
     """Return cond(W) with columns scaled to equal size, so that units of parameters do not count.
 
     Parameters
@@ -177,17 +179,17 @@ def equilibrated_condition_number(reduction: Reduction, noise: FloatArray) -> fl
     -------
     float
     """
-    factor = weighted_factor(reduction, noise)[:-1, :-1]
+    factor = build_weighted_factor(reduction, noise)[:-1, :-1]
     scales = np.linalg.norm(factor, axis=0)
-    return _condition(factor / np.where(scales > 0, scales, 1.0))
+    return _compute_condition(factor / np.where(scales > 0, scales, 1.0))
 
 
-def _condition(factor: FloatArray) -> float:
+def _compute_condition(factor: FloatArray) -> float:
     singular = np.linalg.svd(factor, compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
 
-def errors(reduction: Reduction, values: FloatArray) -> Errors:
+def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
     """Return the residual of parameters on all rows of a data set, also at rest.
 
     At rest the residual is the distance of the torque to the band that static friction holds, where the equations know
@@ -203,20 +205,20 @@ def errors(reduction: Reduction, values: FloatArray) -> Errors:
     -------
     Errors
     """
-    fitted = fitted_errors(reduction, values)
+    fitted = compute_fitted_errors(reduction, values)
     squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
     for k, equation in enumerate(reduction.equations):
-        rest_rows, own = equation.beside, values[equation.columns]
+        rest_rows, own = equation.rest_rows, values[equation.columns]
         if rest_rows is None:
             continue
         # What rows beside a halt hold of motion is in the fit; as rows they are at rest.
-        squares[k] += rest_rows.standing_squares(own) - rest_rows.partial.squares(own)
-        measured[k] += rest_rows.standing_measured - rest_rows.partial.measured
+        squares[k] += rest_rows.sum_standing_squares(own) - rest_rows.partial.sum_squares(own)
+        measured[k] += rest_rows.standing_measured_squares - rest_rows.partial.measured_squares
         counts[k] += rest_rows.n_standing - rest_rows.partial.count
     return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 
-def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
+def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     """Return the residual of parameters on the rows of every equation where its joint moves.
 
     Parameters
@@ -229,40 +231,40 @@ def moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
     -------
     Errors
     """
-    fitted = fitted_errors(reduction, values)
+    fitted = compute_fitted_errors(reduction, values)
     squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
     for k, equation in enumerate(reduction.equations):
-        if equation.beside is not None:
-            for rows in (equation.turning, equation.beside.partial):
+        if equation.rest_rows is not None:
+            for rows in (equation.rows_at_reversals, equation.rest_rows.partial):
                 if rows is None:
                     continue
-                squares[k] -= rows.squares(values[equation.columns])
-                measured[k] -= rows.measured
+                squares[k] -= rows.sum_squares(values[equation.columns])
+                measured[k] -= rows.measured_squares
                 counts[k] -= rows.count
     return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 
-def fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
+def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
     """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
-    squares, measured = weighed_squares(reduction, values), []
+    squares, measured = compute_weighted_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
-        own = float(equation.joined[:, -1] @ equation.joined[:, -1])
-        if equation.turned is not None:
+        own = float(equation.joint_factor[:, -1] @ equation.joint_factor[:, -1])
+        if equation.reversal_rows is not None:
             # The factor holds rows at reversals with their weight; add what is missing to a weight of one.
-            lacks = 1.0 - equation.turned.weight
-            squares[k] += lacks * equation.turned.squares(values[equation.columns])
-            own += lacks * equation.turned.measured
+            lacks = 1.0 - equation.reversal_rows.weight
+            squares[k] += lacks * equation.reversal_rows.sum_squares(values[equation.columns])
+            own += lacks * equation.reversal_rows.measured_squares
         measured.append(own)
     return Errors(squares, np.array(measured), reduction.row_counts)
 
 
-def weighed_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
-    rests = (e.joined[:, -1] - e.joined[:, :-1] @ values[e.columns] for e in reduction.equations)
+    rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
 
 
-def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
+def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
     """Return ||W Δχ|| / ||Y||: the effect of a change of the parameters, relative to what was measured.
 
     Parameters
@@ -276,15 +278,15 @@ def share_of_measured(reduction: Reduction, change: FloatArray) -> float:
     float
     """
     squares = measured = 0.0
-    for equation in reduction.alike.equations:
+    for equation in reduction.equally_weighted.equations:
         k = len(equation.columns)
-        moved = equation.joined[:, :k] @ change[equation.columns]
+        moved = equation.joint_factor[:, :k] @ change[equation.columns]
         squares += float(moved @ moved)
-        measured += float(equation.joined[:, k] @ equation.joined[:, k])
+        measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
     return float(np.sqrt(squares / measured)) if measured > 0 else 0.0
 
 
-def solve(reduction: Reduction, noise: FloatArray, known: Information | None = None) -> Solution:
+def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | None = None) -> Solution:
     """Solve [12.5] with every equation weighted by 1 / noise.
 
     Parameters
@@ -305,13 +307,13 @@ def solve(reduction: Reduction, noise: FloatArray, known: Information | None = N
     """
     c = reduction.n_columns
     check_rows(reduction.n_rows, c, known)
-    r = weighted_factor(reduction, noise, known)
+    r = build_weighted_factor(reduction, noise, known)
     factor, right = r[:c, :c], r[:c, c]
     check_rank(factor, _SINGULAR)
     return Solution(solve_triangular(factor, right), noise, factor, known)
 
 
-def check_rows(n_rows: int, n_parameters: int, known: Information | None) -> None:
+def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -> None:
     """Raise `EstimationError` where there are fewer rows, prior knowledge included, than parameters."""
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
@@ -340,7 +342,7 @@ def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
         )
 
 
-def ordinary(reduction: Reduction, known: Information | None = None) -> Solution:
+def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by ordinary least squares: all equations count alike.
 
     Prior knowledge is weighed against the common noise of the equations, with independent samples counted.
@@ -364,14 +366,14 @@ def ordinary(reduction: Reduction, known: Information | None = None) -> Solution
         return solve(reduction, alike)
     counts = reduction.row_counts
 
-    def common(values: FloatArray) -> FloatArray:
-        doubt = doubtful_noise(reduction, values)
+    def compute_common_noise(values: FloatArray) -> FloatArray:
+        doubt = compute_correlated_noise(reduction, values)
         return float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0))) * alike
 
-    return _settled(reduction, solve(reduction, alike, known), common, known)
+    return _iterate_weights(reduction, solve(reduction, alike, known), compute_common_noise, known)
 
 
-def weighted(reduction: Reduction, known: Information | None = None) -> Solution:
+def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Solution:
     """Solve by weighted least squares: each equation is divided by the standard deviation of its own residual.
 
     With prior knowledge, each row counts for as much as it is worth as an independent sample.
@@ -390,44 +392,44 @@ def weighted(reduction: Reduction, known: Information | None = None) -> Solution
     EstimationError
         As in `solve`.
     """
-    levels = noise_levels if known is None else doubtful_noise
+    levels = compute_noise_levels if known is None else compute_correlated_noise
     first = replace(ordinary(reduction, known), converged=True)
-    return _settled(reduction, first, lambda values: levels(reduction, values), known)
+    return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
 
 
-def _settled(
-    reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: Information | None
+def _iterate_weights(
+    reduction: Reduction, first: Solution, noise_of: Callable[[FloatArray], FloatArray], known: PriorInformation | None
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles."""
     solution = first
     for _ in range(MOST_ROUNDS):
         noise = noise_of(solution.values)
         solution = solve(reduction, noise, known)
-        if weights_settled(reduction, noise, noise_of(solution.values)):
+        if are_weights_settled(reduction, noise, noise_of(solution.values)):
             return solution
     return replace(solution, converged=False)
 
 
-def weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
+def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
     """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
-    measured = [float(np.linalg.norm(equation.joined[:, -1])) for equation in reduction.equations]
+    measured = [float(np.linalg.norm(equation.joint_factor[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
-def doubtful_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the noise of every equation (n,), raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
     outweigh prior knowledge without limit.
     """
-    factors = correlation_factors(reduction, values)
-    fitted = fitted_errors(reduction, values)
+    factors = compute_correlation_factors(reduction, values)
+    fitted = compute_fitted_errors(reduction, values)
     rounding = _ROUNDING * np.sqrt(fitted.measured / np.maximum(fitted.counts, 1))
-    return np.maximum(noise_levels(reduction, values) * np.sqrt(factors), rounding)
+    return np.maximum(compute_noise_levels(reduction, values) * np.sqrt(factors), rounding)
 
 
-def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the standard deviation of every equation's residual, to weight by.
 
     Parameters
@@ -440,18 +442,18 @@ def noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray:
     -------
     (n,) array, never zero
     """
-    return floored(residual_noise(reduction, values))
+    return floor_noise(compute_residual_noise(reduction, values))
 
 
-def residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
 
     Rows count as they are weighted within their equation; `noise_of_rows` has each count alike.
     """
-    return _deviation(reduction, weighed_squares(reduction, values))
+    return _compute_deviation(reduction, compute_weighted_squares(reduction, values))
 
 
-def noise_of_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
+def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the standard deviation of the residual of all rows that take part in the fit, each counting alike.
 
     Parameters
@@ -464,16 +466,16 @@ def noise_of_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
     -------
     (n,) array
     """
-    return _deviation(reduction, fitted_errors(reduction, values).squares)
+    return _compute_deviation(reduction, compute_fitted_errors(reduction, values).squares)
 
 
-def _deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
+def _compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
     # The parameters are shared by all equations, so each loses degrees of freedom in proportion to its rows.
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 
 
-def floored(sigma: FloatArray) -> FloatArray:
+def floor_noise(sigma: FloatArray) -> FloatArray:
     """Return noise (n,) to weight by, with a lower limit.
 
     An equation without residual (no torque, no motion) must not get an infinite weight.

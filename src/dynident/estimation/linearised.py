@@ -14,16 +14,16 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import Information
-from dynident.estimation.least_squares import Solution, check_rank, doubtful_noise, weighted_factor
+from dynident.estimation.information import PriorInformation
+from dynident.estimation.least_squares import Solution, build_weighted_factor, check_rank, compute_correlated_noise
 from dynident.estimation.statistics import CovarianceName, Statistics, statistics
-from dynident.estimation.triangles import triangular
+from dynident.estimation.triangles import compute_r_factor
 
 _SINGULAR = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearisedSolution:
     """Parameters followed by changes of shape constants: their data, one Gauss-Newton step and their uncertainty.
 
     Parameters
@@ -55,7 +55,7 @@ class Linearised:
         return self.statistics.half_widths()[self.n_own :]
 
     @property
-    def of_parameters(self) -> Statistics:
+    def parameter_statistics(self) -> Statistics:
         """Statistics of the parameters alone, the uncertainty of the constants included."""
         b, joint_statistics = self.n_own, self.statistics
         return replace(
@@ -63,7 +63,9 @@ class Linearised:
         )
 
 
-def linearised(reduction: Reduction, solution: Solution, ranges: FloatArray, kind: CovarianceName) -> Linearised:
+def linearise_constants(
+    reduction: Reduction, solution: Solution, ranges: FloatArray, kind: CovarianceName
+) -> LinearisedSolution:
     """Solve for parameters and shape constants together, one step from an estimate.
 
     Parameters
@@ -87,35 +89,37 @@ def linearised(reduction: Reduction, solution: Solution, ranges: FloatArray, kin
         Where the data, with prior knowledge, do not determine the parameters.
     """
     b, c = len(solution.values), reduction.n_columns
-    known, noise = _known(reduction, solution, ranges)
+    known, noise = _build_prior_and_noise(reduction, solution, ranges)
     start = np.concatenate([solution.values, np.zeros(c - b)])
     # Solve for the deviation from the estimate within the free directions, so that active constraints stay active.
-    free = _directions(solution, c)
-    rows = weighted_factor(reduction, noise, known)
+    free = _build_free_directions(solution, c)
+    rows = build_weighted_factor(reduction, noise, known)
     rest = rows[:, c] - rows[:, :c] @ start
-    r = triangular(np.column_stack([rows[:, :c] @ free, rest]))
+    r = compute_r_factor(np.column_stack([rows[:, :c] @ free, rest]))
     check_rank(r[:-1, :-1], _SINGULAR)
     values = start + free @ np.linalg.solve(r[:-1, :-1], r[:-1, -1])
     stepped = Solution(values, noise, rows[:c, :c], known, None if solution.free is None else free)
-    return Linearised(reduction, stepped, statistics(reduction, stepped, kind), b)
+    return LinearisedSolution(reduction, stepped, statistics(reduction, stepped, kind), b)
 
 
-def _known(reduction: Reduction, solution: Solution, ranges: FloatArray) -> tuple[Information, FloatArray]:
+def _build_prior_and_noise(
+    reduction: Reduction, solution: Solution, ranges: FloatArray
+) -> tuple[PriorInformation, FloatArray]:
     """Return prior knowledge with the ranges of the constants, and the noise (n,) that it is weighed against."""
     b, k = len(solution.values), len(ranges)
-    range_prior = Information(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
+    range_prior = PriorInformation(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
     before = solution.known
     if before is not None:
         wide = np.hstack([before.factor, np.zeros((len(before.right), k))])
-        return Information(wide, before.right).and_also(range_prior), solution.noise
+        return PriorInformation(wide, before.right).combine_with(range_prior), solution.noise
     # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
     noise, counts = solution.noise, reduction.row_counts
-    doubt = doubtful_noise(reduction.select(np.arange(b)), solution.values)
+    doubt = compute_correlated_noise(reduction.select_columns(np.arange(b)), solution.values)
     size = float(np.sum(counts * noise**2))
     return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
 
 
-def _directions(solution: Solution, c: int) -> FloatArray:
+def _build_free_directions(solution: Solution, c: int) -> FloatArray:
     """Return the free directions (c, f + k): those of the parameters, and all constants."""
     b = len(solution.values)
     if solution.free is None:

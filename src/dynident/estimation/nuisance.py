@@ -6,14 +6,14 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
-from dynident.estimation.least_squares import noise_levels, weighted_factor
-from dynident.estimation.triangles import squared, triangular
+from dynident.estimation.least_squares import build_weighted_factor, compute_noise_levels
+from dynident.estimation.triangles import compute_r_factor, pad_to_square
 
 _NOISE_ROUNDS = 3
 _FLAT = 1e-11
 
 
-def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = True) -> Reduction:
+def marginalise_parameters(reduction: Reduction, n_nuisance: int, *, weighted: bool = True) -> Reduction:
     """Remove the first `n_nuisance` parameters from the equations by projection.
 
     Every column, and Y, is replaced by its residual of a regression on the nuisance columns; least squares on the rest
@@ -35,11 +35,11 @@ def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = 
     c = reduction.n_columns
     noise = np.ones(len(reduction.equations))
     for _ in range(_NOISE_ROUNDS if weighted else 0):
-        factor = weighted_factor(reduction, noise)
-        noise = noise_levels(reduction, _regression(factor[:, :c], factor[:, c:])[:, 0])
-    factor = weighted_factor(reduction, noise)
+        factor = build_weighted_factor(reduction, noise)
+        noise = compute_noise_levels(reduction, _regress(factor[:, :c], factor[:, c:])[:, 0])
+    factor = build_weighted_factor(reduction, noise)
     # The regression runs over all equations at once, because a nuisance parameter has one value in all of them.
-    explained = _regression(factor[:, :n_nuisance], factor[:, n_nuisance:])
+    explained = _regress(factor[:, :n_nuisance], factor[:, n_nuisance:])
     change = np.vstack([-explained, np.eye(c + 1 - n_nuisance)])
     columns = np.arange(c - n_nuisance)
     equations = []
@@ -47,12 +47,12 @@ def without_nuisance(reduction: Reduction, n_nuisance: int, *, weighted: bool = 
         picked = change[np.append(equation.columns, c)]
         factors = np.zeros((len(equation.factors), *picked.shape[1:] * 2))
         if len(factors):
-            factors = squared(triangular(equation.factors @ picked))
+            factors = pad_to_square(compute_r_factor(equation.factors @ picked))
         equations.append(EquationFactors(columns, factors, equation.counts))
     return Reduction(c - n_nuisance, tuple(equations), reduction.spans)
 
 
-def _regression(w: FloatArray, y: FloatArray) -> FloatArray:
+def _regress(w: FloatArray, y: FloatArray) -> FloatArray:
     """Return the coefficients (p, q) of y (r, q) regressed on w (r, p); zero along directions without excitation."""
     scales = np.linalg.norm(w, axis=0)
     scales = np.where(scales > 0, scales, 1.0)

@@ -16,7 +16,7 @@ import numpy as np
 from dynident.arrays import FloatArray, IndexArray
 from dynident.estimation.factors import Reduction
 
-STANDS_OUT = 25.0
+OUTLYING_RATIO = 25.0
 """Ratio above which a span counts as disturbed: five times the residual of the rest.
 
 Clean arms reach 1.4; of 100 arms with friction, springs or loads that the model lacks two reached 9 and 14, the others
@@ -74,7 +74,7 @@ class OutlyingSpans:
     values: FloatArray
 
 
-def find_outlying_spans(reduction: Reduction, ratio: float = STANDS_OUT) -> OutlyingSpans:
+def find_outlying_spans(reduction: Reduction, ratio: float = OUTLYING_RATIO) -> OutlyingSpans:
     """Find spans of time whose residual stands out.
 
     Parameters
@@ -90,21 +90,21 @@ def find_outlying_spans(reduction: Reduction, ratio: float = STANDS_OUT) -> Outl
         At most three spans, each inside one segment and all together at most half of the rows; whole segments are left
         out.
     """
-    if not reduction.n_stretches:
+    if not reduction.n_blocks:
         return OutlyingSpans((), np.zeros(reduction.n_columns))
-    search = _Search(reduction)
+    search = _SpanSearch(reduction)
     outlying: list[OutlyingSpan] = []
     for _ in range(_MOST_SPANS):
-        best = search.best(ratio)
+        best = search.find_best_window(ratio)
         if best is None:
             break
         search.leave_out(*best[:2])
-        span = search.span(*best)
+        span = search.describe_span(*best)
         outlying += [] if span is None else [span]
-    return OutlyingSpans(tuple(sorted(outlying, key=lambda span: -span.ratio)), search.values())
+    return OutlyingSpans(tuple(sorted(outlying, key=lambda span: -span.ratio)), search.solve_parameters())
 
 
-class _Search:
+class _SpanSearch:
     """Inner products of every equation and block, which a search for outlying spans leaves out.
 
     Products are (n, s, c + 1, c + 1), their rows (n, s), the blocks' segments (s,). `firsts` (s + 1,): the first fine
@@ -114,8 +114,8 @@ class _Search:
 
     def __init__(self, reduction: Reduction) -> None:
         c, self._spans = reduction.n_columns, reduction.spans
-        run = _runs_of(reduction.spans)
-        self._firsts = _block_edges(run)
+        run = _number_segments(reduction.spans)
+        self._firsts = _find_block_edges(run)
         starts = self._firsts[:-1]
         self._run = run[starts]
         products = np.zeros((len(reduction.equations), len(starts), c + 1, c + 1))
@@ -134,9 +134,9 @@ class _Search:
         self._floor = _QUIET**2 * squares + np.finfo(float).tiny
         self._noise = np.maximum(squares, self._floor)
 
-    def values(self) -> FloatArray:
+    def solve_parameters(self) -> FloatArray:
         """Return the parameters (c,) from all rows that are not left out."""
-        return _solve(np.tensordot(1.0 / self._noise, self._total, 1))
+        return _solve_products(np.tensordot(1.0 / self._noise, self._total, 1))
 
     def leave_out(self, first: int, last: int) -> None:
         """Remove blocks from the data."""
@@ -144,7 +144,7 @@ class _Search:
         self._rows = self._rows - self._counts[:, first:last].sum(axis=1)
         self._out[first:last] = True
 
-    def span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
+    def describe_span(self, first: int, last: int, ratio: float) -> OutlyingSpan | None:
         """Describe blocks as a span; None where they are nearly a whole segment of several."""
         own = self._counts[:, self._run == self._run[first]].sum()
         # A disturbance of nearly a whole segment is no disturbance: that segment differs from the others.
@@ -155,7 +155,7 @@ class _Search:
             *stretches, float(self._spans[stretches[0], 0]), float(self._spans[stretches[1] - 1, 1]), ratio
         )
 
-    def _windows(self) -> list[tuple[int, int]]:
+    def _list_windows(self) -> list[tuple[int, int]]:
         """Return consecutive blocks inside one segment, of at most half of the rows, that are not left out yet."""
         rows, out = np.append(0.0, np.cumsum(self._counts.sum(axis=0))), np.append(0, np.cumsum(self._out))
         most = _MOST_SHARE * rows[-1] - self._counts[:, self._out].sum()
@@ -166,9 +166,9 @@ class _Search:
             if self._run[a] == self._run[b - 1] and 0 < rows[b] - rows[a] <= most and out[a] == out[b]
         ]
 
-    def best(self, ratio: float) -> tuple[int, int, float] | None:
+    def find_best_window(self, ratio: float) -> tuple[int, int, float] | None:
         """Find the blocks without which the others leave least, and their ratio, where they stand out."""
-        windows = self._windows()
+        windows = self._list_windows()
         if not windows or self._rows.sum() <= self._sums.shape[2]:
             return None
         best = None
@@ -180,9 +180,12 @@ class _Search:
             weights = 1.0 / self._noise
             total = np.tensordot(weights, self._total, 1)
             sums = np.tensordot(weights, self._sums, 1)
-            whole = max(float(_squares(total, _solve(total))), 0.0)
+            whole = max(float(_compute_squares(total, _solve_products(total))), 0.0)
             rest = np.concatenate(
-                [self._rest(total, sums, windows[k : k + _BATCH]) for k in range(0, len(windows), _BATCH)]
+                [
+                    self._compute_rest_squares(total, sums, windows[k : k + _BATCH])
+                    for k in range(0, len(windows), _BATCH)
+                ]
             )
             # Noiseless data would divide by rounding errors.
             rest = np.maximum(rest, float((weights * self._floor).mean()) * freedom)
@@ -197,18 +200,20 @@ class _Search:
             a, b = windows[k]
             best = (a, b, float(ratios[k]))
             outside = self._total - (self._sums[:, b] - self._sums[:, a])
-            values = _solve(np.tensordot(weights, outside, 1))
+            values = _solve_products(np.tensordot(weights, outside, 1))
             rows_left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)
-            self._noise = np.maximum(_squares(outside, values) / rows_left, self._floor)
+            self._noise = np.maximum(_compute_squares(outside, values) / rows_left, self._floor)
         return best
 
-    def _rest(self, total: FloatArray, sums: FloatArray, windows: Sequence[tuple[int, int]]) -> FloatArray:
+    def _compute_rest_squares(
+        self, total: FloatArray, sums: FloatArray, windows: Sequence[tuple[int, int]]
+    ) -> FloatArray:
         """Return the squared residual (w,) of the rows outside each window, solved from them."""
         outside = np.array([total - (sums[b] - sums[a]) for a, b in windows])
-        return _squares(outside, _solve(outside))
+        return _compute_squares(outside, _solve_products(outside))
 
 
-def _block_edges(run: IndexArray) -> IndexArray:
+def _find_block_edges(run: IndexArray) -> IndexArray:
     """Return the first stretch of every block, and their number; every segment begins a block."""
     s = len(run)
     borders = np.flatnonzero(np.diff(run)) + 1
@@ -216,7 +221,7 @@ def _block_edges(run: IndexArray) -> IndexArray:
     return edges
 
 
-def _runs_of(spans: FloatArray) -> IndexArray:
+def _number_segments(spans: FloatArray) -> IndexArray:
     """Return the segment number (s,) of every stretch.
 
     Time jumps by more than a stretch, or back, between two segments.
@@ -228,7 +233,7 @@ def _runs_of(spans: FloatArray) -> IndexArray:
     return np.concatenate([[0], np.cumsum(jumps)]).astype(np.intp)
 
 
-def _solve(products: FloatArray) -> FloatArray:
+def _solve_products(products: FloatArray) -> FloatArray:
     """Return the least-squares solution (…, c) of products (…, c + 1, c + 1), the smallest where it is not unique."""
     c = products.shape[-1] - 1
     diagonal = np.einsum("...ii->...i", products[..., :c, :c])
@@ -239,7 +244,7 @@ def _solve(products: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(normal, (products[..., :c, c] / scale)[..., None])[..., 0] / scale)
 
 
-def _squares(products: FloatArray, values: FloatArray) -> FloatArray:
+def _compute_squares(products: FloatArray, values: FloatArray) -> FloatArray:
     """Return the squared residual (…,) of parameters (…, c)."""
     signed = np.concatenate([-values, np.ones((*values.shape[:-1], 1))], axis=-1)
     return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", signed, products, signed), 0.0))

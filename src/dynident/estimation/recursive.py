@@ -13,12 +13,12 @@ from scipy.linalg import solve_triangular
 
 from dynident.arrays import FloatArray
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import Information
-from dynident.estimation.least_squares import weighted_factor
-from dynident.estimation.statistics import Statistics, freedom_of_rows
+from dynident.estimation.information import PriorInformation
+from dynident.estimation.least_squares import build_weighted_factor
+from dynident.estimation.statistics import Statistics, compute_row_freedom
 
 
-def recursive_statistics(rows: Reduction, values: FloatArray, start: Information) -> Statistics:
+def compute_recursive_statistics(rows: Reduction, values: FloatArray, start: PriorInformation) -> Statistics:
     """Return the statistics of parameters χ (c,) that are the least-squares solution of `rows` and `start` together.
 
     Parameters
@@ -40,7 +40,7 @@ def recursive_statistics(rows: Reduction, values: FloatArray, start: Information
     independent residuals of variance σ² have Σ g_sᵀ B g_s = σ² Σ [tr(B A_s) - tr((B A_s)²)]: the ratio is the variance
     that the equation counts with, at least that of its residual.
     """
-    factor = weighted_factor(rows, np.ones(len(rows.equations)), start)[:-1, :-1]
+    factor = build_weighted_factor(rows, np.ones(len(rows.equations)), start)[:-1, :-1]
     inverse = solve_triangular(factor, np.eye(rows.n_columns))
     known = start.factor @ inverse
     meat = known.T @ known
@@ -60,4 +60,6 @@ def recursive_statistics(rows: Reduction, values: FloatArray, start: Information
         effective[j] = count * variance / counted if counted > 0 else count
         noise[j] = np.sqrt(variance)
     covariance = inverse @ meat @ inverse.T
-    return Statistics(0.5 * (covariance + covariance.T), effective, noise, freedom_of_rows(effective, rows.n_columns))
+    return Statistics(
+        0.5 * (covariance + covariance.T), effective, noise, compute_row_freedom(effective, rows.n_columns)
+    )

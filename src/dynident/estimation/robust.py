@@ -56,7 +56,7 @@ HUBER = Influence(_huber_weight, _huber_slope)
 BISQUARE = Influence(_bisquare_weight, _bisquare_slope)
 
 
-def robust_scale(residuals: FloatArray) -> FloatArray:
+def estimate_robust_scale(residuals: FloatArray) -> FloatArray:
     """Return the standard deviation about zero of residuals (m, n) per column, from their median size.
 
     A third of them may be outliers. NaN does not count; a column without any number has a scale of zero.

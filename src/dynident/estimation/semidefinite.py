@@ -45,13 +45,13 @@ class MatrixBound:
     parts: FloatArray
     constant: FloatArray
 
-    def at(self, values: FloatArray) -> FloatArray:
+    def evaluate(self, values: FloatArray) -> FloatArray:
         """Return the matrix (m, m) for parameters (c,)."""
         return np.asarray(self.constant + np.einsum("k,kij->ij", values[self.columns], self.parts))
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class EqualityConstraints:
     """Equations that parameters must satisfy exactly: factor x = right, (e, c) and (e,)."""
 
     factor: FloatArray
@@ -59,7 +59,7 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class Constrained:
+class ConstrainedSolution:
     """A constrained least-squares solution.
 
     Parameters
@@ -81,13 +81,13 @@ class Constrained:
     edges: tuple[int, ...]
 
 
-def constrained_least_squares(
+def solve_constrained(
     factor: FloatArray,
     right: FloatArray,
     matrices: Sequence[MatrixBound] = (),
     not_negative: Sequence[int] | IndexArray = (),
-    equations: Equations | None = None,
-) -> Constrained:
+    equations: EqualityConstraints | None = None,
+) -> ConstrainedSolution:
     """Minimise ‖factor x - right‖² over the x (c,) that satisfy all constraints.
 
     Numbers of very different size make it imprecise: give x in units in which it is about one.
@@ -111,7 +111,7 @@ def constrained_least_squares(
     scale = float(np.abs(factor).max(initial=0.0)) or 1.0
     at_least = np.asarray(not_negative, dtype=np.intp)
     problem = _Problem(factor / scale, right / scale, tuple(matrices), at_least, equations)
-    return problem.described(problem.solve())
+    return problem.describe_solution(problem.solve())
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,19 +122,19 @@ class _Problem:
     right: FloatArray
     matrices: tuple[MatrixBound, ...]
     at_least: IndexArray
-    equations: Equations | None
+    equations: EqualityConstraints | None
 
     def solve(self) -> FloatArray:
         """Return the solution x (c,)."""
         r, c = self.factor.shape
         # The residual as a variable of its own: factorᵀfactor would square the condition number.
         quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
-        rows, rights, cones = self._rows()
+        rows, rights, cones = self._build_rows()
         # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
         # have.
         for tolerance in _TOLERANCES:
             answer = clarabel.DefaultSolver(
-                quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _settings(tolerance)
+                quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _build_settings(tolerance)
             ).solve()
             status = str(answer.status)
             if status in _SOLVED or status in _INFEASIBLE:
@@ -148,7 +148,7 @@ class _Problem:
             )
         return np.asarray(answer.x)[:c]
 
-    def _rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
+    def _build_rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
         r, c = self.factor.shape
         rows = [np.hstack([self.factor, -np.eye(r)])]
         rights = [self.right]
@@ -165,28 +165,28 @@ class _Problem:
             cones.append(clarabel.NonnegativeConeT(len(self.at_least)))
         for bound in self.matrices:
             # Only the upper triangle enters; the factor √2 keeps the inner product that of the whole matrix.
-            triangle = np.zeros((len(_packed(bound.constant)), c + r))
+            triangle = np.zeros((len(_pack_triangle(bound.constant)), c + r))
             for column, part in zip(bound.columns, bound.parts, strict=True):
-                triangle[:, column] = -_packed(part)
+                triangle[:, column] = -_pack_triangle(part)
             rows.append(triangle)
-            rights.append(_packed(bound.constant))
+            rights.append(_pack_triangle(bound.constant))
             cones.append(clarabel.PSDTriangleConeT(len(bound.constant)))
         return np.vstack(rows), np.concatenate(rights), cones
 
-    def described(self, values: FloatArray) -> Constrained:
+    def describe_solution(self, values: FloatArray) -> ConstrainedSolution:
         """Return the solution with the constraints that are active in it."""
         c = len(values)
         zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
         rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
         edges = []
         for place, bound in enumerate(self.matrices):
-            of_matrix = _held_by(bound, values)
+            of_matrix = _find_held_directions(bound, values)
             edges += [place] if of_matrix else []
             rows += of_matrix
-        return Constrained(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
+        return ConstrainedSolution(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
 
 
-def _settings(tolerance: float) -> clarabel.DefaultSettings:
+def _build_settings(tolerance: float) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -196,9 +196,9 @@ def _settings(tolerance: float) -> clarabel.DefaultSettings:
     return settings
 
 
-def _held_by(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
+def _find_held_directions(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
     """Return the directions that would change the matrix on its null space: rows of vᵢᵀ dJ vⱼ = 0, V spanning it."""
-    eigenvalues, vectors = np.linalg.eigh(bound.at(values))
+    eigenvalues, vectors = np.linalg.eigh(bound.evaluate(values))
     zero = vectors[:, eigenvalues < _HELD * max(float(np.abs(eigenvalues).max()), 1.0)]
     directions = []
     for i in range(zero.shape[1]):
@@ -209,12 +209,12 @@ def _held_by(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
     return directions
 
 
-def _packed(matrix: FloatArray) -> FloatArray:
+def _pack_triangle(matrix: FloatArray) -> FloatArray:
     """Return the upper triangle of a symmetric matrix, column by column, off-diagonals times √2: Clarabel's order."""
-    rows, columns = _triangle(len(matrix))
+    rows, columns = _index_triangle(len(matrix))
     return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
 
 
-def _triangle(size: int) -> tuple[IndexArray, IndexArray]:
+def _index_triangle(size: int) -> tuple[IndexArray, IndexArray]:
     columns, rows = np.tril_indices(size)
     return rows, columns

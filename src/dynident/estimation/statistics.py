@@ -23,11 +23,11 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.arrays import FloatArray
-from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied, spread_over_stretches
-from dynident.estimation.correlation import correlation_factors
+from dynident.estimation.clusters import FEWEST_CLUSTERS, estimate_cluster_covariance, find_occupied_blocks
+from dynident.estimation.correlation import compute_correlation_factors
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import deviations_of
-from dynident.estimation.least_squares import Solution, residual_noise
+from dynident.estimation.information import extract_deviations
+from dynident.estimation.least_squares import Solution, compute_residual_noise
 
 CovarianceName = Literal["by_time_and_joints", "by_joint", "independent"]
 
@@ -59,10 +59,10 @@ class Statistics:
     @property
     def standard_deviations(self) -> FloatArray:
         """Standard deviations (c,) of the estimates, [12.9]."""
-        return deviations_of(self.covariance)
+        return extract_deviations(self.covariance)
 
     @property
-    def usual_freedom(self) -> float:
+    def median_freedom(self) -> float:
         """Median of the degrees of freedom, for quantities that depend on many estimates."""
         return float(np.median(self.freedom)) if len(self.freedom) else 1.0
 
@@ -104,11 +104,11 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     -------
     Statistics
     """
-    inflation = correlation_factors(reduction, solution.values)
-    noise = residual_noise(reduction, solution.values)
+    inflation = compute_correlation_factors(reduction, solution.values)
+    noise = compute_residual_noise(reduction, solution.values)
     worth = reduction.row_counts / inflation
-    if kind == "by_time_and_joints" and occupied(reduction).sum() >= FEWEST_CLUSTERS:
-        spread = spread_over_stretches(reduction, solution)
+    if kind == "by_time_and_joints" and find_occupied_blocks(reduction).sum() >= FEWEST_CLUSTERS:
+        spread = estimate_cluster_covariance(reduction, solution)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
     counted = np.ones(len(inflation)) if kind == "independent" else inflation
     # The sandwich estimator: B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
@@ -117,17 +117,17 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     meat = np.zeros((c, c))
     weights = noise**2 * counted / solution.noise**4
     for equation, weight in zip(reduction.equations, weights, strict=True):
-        w = equation.joined[:, :-1]
+        w = equation.joint_factor[:, :-1]
         meat[np.ix_(equation.columns, equation.columns)] += weight * (w.T @ w)
     if solution.known is not None:
         # Rows of prior knowledge are in units of their own deviation, so their variance is one.
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
-    freedom = freedom_of_rows(reduction.row_counts / counted, c)
+    freedom = compute_row_freedom(reduction.row_counts / counted, c)
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
-def freedom_of_rows(independent: FloatArray, n_columns: int) -> FloatArray:
+def compute_row_freedom(independent: FloatArray, n_columns: int) -> FloatArray:
     """Return the degrees of freedom that a fit leaves of independent rows, the same for all parameters.
 
     Parameters
@@ -144,7 +144,7 @@ def freedom_of_rows(independent: FloatArray, n_columns: int) -> FloatArray:
     return np.full(n_columns, max(float(independent.sum()) - n_columns, 1.0))
 
 
-def correlations(covariance: FloatArray) -> FloatArray:
+def compute_correlations(covariance: FloatArray) -> FloatArray:
     """Return the correlation matrix (c, c) of the estimates."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     return np.asarray(covariance / np.outer(deviation, deviation))

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.estimation.beside import Apart
-from dynident.estimation.triangles import squared, triangular
+from dynident.estimation.beside import RowGroup
+from dynident.estimation.triangles import compute_r_factor, pad_to_square
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
+class ReversalRows:
     """Factors of [W | Y] of the two kinds of rows of one equation with p columns, in s blocks of time.
 
     Parameters
@@ -39,14 +39,14 @@ class Turned:
     weight: float = 1.0
 
     @property
-    def together(self) -> FloatArray:
+    def weighted_factors(self) -> FloatArray:
         """Factor (s, p + 1, p + 1) of all rows of every block, as they are weighted."""
         if not len(self.others):
             return self.others
-        return squared(triangular(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
+        return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
 
     @property
-    def measured(self) -> float:
+    def measured_squares(self) -> float:
         """Sum of squared Y at reversals."""
         return float((self.rows[:, :, -1] ** 2).sum())
 
@@ -56,25 +56,25 @@ class Turned:
         return int(self.counts.sum())
 
     @property
-    def in_one(self) -> Apart:
+    def row_group(self) -> RowGroup:
         """The rows at reversals, no longer by blocks."""
-        return Apart(squared(triangular(self.rows.reshape(-1, self.rows.shape[2]))), self.count)
+        return RowGroup(pad_to_square(compute_r_factor(self.rows.reshape(-1, self.rows.shape[2]))), self.count)
 
-    def squares(self, values: FloatArray) -> float:
+    def sum_squares(self, values: FloatArray) -> float:
         """Return the sum of squared residuals of parameters (p,) at reversals."""
         rest = self.rows[:, :, -1] - self.rows[:, :, :-1] @ values
         return float((rest * rest).sum())
 
-    def select(self, picked: Sequence[int]) -> Turned:
+    def select(self, picked: Sequence[int]) -> ReversalRows:
         """Return the same rows with only these of the p + 1 columns."""
-        return self._with(self.others[:, :, picked], self.rows[:, :, picked])
+        return self._replace_rows(self.others[:, :, picked], self.rows[:, :, picked])
 
-    def combined(self, change: FloatArray) -> Turned:
+    def combine_columns(self, change: FloatArray) -> ReversalRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1)."""
-        return self._with(self.others @ change, self.rows @ change)
+        return self._replace_rows(self.others @ change, self.rows @ change)
 
     @classmethod
-    def apart(cls, others: FloatArray, turning: FloatArray, counts: IndexArray) -> Turned:
+    def from_factors(cls, others: FloatArray, turning: FloatArray, counts: IndexArray) -> ReversalRows:
         """Build from factors (s, p + 1, p + 1) of either kind.
 
         Rows of the second kind that are zero in all blocks are dropped.
@@ -83,7 +83,7 @@ class Turned:
         return cls(others, turning[:, :most], counts)
 
     @classmethod
-    def joined(cls, parts: Sequence[Turned]) -> Turned:
+    def from_parts(cls, parts: Sequence[ReversalRows]) -> ReversalRows:
         """Concatenate the blocks of several recordings, every row with a weight of 1."""
         most = max(part.rows.shape[1] for part in parts)
         # Recordings differ in their number of rows at reversals; zero rows change no inner product.
@@ -91,9 +91,13 @@ class Turned:
         others, counts = (np.concatenate(items) for items in zip(*((p.others, p.counts) for p in parts), strict=True))
         return cls(others, np.concatenate(rows), counts)
 
-    def _with(self, others: FloatArray, rows: FloatArray) -> Turned:
-        return replace(self, others=squared(triangular(others)) if len(others) else _empty(rows), rows=rows)
+    def _replace_rows(self, others: FloatArray, rows: FloatArray) -> ReversalRows:
+        return replace(
+            self,
+            others=pad_to_square(compute_r_factor(others)) if len(others) else _make_empty_factors(rows),
+            rows=rows,
+        )
 
 
-def _empty(rows: FloatArray) -> FloatArray:
+def _make_empty_factors(rows: FloatArray) -> FloatArray:
     return np.zeros((0, rows.shape[-1], rows.shape[-1]))

@@ -12,7 +12,7 @@ _SEEN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhitenedColumns:
     """Columns (s, m, p) of s blocks with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
 
     They are combinations of the columns that they were made of; directions that no block excites are left out.
@@ -27,7 +27,7 @@ class Whitened:
         return int(self.rows.shape[2])
 
 
-def whitened(w: FloatArray, factor: FloatArray) -> Whitened | None:
+def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
     """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where all are zero."""
     _, singular, vt = np.linalg.svd(factor, full_matrices=False)
     is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
@@ -35,4 +35,4 @@ def whitened(w: FloatArray, factor: FloatArray) -> Whitened | None:
         return None
     rows = w @ (vt[is_excited].T / singular[is_excited])
     grams = rows.transpose(0, 2, 1) @ rows
-    return Whitened(rows, float(np.sum(grams * grams)))
+    return WhitenedColumns(rows, float(np.sum(grams * grams)))

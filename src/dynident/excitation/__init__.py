@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.excitation.criteria.baseline import Baseline
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         trajectory_document,
         write_design,
     )
-    from dynident.excitation.quick import Rehearsal, quick_motion, rehearsed_motion
+    from dynident.excitation.quick import Rehearsal, rehearse_motion, rehearse_quickly
     from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
     from dynident.excitation.result import Design, Run
 
@@ -39,12 +39,12 @@ __all__ = [
     "design_document",
     "design_experiment",
     "design_table",
-    "quick_motion",
-    "rehearsed_motion",
+    "rehearse_motion",
+    "rehearse_quickly",
     "trajectory_document",
     "write_design",
 ]
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

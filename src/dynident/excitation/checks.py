@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dynident.asking import check_ranges
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.choice import check_criterion, check_wishes
+from dynident.excitation.criteria.choice import check_criterion, check_criterion_targets
 from dynident.excitation.observation.row_models import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
 from dynident.excitation.sets.planned import SETS
@@ -17,12 +17,12 @@ _SAMPLES_PER_WAVE = 4
 def check_request(request: DesignRequest) -> None:
     """Raise `DynidentError` for an impossible request; joints, effects and limits are checked where they are used."""
     check_ranges(request)
-    _one_of(request.kind, KINDS, "kind of design", "/kind")
-    _one_of(request.model, ROW_MODELS, "identification model to design for", "/model")
+    _check_choice(request.kind, KINDS, "kind of design", "/kind")
+    _check_choice(request.model, ROW_MODELS, "identification model to design for", "/model")
     check_criterion(request.criterion)
-    check_wishes(request.criterion)
+    check_criterion_targets(request.criterion)
     trajectory = request.trajectory
-    _one_of(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
+    _check_choice(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
     check_surroundings(request.surroundings)
     _check_dwell(request)
     alone = request.kind in JOINT_BY_JOINT or len(trajectory.paces) > 1
@@ -49,7 +49,7 @@ def check_request(request: DesignRequest) -> None:
 
 
 def _check_set(request: DesignRequest) -> None:
-    _one_of(request.trajectory.sets, SETS, "set of test motions", "/trajectory/sets")
+    _check_choice(request.trajectory.sets, SETS, "set of test motions", "/trajectory/sets")
     if request.trajectory.joints:
         raise DynidentError(
             "a set of test motions says itself which joints move in each of them; leave joints out",
@@ -98,6 +98,6 @@ def _check_fineness(trajectory: TrajectoryRequest) -> None:
         )
 
 
-def _one_of(value: str, known: tuple[str, ...], subject: str, pointer: str) -> None:
+def _check_choice(value: str, known: tuple[str, ...], subject: str, pointer: str) -> None:
     if value not in known:
         raise DynidentError(f"there is no {subject} {value!r}; there are: {', '.join(known)}", pointer=pointer)

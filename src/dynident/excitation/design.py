@@ -6,24 +6,24 @@ from collections.abc import Sequence
 
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.checks import check_request
-from dynident.excitation.criteria.deciding import with_rivals, yardstick_of
-from dynident.excitation.experiments.earlier import earlier_rows
-from dynident.excitation.experiments.periodic import periodic
-from dynident.excitation.experiments.point_to_point import point_to_point
-from dynident.excitation.experiments.strokes import joint_by_joint
-from dynident.excitation.experiments.task import Made, Task
-from dynident.excitation.observation.locked import locked_model, locked_note
-from dynident.excitation.observation.model import design_model
+from dynident.excitation.criteria.deciding import add_rivals, build_design_criterion
+from dynident.excitation.experiments.earlier import build_earlier_rows
+from dynident.excitation.experiments.periodic import design_periodic
+from dynident.excitation.experiments.point_to_point import design_point_to_point
+from dynident.excitation.experiments.strokes import design_joint_by_joint
+from dynident.excitation.experiments.task import DesignedExperiment, DesignTask
+from dynident.excitation.observation.locked import lock_model, note_locked_joints
+from dynident.excitation.observation.model import build_design_model
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.result import Design
-from dynident.excitation.sets.sequential import sequential
-from dynident.motion.limits.bounds import bounds_of
-from dynident.motion.limits.locked import locked_bounds, moving_joints
-from dynident.motion.moves.home import check_home, home_candidates
-from dynident.motion.surroundings.reach import reach_notes
-from dynident.motion.trajectories.motion import in_sequence
-from dynident.progress import Progress, ascending, silent
+from dynident.excitation.sets.sequential import design_sequential
+from dynident.motion.limits.bounds import build_bounds
+from dynident.motion.limits.locked import lock_bounds, select_moving_joints
+from dynident.motion.moves.home import check_home, list_home_candidates
+from dynident.motion.surroundings.reach import note_reach
+from dynident.motion.trajectories.motion import sample_pieces
+from dynident.progress import Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
@@ -33,7 +33,7 @@ from dynident.threads import single_threaded
 def design_experiment(
     robot: Robot,
     request: DesignRequest,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     earlier: Sequence[Recording] = (),
     checkpoints: Checkpoints | None = None,
 ) -> Design:
@@ -63,33 +63,35 @@ def design_experiment(
     DynidentError
         The request cannot be met; `ImpossibleLimitsError` names the limit in the way.
     """
-    budget = Budget(request.wanted_starts, request.time_budget)
-    progress = ascending(progress)
+    budget = Budget(request.starts_or_default, request.time_budget)
+    progress = make_monotonic(progress)
     check_request(request)
-    limits = bounds_of(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
+    limits = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=request.surroundings)
     if request.home is not None:
         check_home(request.home, limits)
-    model = design_model(robot, with_rivals(request.wanted_effects, request.criterion), other_runs=bool(earlier))
+    model = build_design_model(
+        robot, add_rivals(request.effects_or_default, request.criterion), other_runs=bool(earlier)
+    )
     # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
-    bounds, notes = limits.tightened(), list[str]()
+    bounds, notes = limits.tighten(), list[str]()
     if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
-        home = home_candidates(request.home, bounds, model)[0]
-        moving = moving_joints(request.trajectory.joints, robot.joint_names)
-        model, bounds = locked_model(model, home, moving), locked_bounds(bounds, home, moving)
-        notes.append(locked_note(robot.joint_names, moving))
-    yardstick = yardstick_of(
+        home = list_home_candidates(request.home, bounds, model)[0]
+        moving = select_moving_joints(request.trajectory.joints, robot.joint_names)
+        model, bounds = lock_model(model, home, moving), lock_bounds(bounds, home, moving)
+        notes.append(note_locked_joints(robot.joint_names, moving))
+    yardstick = build_design_criterion(
         model,
         request.criterion,
         request.noise,
         one_equation=request.model in ("energy", "power"),
-        earlier=earlier_rows(model, earlier, request) if earlier else None,
+        earlier=build_earlier_rows(model, earlier, request) if earlier else None,
     )
-    task = Task(request, model, yardstick, limits, bounds, progress, checkpoints or NoCheckpoints())
+    task = DesignTask(request, model, yardstick, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")
-    experiment = joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _moving_together(task, budget)
-    motion = in_sequence(experiment.pieces, task.rate)
+    experiment = design_joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _design_joint_motion(task, budget)
+    motion = sample_pieces(experiment.pieces, task.rate)
     floor_assumed = limits.space is not None and limits.space.assumed
-    reach = reach_notes(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
+    reach = note_reach(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
     progress(1.0, "done")
     return Design(
         joint_names=robot.joint_names,
@@ -110,10 +112,10 @@ def design_experiment(
     )
 
 
-def _moving_together(task: Task, budget: Budget) -> Made:
+def _design_joint_motion(task: DesignTask, budget: Budget) -> DesignedExperiment:
     """Design a motion of several joints at once."""
     if task.request.kind == "sequential":
-        return sequential(task, budget)
+        return design_sequential(task, budget)
     if task.request.trajectory.family == "point_to_point":
-        return point_to_point(task, budget)
-    return periodic(task, budget)
+        return design_point_to_point(task, budget)
+    return design_periodic(task, budget)

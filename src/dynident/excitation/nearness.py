@@ -8,12 +8,12 @@ from pathlib import Path
 
 from dynident.arrays import FloatArray
 from dynident.excitation.request import DesignRequest
-from dynident.motion.limits.bounds import bounds_of
+from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.surroundings.contacts import Nearest
 from dynident.robot.model import Robot
 
 
-def nearest_along(
+def find_nearest_along(
     robot: Robot, request: DesignRequest, q: FloatArray, mesh_folders: Sequence[Path] = ()
 ) -> tuple[Nearest, ...]:
     """Return for every body that a design keeps clear what it is nearest to at postures q.
@@ -36,5 +36,5 @@ def nearest_along(
         Where the request does not fit the robot.
     """
     around = replace(request.surroundings, mesh_folders=tuple(map(str, mesh_folders)))
-    space = bounds_of(robot, request.limits, torque_margin=request.torque_margin, surroundings=around).space
-    return () if space is None or space.contacts is None else tuple(space.contacts.nearest(q))
+    space = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=around).space
+    return () if space is None or space.contacts is None else tuple(space.contacts.find_nearest(q))

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.criteria.deciding import yardstick_of
-from dynident.excitation.experiments.periodic import family_of, searched
-from dynident.excitation.experiments.strokes import Stroke, course_of, strokes_of
+from dynident.excitation.criteria.deciding import build_design_criterion
+from dynident.excitation.experiments.periodic import build_family, search_trajectory
+from dynident.excitation.experiments.strokes import Stroke, plan_stroke_moves, plan_strokes
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.sampling import samples_of_a_period
+from dynident.excitation.optimising.sampling import count_period_samples
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.postures import static_torque
-from dynident.motion.moves.home import home_candidates
+from dynident.motion.limits.postures import compute_static_torque
+from dynident.motion.moves.home import list_home_candidates
 from dynident.motion.trajectories.family import PeriodicMotion
-from dynident.motion.trajectories.motion import Motion, in_sequence, joined
+from dynident.motion.trajectories.motion import Motion, concatenate_motions, sample_pieces
 
 _CANDIDATES = 6
 _POSTURES = 30
@@ -33,7 +33,7 @@ class Rehearsal:
     n_samples: float
 
 
-def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
+def rehearse_quickly(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
     """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
 
     Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
@@ -58,10 +58,10 @@ def quick_motion(request: DesignRequest, model: DesignModel, bounds: Bounds, rat
         No such motion keeps the limits.
     """
     hasty = replace(request, kind="random", random_trajectories=_CANDIDATES)
-    return rehearsed_motion(request if request.kind in JOINT_BY_JOINT else hasty, model, bounds, rate)
+    return rehearse_motion(request if request.kind in JOINT_BY_JOINT else hasty, model, bounds, rate)
 
 
-def rehearsed_motion(
+def rehearse_motion(
     request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
 ) -> Rehearsal:
     """Return the motion that a design of this request will have, except for what its verification removes.
@@ -86,33 +86,33 @@ def rehearsed_motion(
         No such motion keeps the limits.
     """
     if request.kind in JOINT_BY_JOINT:
-        home = home_candidates(request.home, bounds, model)[0]
-        strokes = strokes_of(request, bounds, home)
-        _check_held(strokes, home, bounds, model)
+        home = list_home_candidates(request.home, bounds, model)[0]
+        strokes = plan_strokes(request, bounds, home)
+        _check_holding(strokes, home, bounds, model)
         # One look at all strokes is enough here; every single move is checked when it is designed.
         unloaded = replace(bounds, torque=np.full_like(bounds.torque, np.inf))
-        course = course_of(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
-        motion = in_sequence(course.pieces, rate)
+        course = plan_stroke_moves(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
+        motion = sample_pieces(course.pieces, rate)
         return Rehearsal(motion, float(len(motion.t)))
     trajectory = request.trajectory
-    family = family_of(trajectory, trajectory.duration)
-    yardstick = yardstick_of(model, request.criterion, request.noise, earlier=earlier)
-    budget = Budget(request.wanted_starts, request.time_budget)
-    best = searched(request, family, model, bounds, yardstick, budget).best
+    family = build_family(trajectory, trajectory.duration)
+    yardstick = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
+    budget = Budget(request.starts_or_default, request.time_budget)
+    best = search_trajectory(request, family, model, bounds, yardstick, budget).best
     parts, elapsed = [], 0.0
     for pace in trajectory.paces:
-        slow = family.lasting(trajectory.duration / pace)
+        slow = family.with_period(trajectory.duration / pace)
         # The same number of samples at every pace would count the slow ones too little.
-        t = np.arange(0.0, slow.period, trajectory.duration / samples_of_a_period(model, family))
+        t = np.arange(0.0, slow.period, trajectory.duration / count_period_samples(model, family))
         part = PeriodicMotion(slow, best.x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
         elapsed += slow.period
-    return Rehearsal(joined(parts), elapsed * trajectory.periods * rate)
+    return Rehearsal(concatenate_motions(parts), elapsed * trajectory.periods * rate)
 
 
-def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+def _check_holding(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
     """Raise `ImpossibleLimitsError` where the arm cannot be held along the strokes."""
-    if not bounds.checks_torque:
+    if not bounds.has_torque_limits:
         return
     postures = []
     for joint in sorted({stroke.joint for stroke in strokes}):
@@ -122,5 +122,5 @@ def _check_held(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, mod
             min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
         )
         postures.append(along)
-    if (np.abs(static_torque(model, np.concatenate(postures))) > bounds.torque).any():
+    if (np.abs(compute_static_torque(model, np.concatenate(postures))) > bounds.torque).any():
         raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import LARGEST_SEED, Choice, OneOf, said
+from dynident.asking import LARGEST_SEED, Choice, OneOf, declare_field
 from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
 from dynident.excitation.criteria.choice import CriterionChoice
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
@@ -51,8 +51,8 @@ _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 class TrajectoryRequest:
     """The family of motions."""
 
-    family: str = said("How the motion is written", default="fourier", kinds=FAMILY_KINDS)
-    duration: float = said(
+    family: str = declare_field("How the motion is written", default="fourier", kinds=FAMILY_KINDS)
+    duration: float = declare_field(
         "One period; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way, of a "
         "point-to-point sequence a result",
         default=10.0,
@@ -60,46 +60,48 @@ class TrajectoryRequest:
         at_least=0.01,
         at_most=86_400,
     )
-    harmonics: int = said(
+    harmonics: int = declare_field(
         "For fourier: of the fundamental frequency 1 / duration", default=5, at_least=2, at_most=_MOST_HARMONICS
     )
-    intervals: int = said(
+    intervals: int = declare_field(
         "For b_spline: between its knots; as many free coefficients a joint",
         default=9,
         at_least=2,
         at_most=2 * _MOST_HARMONICS,
     )
-    points: int = said(
+    points: int = declare_field(
         "For point_to_point: where the arm comes to rest in a round", default=12, at_least=2, at_most=200
     )
-    dwell: tuple[float, float] = said(
+    dwell: tuple[float, float] = declare_field(
         "For point_to_point: shortest and longest rest in a point, drawn between them",
         default=(0.0, 0.0),
         unit="s",
         at_least=0,
         at_most=60,
     )
-    sets: str = said("For sequential designs: the test motions (§12.3.4.2)", default="vandanjon", kinds=SET_KINDS)
-    periods: int = said(
+    sets: str = declare_field(
+        "For sequential designs: the test motions (§12.3.4.2)", default="vandanjon", kinds=SET_KINDS
+    )
+    periods: int = declare_field(
         "How often the period (the set of strokes) is repeated", default=1, at_least=1, at_most=_MOST_TIMES
     )
-    sampling_rate: float = said(
+    sampling_rate: float = declare_field(
         "Sampling rate", default=100.0, unit="Hz", option="--rate", at_least=0.1, at_most=100_000
     )
-    speeds: tuple[float, ...] | None = said(
+    speeds: tuple[float, ...] | None = declare_field(
         "For constant velocity and reversals: shares of each joint's velocity limit",
         default=None,
         fewest=1,
         at_least=_SLOWEST,
         at_most=1,
     )
-    amplitudes: tuple[float, ...] | None = said(
+    amplitudes: tuple[float, ...] | None = declare_field(
         "For reversals: how far back and forth", default=None, unit="rad or m", fewest=1, at_least=1e-6, at_most=1000
     )
-    joints: tuple[str, ...] = said(
+    joints: tuple[str, ...] = declare_field(
         "Those that move, the others locked at home; all where empty", default=(), option="--joint"
     )
-    paces: tuple[float, ...] = said(
+    paces: tuple[float, ...] = declare_field(
         "For fourier and b_spline: the same path at each of these shares of its speed",
         default=(1.0,),
         fewest=1,
@@ -117,63 +119,67 @@ class DesignRequest:
     joints the criteria about variances weigh them, and the parameters' standard deviations are predicted.
     """
 
-    kind: str = said("How the joints move", default="optimized", kinds=DESIGN_KINDS)
-    effects: tuple[EffectChoice, ...] | None = said("What is to be identified", default=None, option="-")
-    criterion: CriterionChoice = said(made_by=CriterionChoice)
-    trajectory: TrajectoryRequest = said(made_by=TrajectoryRequest)
-    limits: Mapping[str, Limits] = said("By joint; tighter ones, for this experiment", made_by=dict, option="-")
-    home: tuple[float, ...] | None = said("Posture where it begins and ends", default=None, unit="rad or m")
-    time_budget: float | None = said(
+    kind: str = declare_field("How the joints move", default="optimized", kinds=DESIGN_KINDS)
+    effects: tuple[EffectChoice, ...] | None = declare_field("What is to be identified", default=None, option="-")
+    criterion: CriterionChoice = declare_field(made_by=CriterionChoice)
+    trajectory: TrajectoryRequest = declare_field(made_by=TrajectoryRequest)
+    limits: Mapping[str, Limits] = declare_field(
+        "By joint; tighter ones, for this experiment", made_by=dict, option="-"
+    )
+    home: tuple[float, ...] | None = declare_field("Posture where it begins and ends", default=None, unit="rad or m")
+    time_budget: float | None = declare_field(
         "Time of the optimisation; the best so far is taken",
         default=None,
         unit="s",
         above=0,
         at_most=604_800,
     )
-    starts: int | None = said(
+    starts: int | None = declare_field(
         "Starts of the optimisation; as many as the time allows, or 4", default=None, at_least=1, at_most=_MOST_TIMES
     )
-    random_trajectories: int = said(
+    random_trajectories: int = declare_field(
         "How many random ones stand beside the result", default=100, at_least=1, at_most=_MOST_TIMES
     )
-    seed: int = said("The same seed gives the same result", default=0, at_least=0, at_most=LARGEST_SEED)
-    noise: Mapping[str, float] = said(
+    seed: int = declare_field("The same seed gives the same result", default=0, at_least=0, at_most=LARGEST_SEED)
+    noise: Mapping[str, float] = declare_field(
         "By joint: standard deviation of a sample of its torque",
         made_by=dict,
         unit="N m or N",
         at_least=1e-9,
         at_most=1e9,
     )
-    torque_margin: float = said(
+    torque_margin: float = declare_field(
         "Share by which the torque may be larger than predicted: its limits leave room for that",
         default=0.0,
         at_least=0,
         at_most=100,
     )
-    surroundings: Surroundings = said("What the robot must not touch", made_by=Surroundings, option="-")
-    model: RowModelName = said("Rows that the criterion is computed from", default="dynamic", kinds=OneOf(*ROW_MODELS))
+    surroundings: Surroundings = declare_field("What the robot must not touch", made_by=Surroundings, option="-")
+    model: RowModelName = declare_field(
+        "Rows that the criterion is computed from", default="dynamic", kinds=OneOf(*ROW_MODELS)
+    )
 
     @property
-    def wanted_effects(self) -> tuple[EffectChoice, ...]:
+    def effects_or_default(self) -> tuple[EffectChoice, ...]:
         """The effects, with the default of the kind."""
         if self.effects is not None:
             return self.effects
         return JOINT_FRICTION if self.kind in JOINT_BY_JOINT else DEFAULT_EFFECTS
 
     @property
-    def wanted_speeds(self) -> tuple[float, ...]:
+    def speeds_or_default(self) -> tuple[float, ...]:
         """Shares of the velocity limits, with the default of the kind."""
         if self.trajectory.speeds is not None:
             return self.trajectory.speeds
         return _REVERSAL_SPEEDS if self.kind == "reversals" else _SPEEDS
 
     @property
-    def wanted_amplitudes(self) -> tuple[float, ...]:
+    def amplitudes_or_default(self) -> tuple[float, ...]:
         """Amplitudes of reversals, rad or m."""
         return _AMPLITUDES if self.trajectory.amplitudes is None else self.trajectory.amplitudes
 
     @property
-    def wanted_starts(self) -> int | None:
+    def starts_or_default(self) -> int | None:
         """Number of starts; None for as many as the time allows."""
         if self.starts is None and self.time_budget is None:
             return DEFAULT_STARTS

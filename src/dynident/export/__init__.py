@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.export.c_code import to_c
     from dynident.export.casadi_function import to_casadi
-    from dynident.export.completion import Completion, complete
-    from dynident.export.document import model_document, model_from_json, to_json
+    from dynident.export.completion import Completion, complete_parameters
+    from dynident.export.document import model_from_json, model_to_document, to_json
     from dynident.export.export import export_model
     from dynident.export.exported import ExportedFile
     from dynident.export.mjcf import to_mjcf
@@ -27,10 +27,10 @@ __all__ = [
     "FurtherSignals",
     "PredictingModel",
     "TorquePredictor",
-    "complete",
+    "complete_parameters",
     "export_model",
-    "model_document",
     "model_from_json",
+    "model_to_document",
     "to_c",
     "to_casadi",
     "to_json",
@@ -40,4 +40,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Requests are declared in this package, too. Loading names lazily lets code that only reads requests start fast.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import textwrap
 
-from dynident.export.c_instructions import SIGN_FUNCTION, c_statements
-from dynident.export.casadi_function import function_of
-from dynident.export.formula import Argument, TorqueFormula, torque_formula
-from dynident.export.names import in_c_comment, slug
-from dynident.export.summary import SIGNS, identification_lines, joint_lines, origin
+from dynident.export.c_instructions import SIGN_FUNCTION, write_c_statements
+from dynident.export.casadi_function import build_function
+from dynident.export.formula import Argument, TorqueFormula, build_torque_formula
+from dynident.export.names import escape_c_comment, make_slug
+from dynident.export.summary import SIGNS, describe_identification, describe_origin, list_joints
 from dynident.identification import Identification
 
 _WIDTH = 110
 _STATE = ("z", "q_before")
 
 
-def c_name(identification: Identification) -> str:
+def make_c_name(identification: Identification) -> str:
     """Return the prefix of all names in the file."""
-    return f"dynident_{slug(identification.model.robot.name)}"
+    return f"dynident_{make_slug(identification.model.robot.name)}"
 
 
 def to_c(identification: Identification) -> str:
@@ -41,25 +41,25 @@ def to_c(identification: Identification) -> str:
     DynidentError
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
-    formula, name = torque_formula(identification.estimate), c_name(identification)
+    formula, name = build_torque_formula(identification.estimate), make_c_name(identification)
     guard = name.upper()
     parts = [
-        _comment(_header(identification, formula, name)),
+        _write_comment(_write_header(identification, formula, name)),
         f"#ifndef {guard}_H\n#define {guard}_H\n",
         f"#define {guard}_JOINTS {formula.robot.n}\n",
-        _declarations(formula, name),
+        _write_declarations(formula, name),
         f"#endif /* {guard}_H */\n",
         f"#ifndef {guard}_DECLARATIONS_ONLY\n\n#include <math.h>\n",
-        _definitions(formula, name),
+        _write_definitions(formula, name),
         f"#endif /* {guard}_DECLARATIONS_ONLY */\n",
     ]
     return "\n".join(parts)
 
 
-def _header(identification: Identification, formula: TorqueFormula, name: str) -> list[str]:
-    lines = [f"{name}.c: inverse dynamic model of a robot, {origin()}.", ""]
-    lines += [*identification_lines(identification), "", SIGNS, "", "Joints, in the order of every array:"]
-    lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in joint_lines(identification)]
+def _write_header(identification: Identification, formula: TorqueFormula, name: str) -> list[str]:
+    lines = [f"{name}.c: inverse dynamic model of a robot, {describe_origin()}.", ""]
+    lines += [*describe_identification(identification), "", SIGNS, "", "Joints, in the order of every array:"]
+    lines += [f"  [{j.number - 1}] {j.name}: {j.kind}, torque in {j.unit}" for j in list_joints(identification)]
     lines += ["", f"Arguments of {name}_torque:"]
     lines += [f"  {argument.name}: {argument.meaning}" for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
@@ -72,18 +72,18 @@ def _header(identification: Identification, formula: TorqueFormula, name: str) -
     return lines
 
 
-def _comment(lines: list[str]) -> str:
+def _write_comment(lines: list[str]) -> str:
     wrapped = []
     for line in lines:
         indent = " " * (len(line) - len(line.lstrip()))
-        text = in_c_comment(line).rstrip()
+        text = escape_c_comment(line).rstrip()
         wrapped += textwrap.wrap(text, _WIDTH, subsequent_indent=f"{indent}    ") or [""]
     # Text is made safe before wrapping. That is enough, because wrapping breaks at blanks only and so joins no
     # characters to a new */ or /*.
     return "/*\n" + "".join(f" * {line}".rstrip() + "\n" for line in wrapped) + " */\n"
 
 
-def _declarations(formula: TorqueFormula, name: str) -> str:
+def _write_declarations(formula: TorqueFormula, name: str) -> str:
     text = '#ifdef __cplusplus\nextern "C" {\n#endif\n\n'
     if formula.memory:
         text += (
@@ -94,11 +94,11 @@ def _declarations(formula: TorqueFormula, name: str) -> str:
             f"}} {name}_state;\n\n"
             f"void {name}_start({name}_state *state);\n"
         )
-    return text + f"{_signature(formula, name)};\n\n#ifdef __cplusplus\n}}\n#endif\n"
+    return text + f"{_write_signature(formula, name)};\n\n#ifdef __cplusplus\n}}\n#endif\n"
 
 
-def _signature(formula: TorqueFormula, name: str) -> str:
-    arguments = [_parameter(argument) for argument in formula.arguments if argument.name not in _STATE]
+def _write_signature(formula: TorqueFormula, name: str) -> str:
+    arguments = [_write_parameter(argument) for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
         arguments.append(f"{name}_state *state")
     arguments.append(f"double tau[{formula.robot.n}]")
@@ -106,23 +106,23 @@ def _signature(formula: TorqueFormula, name: str) -> str:
     return f"void {name}_torque(\n    {separator.join(arguments)})"
 
 
-def _parameter(argument: Argument) -> str:
+def _write_parameter(argument: Argument) -> str:
     if argument.name in ("time", "period"):
-        return f"double {_c_argument(argument)}"
+        return f"double {_name_argument(argument)}"
     return f"const double {argument.name}[{argument.size}]"
 
 
-def _c_argument(argument: Argument) -> str:
+def _name_argument(argument: Argument) -> str:
     # `time` is a function of C's standard library.
     return "t" if argument.name == "time" else argument.name
 
 
-def _definitions(formula: TorqueFormula, name: str) -> str:
-    inputs = [_places(argument) for argument in formula.arguments]
+def _write_definitions(formula: TorqueFormula, name: str) -> str:
+    inputs = [_list_entries(argument) for argument in formula.arguments]
     outputs = [[f"tau[{j}]" for j in range(formula.robot.n)]]
     if formula.memory:
         outputs.append([f"state->z[{k}]" for k in range(len(formula.memory))])
-    statements, read = c_statements(function_of(formula), inputs, outputs)
+    statements, read = write_c_statements(build_function(formula), inputs, outputs)
     body: list[str] = []
     # At the first sample no position was before: q itself makes the displacement zero.
     if formula.memory:
@@ -132,7 +132,7 @@ def _definitions(formula: TorqueFormula, name: str) -> str:
         )
     # Compilers warn of parameters that are never read.
     body += [
-        f"(void){_c_argument(argument)};"
+        f"(void){_name_argument(argument)};"
         for argument, places in zip(formula.arguments, inputs, strict=True)
         if argument.name not in _STATE and not read & set(places)
     ]
@@ -142,28 +142,28 @@ def _definitions(formula: TorqueFormula, name: str) -> str:
         body.append("state->started = 1;")
     functions = [SIGN_FUNCTION] if any("sign_of(" in line for line in statements) else []
     if formula.memory:
-        functions.append(_start(formula, name))
-    functions.append(f"{_signature(formula, name)}\n{_block(body)}")
+        functions.append(_write_start_function(formula, name))
+    functions.append(f"{_write_signature(formula, name)}\n{_write_block(body)}")
     return "\n\n".join(functions) + "\n"
 
 
-def _start(formula: TorqueFormula, name: str) -> str:
+def _write_start_function(formula: TorqueFormula, name: str) -> str:
     body = [
         "int k;",
         f"for (k = 0; k < {len(formula.memory)}; k++) state->z[k] = 0.0;",
         f"for (k = 0; k < {formula.robot.n}; k++) state->q_before[k] = 0.0;",
         "state->started = 0;",
     ]
-    return f"void {name}_start({name}_state *state)\n{_block(body)}"
+    return f"void {name}_start({name}_state *state)\n{_write_block(body)}"
 
 
-def _block(body: list[str]) -> str:
+def _write_block(body: list[str]) -> str:
     return "{\n" + "".join(f"    {line}\n" for line in body) + "}"
 
 
-def _places(argument: Argument) -> list[str]:
+def _list_entries(argument: Argument) -> list[str]:
     """Return C expressions of the entries of an argument."""
     if argument.name in ("time", "period"):
-        return [_c_argument(argument)]
+        return [_name_argument(argument)]
     owner = "state->z" if argument.name == "z" else argument.name
     return [f"{owner}[{k}]" for k in range(argument.size)]

@@ -60,7 +60,7 @@ SIGN_FUNCTION = "static double sign_of(double x)\n{\n    return (double)((x > 0.
 """C function that the statements call beside those of <math.h>."""
 
 
-def c_number(value: float) -> str:
+def format_c_number(value: float) -> str:
     """Return a number as C writes it, to the last digit."""
     if not math.isfinite(value):
         raise DynidentError(f"the model holds the number {value}, which C code cannot", title="Not expressible in C")
@@ -68,7 +68,7 @@ def c_number(value: float) -> str:
     return f"({text})" if text.startswith("-") else text
 
 
-def c_statements(
+def write_c_statements(
     function: ca.Function, inputs: Sequence[Sequence[str]], outputs: Sequence[Sequence[str]]
 ) -> tuple[list[str], set[str]]:
     """Return the statements that compute a function of SX, and the names of the inputs that they read.
@@ -99,7 +99,7 @@ def c_statements(
             holds[target[0]] = inputs[source[0]][source[1]]
             read.add(holds[target[0]])
         elif operation == ca.OP_CONST:
-            holds[target[0]] = c_number(float(function.instruction_constant(k)))
+            holds[target[0]] = format_c_number(float(function.instruction_constant(k)))
         elif operation == ca.OP_OUTPUT:
             ends.append(f"{outputs[target[0]][target[1]]} = {holds[source[0]]};")
         elif operation in _C:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from dynident.export.formula import TorqueFormula, torque_formula
+from dynident.export.formula import TorqueFormula, build_torque_formula
 from dynident.identification import Identification
 
 
@@ -27,10 +27,10 @@ def to_casadi(identification: Identification) -> ca.Function:
         (n, 1) in N m or N; a model with hysteresis also returns z_next, which is z of the next sample. At the start of
         a motion z = 0 and q_before = q; without them the torque is NaN. Joints have the robot's order.
     """
-    return function_of(torque_formula(identification.estimate))
+    return build_function(build_torque_formula(identification.estimate))
 
 
-def function_of(formula: TorqueFormula) -> ca.Function:
+def build_function(formula: TorqueFormula) -> ca.Function:
     """Return the formula as a CasADi function."""
     outputs, names = [formula.torque], ["tau"]
     if formula.memory:
@@ -44,7 +44,7 @@ def function_of(formula: TorqueFormula) -> ca.Function:
     return ca.Function("inverse_dynamics", symbols, ca.cse(outputs), list(formula.names), names, options)
 
 
-def casadi_bytes(identification: Identification) -> bytes:
+def to_casadi_bytes(identification: Identification) -> bytes:
     """Return the content of a file that `casadi.Function.load` reads."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.casadi"

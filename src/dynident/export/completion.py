@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Role, role_of
+from dynident.effects import Role, get_role
 from dynident.errors import DynidentError
-from dynident.estimation import errors
-from dynident.estimation.semidefinite import Equations, InfeasibleError, constrained_least_squares
-from dynident.export.unknowns import Unknowns
+from dynident.estimation import compute_errors
+from dynident.estimation.semidefinite import EqualityConstraints, InfeasibleError, solve_constrained
+from dynident.export.unknowns import LinkUnknowns
 from dynident.identification import Estimate, Identification
-from dynident.identification.estimators.feasible import feasible
+from dynident.identification.estimators.feasible import solve_feasible
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 
@@ -64,7 +64,9 @@ class Completion:
     notes: tuple[str, ...] = ()
 
 
-def complete(identification: Identification, *, nearest: bool = False, rotors_in_links: bool = False) -> Completion:
+def complete_parameters(
+    identification: Identification, *, nearest: bool = False, rotors_in_links: bool = False
+) -> Completion:
     """Return feasible standard parameters that give the identified base parameters exactly.
 
     Parameters
@@ -85,17 +87,19 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
         If there are none and `nearest` is not set (naming the links), or the model has no rigid body.
     """
     values = identification.values
-    blamed = _driving_friction(identification.estimate)
+    blamed = _describe_negative_friction(identification.estimate)
     margins = _SMALL_MARGINS if identification.choices.solver.possible_bodies else _MARGINS
     # If the links cannot take the rotors' inertia, try again with rotors of their own.
     for merged in (True, False) if rotors_in_links else (False,):
-        unknowns = Unknowns.of(identification.model, rotors_in_links=merged, estimated=identification.estimate.standard)
-        equations = _equations(unknowns, values)
-        completed = _completed(unknowns, equations, values, margins)
+        unknowns = LinkUnknowns.from_model(
+            identification.model, rotors_in_links=merged, estimated=identification.estimate.standard
+        )
+        equations = _build_equations(unknowns, values)
+        completed = _solve_completion(unknowns, equations, values, margins)
         if completed is not None and not blamed:
-            return _gathered(identification.model, unknowns, completed, values)
+            return _collect_by_joint(identification.model, unknowns, completed, values)
     if completed is None:
-        blamed += _impossible(unknowns, equations)
+        blamed += _describe_impossible(unknowns, equations)
     if not nearest:
         raise DynidentError(
             f"no bodies that can exist have the identified base parameters: {'; '.join(blamed)}. Identify with the "
@@ -104,26 +108,26 @@ def complete(identification: Identification, *, nearest: bool = False, rotors_in
             pointer="/format",
             title="Not physically feasible",
         )
-    return _nearest(identification, rotors_in_links, blamed)
+    return _complete_nearest(identification, rotors_in_links, blamed)
 
 
-def _equations(unknowns: Unknowns, values: FloatArray) -> Equations:
+def _build_equations(unknowns: LinkUnknowns, values: FloatArray) -> EqualityConstraints:
     """Return the base parameters as equations of the scaled unknowns, each row of unit length."""
     factor = unknowns.grouping[unknowns.base_rows] * unknowns.scale
     sizes = np.linalg.norm(factor, axis=1)
-    return Equations(factor / sizes[:, None], values[unknowns.base_rows] / sizes)
+    return EqualityConstraints(factor / sizes[:, None], values[unknowns.base_rows] / sizes)
 
 
-def _completed(
-    unknowns: Unknowns, equations: Equations, values: FloatArray, margins: Sequence[float]
+def _solve_completion(
+    unknowns: LinkUnknowns, equations: EqualityConstraints, values: FloatArray, margins: Sequence[float]
 ) -> FloatArray | None:
     """Return the unknowns (k,) nearest to the nominal ones that give the base parameters; None if there are none."""
     for margin in margins:
         try:
-            solution = constrained_least_squares(
+            solution = solve_constrained(
                 np.eye(unknowns.size),
                 unknowns.nominal / unknowns.scale,
-                unknowns.matrices(0, np.full(len(unknowns.links), margin)),
+                unknowns.build_bounds(0, np.full(len(unknowns.links), margin)),
                 unknowns.rotor_places,
                 equations,
             )
@@ -131,13 +135,13 @@ def _completed(
             continue
         # The solver meets the equations to its tolerance only. Project on them exactly, and check that the small move
         # has not left the feasible set.
-        moved = _moved_onto(unknowns, values[unknowns.base_rows], solution.values * unknowns.scale)
-        if np.all(unknowns.margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
+        moved = _project_on_base(unknowns, values[unknowns.base_rows], solution.values * unknowns.scale)
+        if np.all(unknowns.compute_margins(moved) > _POSSIBLE) and np.all(moved[unknowns.rotor_places] >= 0):
             return moved
     return None
 
 
-def _moved_onto(unknowns: Unknowns, base: FloatArray, values: FloatArray) -> FloatArray:
+def _project_on_base(unknowns: LinkUnknowns, base: FloatArray, values: FloatArray) -> FloatArray:
     """Return the unknowns after the smallest move that makes them give the base parameters to the last digit."""
     grouping, rotors = unknowns.grouping[unknowns.base_rows], unknowns.rotor_places
     # A rotor that is zero stays zero: the smallest move would make it slightly negative as likely as positive.
@@ -150,14 +154,14 @@ def _moved_onto(unknowns: Unknowns, base: FloatArray, values: FloatArray) -> Flo
     return moved
 
 
-def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
+def _describe_impossible(unknowns: LinkUnknowns, equations: EqualityConstraints) -> list[str]:
     """Return texts on the links and rotors that the base parameters make impossible."""
     names = unknowns.model.robot.tree.joint_names
     words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
     for near in _NEAR:
         try:
-            margins = _least_violation(unknowns, equations, near)
+            margins = _minimise_violation(unknowns, equations, near)
         except InfeasibleError:
             continue
         worst = float(margins.min())
@@ -166,7 +170,7 @@ def _impossible(unknowns: Unknowns, equations: Equations) -> list[str]:
     return ["the links, whose parameters are too far from those of any body"]
 
 
-def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> FloatArray:
+def _minimise_violation(unknowns: LinkUnknowns, equations: EqualityConstraints, near: float) -> FloatArray:
     """Return the margins of all links, then of all rotors, in the problem relaxed so that it has a solution."""
     n_links, n_rotors, size = len(unknowns.links), len(unknowns.rotors), unknowns.size
     # Unknowns, a margin a link, a margin a rotor: a rotor is its margin and something that is not negative.
@@ -181,65 +185,65 @@ def _least_violation(unknowns: Unknowns, equations: Equations, near: float) -> F
     right = np.zeros(total)
     right[:size] = near * shrink * unknowns.nominal / unknowns.scale
     right[size:] = shrink * _MARGINS[0]
-    bounds = unknowns.matrices(n_links, np.zeros(n_links))
-    held = Equations(wide, shrink * equations.right)
-    return constrained_least_squares(goal, right, bounds, unknowns.rotor_places, held).values[size:] / shrink
+    bounds = unknowns.build_bounds(n_links, np.zeros(n_links))
+    held = EqualityConstraints(wide, shrink * equations.right)
+    return solve_constrained(goal, right, bounds, unknowns.rotor_places, held).values[size:] / shrink
 
 
-def _nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
+def _complete_nearest(identification: Identification, rotors_in_links: bool, blamed: list[str]) -> Completion:
     """Return the completion of the feasible estimator's solution for the same data, with a note on the difference."""
-    choices, data = identification.choices, identification.data.to_solve(identification.estimate.reference)
-    fit = feasible(
+    choices, data = identification.choices, identification.data.to_data(identification.estimate.reference)
+    fit = solve_feasible(
         Problem(identification.model, data, identification.estimate.solution.known, choices.covariance, choices.trust)
     )
     assert fit.standard is not None
     values = fit.solution.values
-    before = errors(data.torque, identification.values).relative_total
-    after = errors(data.torque, values).relative_total
+    before = compute_errors(data.torque, identification.values).relative_total
+    after = compute_errors(data.torque, values).relative_total
     note = (
         f"These are not the identified parameters but the nearest that bodies can have. What cannot exist: "
         f"{'; '.join(blamed)}. Along the identification's data the torque differs by "
-        f"{_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
+        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
         f"{before:.2%}."
     )
-    unknowns = Unknowns.of(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
-    completed = _completed(unknowns, _equations(unknowns, values), values, _SMALL_MARGINS)
+    unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
+    completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)
     if completed is None:
-        unknowns = Unknowns.of(identification.model)
+        unknowns = LinkUnknowns.from_model(identification.model)
         completed = fit.standard.values[unknowns.columns]
-    changed = _gathered(identification.model, unknowns, completed, values)
+    changed = _collect_by_joint(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
 
 
-def _torque_difference(identification: Identification, values: FloatArray) -> str:
+def _describe_torque_difference(identification: Identification, values: FloatArray) -> str:
     """Return a text with the rms of W (values - χ) along the data for each joint."""
     change = values - identification.values
     words = []
     for joint, equation in zip(identification.model.robot.joints, identification.data.training.equations, strict=True):
-        moved = equation.joined[:, : len(equation.columns)] @ change[equation.columns]
+        moved = equation.joint_factor[:, : len(equation.columns)] @ change[equation.columns]
         rms = float(np.linalg.norm(moved)) / np.sqrt(max(float(equation.counts.sum()), 1.0))
         words.append(f"{joint.name} {rms:.3g} {joint.effort_unit}")
     return ", ".join(words)
 
 
-def _driving_friction(estimate: Estimate) -> list[str]:
+def _describe_negative_friction(estimate: Estimate) -> list[str]:
     """Return texts on negative Coulomb and viscous friction, which would drive the motion."""
     return [
         f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
         for column, value in zip(estimate.model.kept, estimate.values, strict=True)
-        if role_of(column) in _FRICTION and not column.runs and value < _ROUNDING
+        if get_role(column) in _FRICTION and not column.runs and value < _ROUNDING
     ]
 
 
-def _gathered(model: Model, unknowns: Unknowns, completed: FloatArray, values: FloatArray) -> Completion:
+def _collect_by_joint(model: Model, unknowns: LinkUnknowns, completed: FloatArray, values: FloatArray) -> Completion:
     """Return unknowns and base parameters sorted by joints, as a completion."""
-    inertias, rotors = unknowns.standard(completed)
+    inertias, rotors = unknowns.to_standard(completed)
     robot = model.robot.tree
     friction: dict[Role | None, FloatArray] = {role: np.zeros(robot.n) for role in _FRICTION}
     # What links and rotors do not explain of the base parameters are the parameters of other effects.
     friction_values = values - unknowns.grouping @ completed
     for column, value in zip(model.kept, friction_values, strict=True):
-        role = role_of(column)
+        role = get_role(column)
         if role in friction and not column.runs:
             friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)
     coulomb, viscous = friction.values()

@@ -11,14 +11,14 @@ import numpy as np
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
-from dynident.export.completion import complete
+from dynident.export.completion import complete_parameters
 from dynident.export.document_fields import ModelDocument
-from dynident.export.formula import torque_formula
+from dynident.export.formula import build_torque_formula
 from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import build_model
-from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.document import robot_from_document, robot_to_document
 from dynident.robot.json_fields import parse_json
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.version import __version__
@@ -27,7 +27,7 @@ FORMAT = "dynident model 1"
 TITLE = "Unreadable model"
 
 
-def model_document(identification: Identification) -> ModelDocument:
+def model_to_document(identification: Identification) -> ModelDocument:
     """Return JSON values of the identified model: what predicts, and what people and other programs read.
 
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
@@ -35,11 +35,11 @@ def model_document(identification: Identification) -> ModelDocument:
     set that gives the same base parameters, where there is one.
     """
     model, base = identification.model, identification.model.base
-    formula = torque_formula(identification.estimate)
+    formula = build_torque_formula(identification.estimate)
     return {
         "format": FORMAT,
         "version": __version__,
-        "robot": robot_document(model.robot),
+        "robot": robot_to_document(model.robot),
         "joints": [
             {"name": joint.name, "kind": joint.kind, "effort_unit": joint.effort_unit} for joint in model.robot.joints
         ],
@@ -85,13 +85,13 @@ def model_document(identification: Identification) -> ModelDocument:
         "without_effect": list(base.without_effect),
         "rank": base.rank,
         "reference": identification.estimate.reference.vector.tolist(),
-        "standard_parameters": _standard(identification),
+        "standard_parameters": _list_standard_parameters(identification),
     }
 
 
 def to_json(identification: Identification) -> str:
     """Return the document of the identified model as JSON text; `model_from_json` reads it."""
-    return json.dumps(model_document(identification), indent=1)
+    return json.dumps(model_to_document(identification), indent=1)
 
 
 def model_from_json(text: str) -> PredictingModel:
@@ -117,14 +117,14 @@ def model_from_json(text: str) -> PredictingModel:
     if not isinstance(document, Mapping) or document.get("format") != FORMAT:
         raise DynidentError(f'this is no model of the format "{FORMAT}"', pointer="/format", title=TITLE)
     try:
-        return _model(document)
+        return _model_from_document(document)
     except DynidentError:
         raise
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise DynidentError(f"the model cannot be read: {type(error).__name__} {error}", title=TITLE) from error
 
 
-def _model(document: Mapping[str, Any]) -> PredictingModel:
+def _model_from_document(document: Mapping[str, Any]) -> PredictingModel:
     robot = robot_from_document(document["robot"])
     effects = tuple(
         EffectChoice(
@@ -158,14 +158,14 @@ def _model(document: Mapping[str, Any]) -> PredictingModel:
     values = np.array([float(parameter["value"]) for parameter in parameters])
     if not len(values):
         raise ValueError("no base parameters")
-    reference = ReferenceParameters.of_vector(np.array(document["reference"], dtype=float), robot)
+    reference = ReferenceParameters.from_vector(np.array(document["reference"], dtype=float), robot)
     return PredictingModel(model, values, reference)
 
 
-def _standard(identification: Identification) -> dict[str, dict[str, float]] | None:
+def _list_standard_parameters(identification: Identification) -> dict[str, dict[str, float]] | None:
     """Return a feasible full set of standard parameters by link; None if there is none."""
     try:
-        completion = complete(identification)
+        completion = complete_parameters(identification)
     except DynidentError:
         return None
     robot = identification.model.robot.tree

@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
-from dynident.export.c_code import c_name, to_c
-from dynident.export.casadi_function import casadi_bytes
+from dynident.export.c_code import make_c_name, to_c
+from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.document import to_json
 from dynident.export.exported import ExportedFile
 from dynident.export.mjcf import to_mjcf
-from dynident.export.names import slug
+from dynident.export.names import make_slug
 from dynident.export.stated import ExportFormat
 from dynident.export.urdf import to_urdf
 from dynident.identification import Identification
@@ -46,10 +46,10 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
             pointer="/format",
             title="No such format",
         )
-    return _with_notes(FORMATS[format](identification, nearest), identification)
+    return _add_notes(FORMATS[format](identification, nearest), identification)
 
 
-def _with_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
+def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
     """Add the notes that apply to the model in every format."""
     joints = identification.model.robot.joints_without_torque
     if not joints:
@@ -61,28 +61,28 @@ def _with_notes(file: ExportedFile, identification: Identification) -> ExportedF
     return replace(file, notes=(*file.notes, note))
 
 
-def _json(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_json(identification: Identification, nearest: bool) -> ExportedFile:
     content = encode_text(to_json(identification))
-    return ExportedFile(f"{slug(identification.model.robot.name)}.json", "application/json", content)
+    return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
 
 
-def _urdf(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_urdf(identification: Identification, nearest: bool) -> ExportedFile:
     return to_urdf(identification, nearest=nearest)
 
 
-def _mjcf(identification: Identification, nearest: bool) -> ExportedFile:
+def _export_mjcf(identification: Identification, nearest: bool) -> ExportedFile:
     return to_mjcf(identification, nearest=nearest)
 
 
-def _c(identification: Identification, nearest: bool) -> ExportedFile:
-    return ExportedFile(f"{c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
+def _export_c(identification: Identification, nearest: bool) -> ExportedFile:
+    return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
 
 
-def _casadi(identification: Identification, nearest: bool) -> ExportedFile:
-    name = f"{slug(identification.model.robot.name)}.casadi"
-    return ExportedFile(name, "application/octet-stream", casadi_bytes(identification))
+def _export_casadi(identification: Identification, nearest: bool) -> ExportedFile:
+    name = f"{make_slug(identification.model.robot.name)}.casadi"
+    return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
 
 
 FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
-    {"json": _json, "urdf": _urdf, "mjcf": _mjcf, "c": _c, "casadi": _casadi}
+    {"json": _export_json, "urdf": _export_urdf, "mjcf": _export_mjcf, "c": _export_c, "casadi": _export_casadi}
 )

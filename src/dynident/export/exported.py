@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import ReferenceParameters, Role, effect_by_id
+from dynident.effects import ReferenceParameters, Role, get_effect
 from dynident.errors import DynidentError
-from dynident.export.completion import Completion, complete
-from dynident.export.projection import Cost, choices_held, is_free, project
-from dynident.export.summary import effect_line
+from dynident.export.completion import Completion, complete_parameters
+from dynident.export.projection import ProjectionError, predicts_as_well, project_model, select_held_effects
+from dynident.export.summary import describe_effect
 from dynident.identification import Identification
 from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 SMALL = 1e-9
 """Share of the torque up to which a difference counts as rounding."""
@@ -41,7 +41,7 @@ class ExportedFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Links:
+class FeasibleLinks:
     """Feasible links and joints of an identified model, for formats that consist of links and joints.
 
     Attributes
@@ -61,19 +61,19 @@ class Links:
     held: tuple[Role, ...]
 
     @classmethod
-    def of(
+    def from_model(
         cls, identification: Identification, held: tuple[Role, ...], *, nearest: bool, rotors_in_links: bool = False
-    ) -> Links:
+    ) -> FeasibleLinks:
         """Return the links and joints of a model.
 
         It raises an error as `complete` does, unless the nearest feasible bodies predict as well or `nearest` is set.
         """
-        projected = project(identification, held)
+        projected = project_model(identification, held)
         try:
-            standard = complete(projected, rotors_in_links=rotors_in_links)
+            standard = complete_parameters(projected, rotors_in_links=rotors_in_links)
         except DynidentError:
-            standard = complete(projected, nearest=True, rotors_in_links=rotors_in_links)
-            if not nearest and not is_free(projected, standard.values):
+            standard = complete_parameters(projected, nearest=True, rotors_in_links=rotors_in_links)
+            if not nearest and not predicts_as_well(projected, standard.values):
                 raise
         return cls(identification, projected, standard, held)
 
@@ -85,25 +85,25 @@ class Links:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
-        choices_in_file = choices_held(self.identification, self.held)
+        choices_in_file = select_held_effects(self.identification, self.held)
         left_out = [
-            f"{effect_by_id(choice.effect).title} is not in this file, which has no word for it: {effect_line(choice)}."
+            f"{get_effect(choice.effect).title} is not in this file, which has no word for it: {describe_effect(choice)}."
             for choice in self.identification.choices.effects
             if choice not in choices_in_file
         ]
         if left_out:
             left_out.append("What the file can hold was fitted to the data again without them.")
-        cost = Cost.of(self.identification, self.projected, self.standard.values)
-        notes = [*cost.notes(), *self.standard.notes, *left_out]
-        if self.rounding > SMALL:
+        cost = ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
+        notes = [*cost.describe(), *self.standard.notes, *left_out]
+        if self.rounding_error > SMALL:
             notes.append(
                 "Right angles that are rounded in the description let the torque of the links differ by "
-                f"{self.rounding:.1g} of its size from that of the base parameters, which leave such small terms out."
+                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such small terms out."
             )
         return tuple(notes)
 
     @cached_property
-    def rounding(self) -> float:
+    def rounding_error(self) -> float:
         """Largest difference of the links' and rotors' torque from that of the base parameters, over its size."""
         model = self.projected.model
         observation, robot = model.observation, model.robot
@@ -112,22 +112,24 @@ class Links:
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_STATES, robot.n)) for size in (1.0, 1.0, 3.0))
         if robot.linkage is not None and robot.linkage.closure is not None:
-            q = robot.linkage.closure.postures(rng, _STATES)
-        nothing = ReferenceParameters.nothing(robot)
+            q = robot.linkage.closure.draw_postures(rng, _STATES)
+        nothing = ReferenceParameters.massless(robot)
         memory = np.zeros((_STATES, observation.n_memory))
         entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
-        inertial = np.array([effect_by_id(column.effect).is_inertia for column in observation.columns])
-        expected = observation.torque(entries, np.where(inertial, self.standard.values, 0.0))
-        torque = rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
+        inertial = np.array([get_effect(column.effect).is_inertia for column in observation.columns])
+        expected = observation.compute_torque(entries, np.where(inertial, self.standard.values, 0.0))
+        torque = compute_rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0
         return float(np.abs(torque - expected).max(initial=0.0)) / size
 
 
-def rigid_torque(
+def compute_rigid_torque(
     robot: Robot, inertias: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray
 ) -> FloatArray:
     """Return the torque (m, n) that links with inertias (N, 10) and rotors (N,) need, by Newton and Euler."""
     if robot.linkage is None:
-        return np.asarray(described_torque(replace(robot, inertias=inertias), q, dq, ddq, rotors))
+        return np.asarray(compute_described_torque(replace(robot, inertias=inertias), q, dq, ddq, rotors))
     tree = replace(robot.linkage.tree, inertias=inertias)
-    return np.asarray(described_torque(replace(robot, linkage=replace(robot.linkage, tree=tree)), q, dq, ddq, rotors))
+    return np.asarray(
+        compute_described_torque(replace(robot, linkage=replace(robot.linkage, tree=tree)), q, dq, ddq, rotors)
+    )

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.effects import MemorySignal, RunSignal, Signals
-from dynident.effects.linked import all_positions
-from dynident.effects.memory import step_expression
+from dynident.effects.linked import build_all_positions
+from dynident.effects.memory import build_step_expression
 from dynident.identification import Estimate
 from dynident.robot.model import Robot
 
@@ -57,7 +57,7 @@ class TorqueFormula:
         return tuple(argument.name for argument in self.arguments)
 
 
-def torque_formula(estimate: Estimate) -> TorqueFormula:
+def build_torque_formula(estimate: Estimate) -> TorqueFormula:
     """Return the torque that an identified model predicts, with all constants as numbers.
 
     q, dq and ddq are always among the arguments; dddq, ddddq, time, period, temperature, runs, and z with q_before only
@@ -73,13 +73,13 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
     # The model's columns contain the state at the sample itself; the exported formula computes it from the state and
     # the position of the sample before.
     states = [signals.memory(item) for item in observation.memory]
-    arguments = _motion(signals, torque)
+    arguments = _list_motion_arguments(signals, torque)
     z_next = ca.SX(0, 1)
     if states:
         before, z = ca.SX.sym("q_before", model.robot.n), ca.SX.sym("z", len(states))
-        moved = all_positions(model.robot, signals.q) - all_positions(model.robot, before)
+        moved = build_all_positions(model.robot, signals.q) - build_all_positions(model.robot, before)
         z_next = ca.vertcat(
-            *(step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
+            *(build_step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
         )
         torque = ca.substitute(torque, ca.vertcat(*states), z_next)
         arguments += [
@@ -88,11 +88,11 @@ def torque_formula(estimate: Estimate) -> TorqueFormula:
         ]
     if observation.runs:
         present = ca.vertcat(*(signals.in_runs(item) for item in observation.runs))
-        arguments.append(Argument("runs", present, run_meaning(observation.runs)))
+        arguments.append(Argument("runs", present, describe_runs(observation.runs)))
     return TorqueFormula(model.robot, tuple(arguments), torque, observation.memory, observation.runs, z_next)
 
 
-def run_meaning(runs: tuple[RunSignal, ...]) -> str:
+def describe_runs(runs: tuple[RunSignal, ...]) -> str:
     """Return a text on the meaning of the entries of the argument `runs`."""
     kinds = [
         f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
@@ -100,7 +100,7 @@ def run_meaning(runs: tuple[RunSignal, ...]) -> str:
     return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
 
 
-def _motion(signals: Signals, torque: ca.SX) -> list[Argument]:
+def _list_motion_arguments(signals: Signals, torque: ca.SX) -> list[Argument]:
     """Return the signals that the torque depends on, and position, velocity and acceleration in any case."""
     candidates = (
         Argument("q", signals.q, "joint positions, rad or m"),

@@ -10,20 +10,20 @@ import numpy as np
 import pinocchio as pin
 
 from dynident.arrays import FloatArray
-from dynident.effects import Role, role_of
+from dynident.effects import Role, get_role
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
-from dynident.export.exported import SMALL, ExportedFile, Links
-from dynident.export.names import in_xml_comment, printable, slug
-from dynident.export.summary import SIGNS, identification_lines, origin
-from dynident.export.ties import held_together
+from dynident.export.exported import SMALL, ExportedFile, FeasibleLinks
+from dynident.export.names import escape_xml_comment, make_slug, replace_unprintable
+from dynident.export.summary import SIGNS, describe_identification, describe_origin
+from dynident.export.ties import build_constraints
 from dynident.identification import Identification
 from dynident.robot.model import Joint
-from dynident.robot.pinocchio_model import dynamic_parameters
-from dynident.robot.urdf_writer import link_names
-from dynident.robot.xml_text import Element, number_text, write
+from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.urdf_writer import name_links
+from dynident.robot.xml_text import Element, format_numbers, write_xml
 
-HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
+HELD_ROLES: tuple[Role, ...] = ("link", "rotor", "dry", "damping", "stiffness", "at_zero")
 """Roles of the parameters that the format has words for."""
 TIMESTEP = 0.001
 """Time step of the simulation in s."""
@@ -50,16 +50,16 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete` does; or if a link has no inertia in the model, or a spring pushes away from rest.
     """
-    links = Links.of(identification, HELD, nearest=nearest)
-    if links.rounding > SMALL:
+    links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest)
+    if links.rounding_error > SMALL:
         # Where right angles are rounded in the description, a rotor is grouped with its link only nearly. The export
         # with the rotor's inertia in the links may then be the more exact one.
-        merged = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
-        links = min(links, merged, key=lambda candidate: candidate.rounding)
+        merged = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
+        links = min(links, merged, key=lambda candidate: candidate.rounding_error)
     robot = links.robot
-    springs = _springs(links)
+    springs = _read_springs(links)
     tree = robot.tree
-    names = link_names(tree)
+    names = name_links(tree)
     bodies: list[Element] = []
     for j, joint in enumerate(tree.joints):
         if not np.any(links.standard.inertias[j]):
@@ -69,11 +69,11 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
                 pointer="/format",
                 title="Not expressible in MJCF",
             )
-        body = _body(joint, names[j])
-        body.children.append(_joint(joint, links, j, springs.get(joint.name)))
-        body.children.append(_inertial(links.standard.inertias[j]))
+        body = _build_body(joint, names[j])
+        body.children.append(_build_joint(joint, links, j, springs.get(joint.name)))
+        body.children.append(_build_inertial(links.standard.inertias[j]))
         body.children.extend(
-            _drawn(other.placement[:3, 3])
+            _build_rod(other.placement[:3, 3])
             for other in tree.joints
             if other.parent == j and np.linalg.norm(other.placement[:3, 3]) > _SHORTEST_DRAWN
         )
@@ -81,86 +81,90 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     world = Element("worldbody", {}, 0)
     for joint, body in zip(tree.joints, bodies, strict=True):
         (world if joint.parent < 0 else bodies[joint.parent]).children.append(body)
-    root = Element("mujoco", {"model": printable(robot.name)}, 0)
+    root = Element("mujoco", {"model": replace_unprintable(robot.name)}, 0)
     root.children.extend(
         [
             Element("compiler", {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false"}, 0),
             Element(
                 "option",
-                {"gravity": number_text(*robot.gravity), "timestep": str(TIMESTEP), "integrator": "implicitfast"},
+                {"gravity": format_numbers(*robot.gravity), "timestep": str(TIMESTEP), "integrator": "implicitfast"},
                 0,
             ),
             world,
-            *held_together(robot, world, bodies),
-            _motors(links),
+            *build_constraints(robot, world, bodies),
+            _build_motors(links),
         ]
     )
-    lines = [f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *links.notes]
-    comment = "\n".join(f"  {in_xml_comment(line)}" for line in lines)
-    text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write(root, indent=True)}'
-    return ExportedFile(f"{slug(robot.name)}.xml", "application/xml", encode_text(text), links.notes)
+    lines = [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *links.notes]
+    comment = "\n".join(f"  {escape_xml_comment(line)}" for line in lines)
+    text = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n{write_xml(root, indent=True)}'
+    return ExportedFile(f"{make_slug(robot.name)}.xml", "application/xml", encode_text(text), links.notes)
 
 
-def _body(joint: Joint, name: str) -> Element:
+def _build_body(joint: Joint, name: str) -> Element:
     x, y, z, w = pin.Quaternion(joint.placement[:3, :3]).coeffs()
     return Element(
-        "body", {"name": name, "pos": number_text(*joint.placement[:3, 3]), "quat": number_text(w, x, y, z)}, 0
+        "body", {"name": name, "pos": format_numbers(*joint.placement[:3, 3]), "quat": format_numbers(w, x, y, z)}, 0
     )
 
 
-def _joint(joint: Joint, links: Links, j: int, spring: tuple[float, float] | None) -> Element:
+def _build_joint(joint: Joint, links: FeasibleLinks, j: int, spring: tuple[float, float] | None) -> Element:
     attributes = {
         "name": joint.name,
         "type": "hinge" if joint.kind == "revolute" else "slide",
-        "axis": number_text(*joint.axis),
-        "damping": number_text(links.standard.viscous[j]),
-        "frictionloss": number_text(links.standard.coulomb[j]),
-        "armature": number_text(links.standard.rotors[j]),
+        "axis": format_numbers(*joint.axis),
+        "damping": format_numbers(links.standard.viscous[j]),
+        "frictionloss": format_numbers(links.standard.coulomb[j]),
+        "armature": format_numbers(links.standard.rotors[j]),
         **_FRICTION_SOLVER,
     }
     if joint.limits.position is not None:
-        attributes["range"] = number_text(*joint.limits.position)
+        attributes["range"] = format_numbers(*joint.limits.position)
     if spring is not None:
-        attributes |= {"stiffness": number_text(spring[0]), "springref": number_text(spring[1])}
+        attributes |= {"stiffness": format_numbers(spring[0]), "springref": format_numbers(spring[1])}
     return Element("joint", attributes, 0)
 
 
-def _inertial(inertial: FloatArray) -> Element:
-    body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+def _build_inertial(inertial: FloatArray) -> Element:
+    body = pin.Inertia.FromDynamicParameters(to_dynamic_parameters(inertial))
     tensor = body.inertia
     parts = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
-    attributes = {"pos": number_text(*body.lever), "mass": number_text(body.mass), "fullinertia": number_text(*parts)}
+    attributes = {
+        "pos": format_numbers(*body.lever),
+        "mass": format_numbers(body.mass),
+        "fullinertia": format_numbers(*parts),
+    }
     return Element("inertial", attributes, 0)
 
 
-def _drawn(end: FloatArray) -> Element:
+def _build_rod(end: FloatArray) -> Element:
     """Return a rod to the next joint, for the picture only: it has no mass and no contacts."""
     attributes = {
         "type": "capsule",
-        "fromto": number_text(0.0, 0.0, 0.0, *end),
-        "size": number_text(_THICK * float(np.linalg.norm(end))),
+        "fromto": format_numbers(0.0, 0.0, 0.0, *end),
+        "size": format_numbers(_THICK * float(np.linalg.norm(end))),
         "contype": "0",
         "conaffinity": "0",
     }
     return Element("geom", attributes, 0)
 
 
-def _motors(links: Links) -> Element:
+def _build_motors(links: FeasibleLinks) -> Element:
     """Return one motor a joint whose control is the torque, limited if the joint's effort is."""
     actuator = Element("actuator", {}, 0)
     for joint in links.robot.joints:
         attributes = {"name": joint.name, "joint": joint.name}
         if joint.limits.effort is not None:
-            attributes["ctrlrange"] = number_text(-joint.limits.effort, joint.limits.effort)
+            attributes["ctrlrange"] = format_numbers(-joint.limits.effort, joint.limits.effort)
         actuator.children.append(Element("motor", attributes, 0))
     return actuator
 
 
-def _springs(links: Links) -> dict[str, tuple[float, float]]:
+def _read_springs(links: FeasibleLinks) -> dict[str, tuple[float, float]]:
     """Return the stiffness and rest position of the joints that have a spring."""
     spring_parameters: dict[str, dict[Role | None, float]] = {}
     for column, value in zip(links.projected.model.kept, links.standard.values, strict=True):
-        role = role_of(column)
+        role = get_role(column)
         if role in ("stiffness", "at_zero") and not column.runs:
             spring_parameters.setdefault(column.link, {})[role] = float(value)
     springs = {}

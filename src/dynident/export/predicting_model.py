@@ -39,7 +39,7 @@ class PredictingModel:
     reference: ReferenceParameters
 
     @classmethod
-    def of(cls, identification: Identification) -> PredictingModel:
+    def from_identification(cls, identification: Identification) -> PredictingModel:
         """Return the predicting part of an identified model."""
         return cls(identification.model, identification.values, identification.estimate.reference)
 
@@ -84,7 +84,7 @@ class PredictingModel:
             For a single sample of a model with hysteresis, whose torque depends on the path before it.
         """
         if sliding:
-            return self._torque(q, dq, ddq, self._sliding_states(dq), further)
+            return self._compute_torque(q, dq, ddq, self._compute_sliding_states(dq), further)
         if len(q) == 1 and self.observation.memory:
             joints = sorted({self.robot.joint_names[signal.joint] for signal in self.observation.memory})
             raise DynidentError(
@@ -100,13 +100,13 @@ class PredictingModel:
         """Return a predictor for a motion that comes step by step; it carries the hysteresis along."""
         return TorquePredictor(self)
 
-    def _torque(
+    def _compute_torque(
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, states: FloatArray, further: FurtherSignals
     ) -> FloatArray:
         entries = self.observation.evaluate(q, dq, ddq, reference=self.reference, memory=states, further=further)
-        return self.observation.torque(entries, self.values)
+        return self.observation.compute_torque(entries, self.values)
 
-    def _sliding_states(self, dq: FloatArray) -> FloatArray:
+    def _compute_sliding_states(self, dq: FloatArray) -> FloatArray:
         """Return the steady states (m, number of hysteresis signals) of joints that keep on moving."""
         states = np.zeros((len(dq), self.observation.n_memory))
         for k, signal in enumerate(self.observation.memory):
@@ -152,4 +152,4 @@ class TorquePredictor:
     ) -> FloatArray:
         """Predict the torque (m, n) of the next m samples; q, dq, ddq (m, n)."""
         states = self._states.push(self._model.observation.robot.positions(q))
-        return self._model._torque(q, dq, ddq, states, further)
+        return self._model._compute_torque(q, dq, ddq, states, further)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import Choice, OneOf, said
+from dynident.asking import Choice, OneOf, declare_field
 
 ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
 FORMATS = OneOf(
@@ -30,10 +30,10 @@ ENDINGS: dict[str, ExportFormat] = {
 class ExportChoices:
     """What a model is written as."""
 
-    format: ExportFormat = said("What the model is to be written as", default="json", kinds=FORMATS)
-    nearest: bool = said(
+    format: ExportFormat = declare_field("What the model is to be written as", default="json", kinds=FORMATS)
+    nearest: bool = declare_field(
         "urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest that have, which "
         "changes the torque",
         default=False,
     )
-    anyway: bool = said("Export a model whose error says that it is not to be used, too", default=False)
+    anyway: bool = declare_field("Export a model whose error says that it is not to be used, too", default=False)

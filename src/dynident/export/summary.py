@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.effects import EffectChoice
-from dynident.effects.written import constant_in_words
+from dynident.effects.written import format_constant
 from dynident.identification import Identification
 from dynident.version import __version__
 
@@ -25,41 +25,41 @@ class JointLine:
     unit: str
 
 
-def joint_lines(identification: Identification) -> list[JointLine]:
+def list_joints(identification: Identification) -> list[JointLine]:
     """Return the joints in the order of every array."""
     joints = identification.model.robot.joints
     return [JointLine(k + 1, joint.name, joint.kind, joint.effort_unit) for k, joint in enumerate(joints)]
 
 
-def origin() -> str:
+def describe_origin() -> str:
     """Return the program and version that wrote the file."""
     return f"written by dynident {__version__}"
 
 
-def identification_lines(identification: Identification) -> list[str]:
+def describe_identification(identification: Identification) -> list[str]:
     """Return lines on the data, methods, error, effects and warnings of a model."""
     choices = identification.choices
     lines = [
         f"Robot: {identification.model.robot.name}",
         f"Identified from: {', '.join(identification.data.measurement_names) or 'data without a name'}",
-        f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.in_words}; "
+        f"Model {choices.model}, strategy {choices.strategy}, estimator {choices.solver.name_with_options}; "
         f"{identification.model.n_parameters} base parameters from {identification.n_equations} equations",
         f"Relative error of the torque: {identification.fit.relative_total:.2%} on these data"
-        + _held_out(identification),
+        + _describe_held_out(identification),
     ]
-    lines += [f"Effect: {effect_line(choice)}" for choice in choices.effects]
+    lines += [f"Effect: {describe_effect(choice)}" for choice in choices.effects]
     return lines + [f"Warning: {warning}" for warning in identification.warnings]
 
 
-def effect_line(choice: EffectChoice) -> str:
+def describe_effect(choice: EffectChoice) -> str:
     """Return an effect with its joints, shape constants and runs: "stribeck on joint2 (vs = 0.05)"."""
     where = f" on {', '.join(choice.joints)}" if choice.joints else ""
-    constants = ", ".join(constant_in_words(choice.effect, name, value) for name, value in choice.shape)
+    constants = ", ".join(format_constant(choice.effect, name, value) for name, value in choice.shape)
     runs = f" in {', '.join(choice.runs)}" if choice.runs else ""
     return f"{choice.effect}{where}{f' ({constants})' if constants else ''}{runs}"
 
 
-def _held_out(identification: Identification) -> str:
+def _describe_held_out(identification: Identification) -> str:
     if identification.held_out is None:
         return ", not tried on others"
     return f", {identification.held_out.relative_total:.2%} on data that no parameter saw"

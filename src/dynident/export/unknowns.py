@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import effect_by_id, role_of
+from dynident.effects import get_effect, get_role
 from dynident.errors import DynidentError
 from dynident.estimation.semidefinite import MatrixBound
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
-from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
+from dynident.robot.usual_errors import estimate_inertia_errors, estimate_rotor_inertias
 
 _TEN = len(INERTIAL_NAMES)
 # Radius of gyration, over its size, of a link for which the description has no mass.
@@ -23,7 +23,7 @@ _GYRATION = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class LinkUnknowns:
     """Standard parameters of links and rotors among a model's columns.
 
     Attributes
@@ -45,9 +45,9 @@ class Unknowns:
     nominal: FloatArray
 
     @classmethod
-    def of(
+    def from_model(
         cls, model: Model, *, rotors_in_links: bool = False, estimated: StandardParameters | None = None
-    ) -> Unknowns:
+    ) -> LinkUnknowns:
         """Return the unknowns of a model.
 
         Parameters
@@ -64,7 +64,7 @@ class Unknowns:
             If the model has no rigid body.
         """
         joints = model.robot.tree.joint_names
-        rigid = [k for k, column in enumerate(model.columns) if role_of(column) == "link" and not column.runs]
+        rigid = [k for k, column in enumerate(model.columns) if get_role(column) == "link" and not column.runs]
         if not rigid:
             raise DynidentError(
                 "the model has no rigid_body, so there are no masses and inertias to write; export C code, a CasADi "
@@ -76,13 +76,17 @@ class Unknowns:
         spinning = [
             k
             for k, column in enumerate(model.columns)
-            if role_of(column) == "rotor" and not column.runs and (k in base_columns or not rotors_in_links)
+            if get_role(column) == "rotor" and not column.runs and (k in base_columns or not rotors_in_links)
         ]
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
-        doubt = usual_errors(model.robot.tree)
-        scale = np.concatenate([doubt[list(links)].reshape(-1), usual_rotor_inertias(model.robot.tree)[list(rotors)]])
-        nominal = np.concatenate([_described(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))])
+        doubt = estimate_inertia_errors(model.robot.tree)
+        scale = np.concatenate(
+            [doubt[list(links)].reshape(-1), estimate_rotor_inertias(model.robot.tree)[list(rotors)]]
+        )
+        nominal = np.concatenate(
+            [_get_described_inertias(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))]
+        )
         columns = np.array(rigid + spinning, dtype=np.intp)
         if estimated is not None:
             nominal = estimated.values[columns]
@@ -101,7 +105,7 @@ class Unknowns:
     @cached_property
     def base_rows(self) -> IndexArray:
         """Base parameters that are those of links and rotors."""
-        inertial = [effect_by_id(column.effect).is_inertia and not column.runs for column in self.model.kept]
+        inertial = [get_effect(column.effect).is_inertia and not column.runs for column in self.model.kept]
         return np.flatnonzero(inertial)
 
     @cached_property
@@ -109,7 +113,7 @@ class Unknowns:
         """(b, k): how the unknowns, in their own units, group into all base parameters."""
         return np.asarray(self.model.base.grouping[:, self.columns])
 
-    def matrices(self, extra: int, slack: FloatArray) -> list[MatrixBound]:
+    def build_bounds(self, extra: int, slack: FloatArray) -> list[MatrixBound]:
         """Return bounds on (unknowns / scale, extras): scaled pseudo-inertia of each link ≥ `slack` (l,) times one.
 
         Where there are `extra` variables after the unknowns, the first l of them are slacks that are subtracted too.
@@ -118,20 +122,20 @@ class Unknowns:
         for place, least in enumerate(slack):
             link_places = slice(_TEN * place, _TEN * (place + 1))
             columns = np.arange(link_places.start, link_places.stop)
-            parts = self._shrunk(place) * self.scale[link_places][:, None, None]
+            parts = self._scale_pseudo_inertias(place) * self.scale[link_places][:, None, None]
             if extra:
                 columns = np.append(columns, self.size + place)
                 parts = np.concatenate([parts, -np.eye(4)[None]])
             bounds.append(MatrixBound(columns, parts, -least * np.eye(4)))
         return bounds
 
-    def margins(self, unknowns: FloatArray) -> FloatArray:
+    def compute_margins(self, unknowns: FloatArray) -> FloatArray:
         """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `matrices` bounds."""
         none = np.zeros(len(self.links))
         scaled = unknowns / self.scale
-        return np.array([np.linalg.eigvalsh(bound.at(scaled))[0] for bound in self.matrices(0, none)])
+        return np.array([np.linalg.eigvalsh(bound.evaluate(scaled))[0] for bound in self.build_bounds(0, none)])
 
-    def _shrunk(self, place: int) -> FloatArray:
+    def _scale_pseudo_inertias(self, place: int) -> FloatArray:
         """Return the pseudo-inertias (10, 4, 4) of unit parameters, in units of the link's usual mass and size."""
         of_link = self.scale[_TEN * place : _TEN * (place + 1)]
         # Without units, eigenvalues of links of all sizes can be compared, and the solver sees numbers of about one.
@@ -139,7 +143,7 @@ class Unknowns:
         shrink = np.array([1 / length] * 3 + [1.0]) / np.sqrt(mass)
         return np.asarray(PSEUDO_INERTIA_PARTS * shrink[:, None] * shrink)
 
-    def standard(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def to_standard(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the inertias (n, 10) of all links and (n,) of all rotors; zero where the model has none."""
         n = self.model.robot.tree.n
         inertias, rotors = np.zeros((n, _TEN)), np.zeros(n)
@@ -148,7 +152,7 @@ class Unknowns:
         return inertias, rotors
 
 
-def _described(model: Model, doubt: FloatArray) -> FloatArray:
+def _get_described_inertias(model: Model, doubt: FloatArray) -> FloatArray:
     """Return inertias (n, 10) of the description, and a ball about the joint's origin for links without mass."""
     inertias = np.zeros_like(doubt) if model.robot.inertias is None else model.robot.inertias.copy()
     for link in np.flatnonzero(inertias[:, 9] <= 0):

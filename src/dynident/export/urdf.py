@@ -17,15 +17,15 @@ import pinocchio as pin
 from dynident.arrays import FloatArray
 from dynident.effects import Role
 from dynident.encoding import encode_text
-from dynident.export.exported import ExportedFile, Links
-from dynident.export.names import in_xml_comment, slug
-from dynident.export.summary import SIGNS, identification_lines, origin
+from dynident.export.exported import ExportedFile, FeasibleLinks
+from dynident.export.names import escape_xml_comment, make_slug
+from dynident.export.summary import SIGNS, describe_identification, describe_origin
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
-from dynident.robot.urdf_writer import inertial_element
-from dynident.robot.xml_text import Element, number_text, write
+from dynident.robot.urdf_writer import build_inertial
+from dynident.robot.xml_text import Element, format_numbers, write_xml
 
-HELD: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
+HELD_ROLES: tuple[Role, ...] = ("link", "rotor", "dry", "damping")
 """Roles of the parameters that the format has words for."""
 ROTOR_TAG = "dynident_rotor"
 """Child of a `<joint>` whose attribute `inertia` is the rotor's, seen at the joint; URDF itself has no such element."""
@@ -50,24 +50,26 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     DynidentError
         As `complete` does.
     """
-    links = Links.of(identification, HELD, nearest=nearest, rotors_in_links=True)
+    links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
     robot = links.robot
-    notes = (*_notes(links), *links.notes)
+    notes = (*_write_notes(links), *links.notes)
     text = robot.description.content if robot.description.format == "urdf" else urdf_from_robot(robot)
-    tree = _Tree(text, robot.locked_joints)
+    tree = _EditedUrdf(text, robot.locked_joints)
     for j, joint in enumerate(robot.tree.joints):
-        moving = tree.child_of(joint.name)
-        for name in tree.fixed_to(moving):
+        moving = tree.get_child(joint.name)
+        for name in tree.list_fixed_links(moving):
             tree.set_inertial(name, None)
         inertial = links.standard.inertias[j]
-        tree.set_inertial(moving, inertial_element(inertial, moving) if np.any(inertial) else None)
+        tree.set_inertial(moving, build_inertial(inertial, moving) if np.any(inertial) else None)
         tree.set_drive(joint.name, links.standard.viscous[j], links.standard.coulomb[j], links.standard.rotors[j])
     tree.fix_locked_joints()
-    tree.comment([f"Identified model, {origin()}.", *identification_lines(identification), SIGNS, *notes])
-    return ExportedFile(f"{slug(robot.name)}.urdf", "application/xml", encode_text(tree.text()), notes)
+    tree.insert_comment(
+        [f"Identified model, {describe_origin()}.", *describe_identification(identification), SIGNS, *notes]
+    )
+    return ExportedFile(f"{make_slug(robot.name)}.urdf", "application/xml", encode_text(tree.to_text()), notes)
 
 
-def _notes(links: Links) -> list[str]:
+def _write_notes(links: FeasibleLinks) -> list[str]:
     robot, notes = links.robot, []
     rotors = [
         f"{joint.name} {rotor:.6g}"
@@ -89,30 +91,30 @@ def _notes(links: Links) -> list[str]:
     return notes
 
 
-class _Tree:
+class _EditedUrdf:
     """A URDF that is edited in place; everything else stays as it was written."""
 
     def __init__(self, text: str, locked: Mapping[str, float]) -> None:
         # The text is decoded already: its declaration may name another encoding, and would mislead the parser.
         declared = re.sub(r"^\ufeff?\s*<\?xml[^>]*\?>", "", text)
         self._document = minidom.parseString(declared.strip().encode(errors="replace"))
-        self._root = _root_of(self._document)
-        self._joints = {joint.getAttribute("name"): joint for joint in self._children(self._root, "joint")}
-        self._links = {link.getAttribute("name"): link for link in self._children(self._root, "link")}
+        self._root = _get_root(self._document)
+        self._joints = {joint.getAttribute("name"): joint for joint in self._list_children(self._root, "joint")}
+        self._links = {link.getAttribute("name"): link for link in self._list_children(self._root, "link")}
         self._locked = {name: value for name, value in locked.items() if name in self._joints}
 
-    def child_of(self, joint: str) -> str:
+    def get_child(self, joint: str) -> str:
         """Return the link that a joint moves."""
-        return self._end(self._joints[joint], "child")
+        return self._get_end(self._joints[joint], "child")
 
-    def fixed_to(self, link: str) -> list[str]:
+    def list_fixed_links(self, link: str) -> list[str]:
         """Return the links that move with a link as one body, without the link itself."""
         links: list[str] = []
         for joint in self._joints.values():
             rigid = joint.getAttribute("type") == "fixed" or joint.getAttribute("name") in self._locked
-            if rigid and self._end(joint, "parent") == link:
-                child = self._end(joint, "child")
-                links += [child, *self.fixed_to(child)]
+            if rigid and self._get_end(joint, "parent") == link:
+                child = self._get_end(joint, "child")
+                links += [child, *self.list_fixed_links(child)]
         return links
 
     def set_inertial(self, link: str, inertial: Element | None) -> None:
@@ -125,13 +127,13 @@ class _Tree:
         """Set the friction of a joint, and its rotor's inertia if it has any."""
         element = self._joints[joint]
         self._remove(element, (ROTOR_TAG,))
-        dynamics = self._children(element, "dynamics")
+        dynamics = self._list_children(element, "dynamics")
         attributes = dict(dynamics[0].attributes.items()) if dynamics else {}
         self._remove(element, ("dynamics",))
-        attributes |= {"damping": number_text(damping), "friction": number_text(friction)}
+        attributes |= {"damping": format_numbers(damping), "friction": format_numbers(friction)}
         self._add(element, Element("dynamics", attributes, 0))
         if rotor:
-            self._add(element, Element(ROTOR_TAG, {"inertia": number_text(rotor)}, 0))
+            self._add(element, Element(ROTOR_TAG, {"inertia": format_numbers(rotor)}, 0))
 
     def fix_locked_joints(self) -> None:
         """Make every locked joint a fixed one at the place where it was locked."""
@@ -139,37 +141,37 @@ class _Tree:
             joint = self._joints[name]
             if joint.getAttribute("type") == "fixed":
                 continue
-            placement = self._placement(joint) * self._motion(joint, value)
+            placement = self._read_placement(joint) * self._read_motion(joint, value)
             self._remove(joint, (*_ONLY_WHERE_MOVING, "origin"))
             joint.setAttribute("type", "fixed")
             place = {
-                "xyz": number_text(*placement.translation),
-                "rpy": number_text(*pin.rpy.matrixToRpy(placement.rotation)),
+                "xyz": format_numbers(*placement.translation),
+                "rpy": format_numbers(*pin.rpy.matrixToRpy(placement.rotation)),
             }
             self._add(joint, Element("origin", place, 0))
 
-    def comment(self, lines: Iterable[str]) -> None:
+    def insert_comment(self, lines: Iterable[str]) -> None:
         """Insert lines as a comment at the head of the robot."""
-        text = "\n".join(f"    {in_xml_comment(line)}" for line in lines)
+        text = "\n".join(f"    {escape_xml_comment(line)}" for line in lines)
         first = self._root.firstChild
         self._root.insertBefore(self._document.createTextNode("\n  "), first)
         self._root.insertBefore(self._document.createComment(f"\n{text}\n  "), first)
 
-    def text(self) -> str:
+    def to_text(self) -> str:
         """Return the text of the file."""
         head = "".join(node.toxml() + "\n" for node in self._document.childNodes if node is not self._root)
         return f'<?xml version="1.0"?>\n{head}{self._root.toxml()}\n'
 
     @staticmethod
-    def _children(element: minidom.Element, tag: str) -> list[minidom.Element]:
+    def _list_children(element: minidom.Element, tag: str) -> list[minidom.Element]:
         return [node for node in element.childNodes if node.nodeType == node.ELEMENT_NODE and node.tagName == tag]
 
-    def _end(self, joint: minidom.Element, end: str) -> str:
-        return str(self._children(joint, end)[0].getAttribute("link"))
+    def _get_end(self, joint: minidom.Element, end: str) -> str:
+        return str(self._list_children(joint, end)[0].getAttribute("link"))
 
     def _remove(self, element: minidom.Element, tags: tuple[str, ...]) -> None:
         for tag in tags:
-            for node in self._children(element, tag):
+            for node in self._list_children(element, tag):
                 # Remove the line break and indentation before the element, too.
                 before = node.previousSibling
                 if before is not None and before.nodeType == before.TEXT_NODE and not before.data.strip():
@@ -178,39 +180,39 @@ class _Tree:
 
     def _add(self, element: minidom.Element, new: Element) -> None:
         """Insert an element as the first child of a link or joint."""
-        indented = write(new, indent=True, depth=2).strip()
-        node = self._document.importNode(_root_of(minidom.parseString(indented)), True)
+        indented = write_xml(new, indent=True, depth=2).strip()
+        node = self._document.importNode(_get_root(minidom.parseString(indented)), True)
         if not element.childNodes:
             element.appendChild(self._document.createTextNode("\n  "))
         first = element.firstChild
         element.insertBefore(self._document.createTextNode("\n    "), first)
         element.insertBefore(node, first)
 
-    def _placement(self, joint: minidom.Element) -> pin.SE3:
-        origins = self._children(joint, "origin")
+    def _read_placement(self, joint: minidom.Element) -> pin.SE3:
+        origins = self._list_children(joint, "origin")
         if not origins:
             return pin.SE3.Identity()
-        translation = _numbers(origins[0].getAttribute("xyz") or "0 0 0")
+        translation = _parse_numbers(origins[0].getAttribute("xyz") or "0 0 0")
         if origins[0].hasAttribute("quat_xyzw"):
-            rotation = pin.Quaternion(_numbers(origins[0].getAttribute("quat_xyzw"))).matrix()
+            rotation = pin.Quaternion(_parse_numbers(origins[0].getAttribute("quat_xyzw"))).matrix()
         else:
-            rotation = pin.rpy.rpyToMatrix(_numbers(origins[0].getAttribute("rpy") or "0 0 0"))
+            rotation = pin.rpy.rpyToMatrix(_parse_numbers(origins[0].getAttribute("rpy") or "0 0 0"))
         return pin.SE3(rotation, translation)
 
-    def _motion(self, joint: minidom.Element, value: float) -> pin.SE3:
-        axes = self._children(joint, "axis")
-        axis = _numbers(axes[0].getAttribute("xyz")) if axes else np.array([1.0, 0.0, 0.0])
+    def _read_motion(self, joint: minidom.Element, value: float) -> pin.SE3:
+        axes = self._list_children(joint, "axis")
+        axis = _parse_numbers(axes[0].getAttribute("xyz")) if axes else np.array([1.0, 0.0, 0.0])
         axis = axis / np.linalg.norm(axis)
         if joint.getAttribute("type") == "prismatic":
             return pin.SE3(np.eye(3), value * axis)
         return pin.SE3(pin.exp3(value * axis), np.zeros(3))
 
 
-def _root_of(document: minidom.Document) -> minidom.Element:
+def _get_root(document: minidom.Document) -> minidom.Element:
     root = document.documentElement
     assert root is not None  # an XML document has one
     return root
 
 
-def _numbers(text: str) -> FloatArray:
+def _parse_numbers(text: str) -> FloatArray:
     return np.array([float(word) for word in text.split()])

@@ -14,7 +14,7 @@ _SMALL, _ROUNDING = 0.25, 1e-17
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class AngleTerms:
     """Joint coordinates together with their cosines and sines.
 
     Attributes
@@ -28,12 +28,12 @@ class Turns:
     sines: ca.SX
 
     @classmethod
-    def of(cls, angles: ca.SX) -> Turns:
+    def from_angles(cls, angles: ca.SX) -> AngleTerms:
         """Return angles with sines and cosines that have to be computed."""
         return cls(angles, ca.cos(angles), ca.sin(angles))
 
     @classmethod
-    def of_half(cls, tangents: ca.SX, middle: float) -> Turns:
+    def from_half_tangents(cls, tangents: ca.SX, middle: float) -> AngleTerms:
         """Return the angles whose half distances from `middle` (rad) have these tangents SX (k, 1)."""
         # With t = tan(x / 2), cos x = (1 - t²) / (1 + t²) and sin x = 2 t / (1 + t²): no sine is evaluated.
         squares = tangents * tangents
@@ -47,18 +47,18 @@ class Turns:
         """Angles, cosines and sines."""
         return self.angles, self.cosines, self.sines
 
-    def onward(self, steps: ca.SX, longest: FloatArray) -> Turns:
+    def add_steps(self, steps: ca.SX, longest: FloatArray) -> AngleTerms:
         """Return the coordinates after steps SX (k, 1) of at most `longest` (k,); short series give their sines."""
         cosines, sines = [], []
         for k, reach in enumerate(longest):
-            along, across = _of_small(steps[k], float(reach))
+            along, across = _expand_small_angle(steps[k], float(reach))
             # The addition theorems turn the known sine and cosine onward by the small step.
             cosines.append(self.cosines[k] * along - self.sines[k] * across)
             sines.append(self.sines[k] * along + self.cosines[k] * across)
-        return Turns(self.angles + steps, ca.vertcat(*cosines), ca.vertcat(*sines))
+        return AngleTerms(self.angles + steps, ca.vertcat(*cosines), ca.vertcat(*sines))
 
 
-def _of_small(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
+def _expand_small_angle(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
     """Return cosine and sine of an angle of at most `longest`, by Taylor's series down to rounding."""
     if longest > _SMALL:
         return ca.cos(angle), ca.sin(angle)
@@ -75,7 +75,7 @@ def _of_small(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
     return sums[0], angle * sums[1]
 
 
-def turned(expression: ca.SX, symbols: ca.SX, turns: Turns) -> ca.SX:
+def substitute_angles(expression: ca.SX, symbols: ca.SX, turns: AngleTerms) -> ca.SX:
     """Return the expression with `turns` in place of symbols SX (k, 1), and of their sines and cosines.
 
     CasADi's list of instructions is gone through once. Sines of sums with a symbol are those of its angle.

@@ -22,7 +22,7 @@ _ROOM = 256 * 2**20
 _DIGEST = sha256().digest_size
 
 
-def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
+def load_or_compile(text: str, compiled: Callable[[], bytes]) -> bytes:
     """Return the machine code of a text: the cached one, or what `compiled` makes, which is cached from then on.
 
     Parameters
@@ -45,13 +45,13 @@ def kept(text: str, compiled: Callable[[], bytes]) -> bytes:
         code = compiled()
         with suppress(OSError):
             _write(path, code)
-            _tidied(folder)
+            _remove_old_files(folder)
     return code
 
 
 def code_folder() -> Path | None:
     """Return the folder in which machine code is cached; None if none is."""
-    return _folder(os.environ.get(SETTING))
+    return _find_folder(os.environ.get(SETTING))
 
 
 def _read(path: Path) -> bytes | None:
@@ -80,7 +80,7 @@ def _write(path: Path, code: bytes) -> None:
 
 
 @cache
-def _folder(setting: str | None) -> Path | None:
+def _find_folder(setting: str | None) -> Path | None:
     """Return the cache folder, made if need be; None if it must not be used or others may write to it."""
     if setting == "":
         return None
@@ -100,7 +100,7 @@ def _folder(setting: str | None) -> Path | None:
 
 
 @cache
-def _tidied(folder: Path) -> None:
+def _remove_old_files(folder: Path) -> None:
     """Remove the files that were not used for longest until half of the limit is left; once in a process."""
     files = []
     for path in folder.iterdir():

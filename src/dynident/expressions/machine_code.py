@@ -15,8 +15,8 @@ import numpy as np
 from llvmlite import binding as llvm
 
 from dynident.arrays import FloatArray
-from dynident.expressions.kept_code import kept
-from dynident.expressions.translation import LIBRARY_FUNCTIONS, translated
+from dynident.expressions.kept_code import load_or_compile
+from dynident.expressions.translation import LIBRARY_FUNCTIONS, translate_to_llvm
 
 NUMBER = 8
 """Bytes of a number."""
@@ -40,12 +40,12 @@ class Compiled:
     """
 
     def __init__(self, function: ca.Function, widths: Sequence[int], lanes: int) -> None:
-        text = translated(function, widths, lanes, _at_once(lanes))
+        text = translate_to_llvm(function, widths, lanes, _find_vector_functions(lanes))
         with _BUILD:
-            machine = _machine()
+            machine = _create_machine()
             # The same text is other code by another compiler, or for another processor.
-            head = f"; {_versions()} {machine.triple} {' '.join(_processor())}\n"
-            code = kept(head + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
+            head = f"; {_read_versions()} {machine.triple} {' '.join(_detect_processor())}\n"
+            code = load_or_compile(head + text, lambda: machine.emit_object(llvm.parse_assembly(text)))
             # The engine owns the machine and the code: it has to live as long as the address is used.
             self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -78,7 +78,7 @@ class Compiled:
 
 
 @cache
-def _target() -> llvm.Target:
+def _create_target() -> llvm.Target:
     """Return the target for this computer, with the C library's functions registered."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -90,13 +90,13 @@ def _target() -> llvm.Target:
 
 
 @cache
-def _at_once(lanes: int) -> dict[str, str]:
+def _find_vector_functions(lanes: int) -> dict[str, str]:
     """Return the vector functions of the C library (glibc, AVX2) by the names of those for one number.
 
     They are accurate to 4 ulp, mostly 1. A sine takes as long as 130 products by itself, and as 30 in such a call.
     """
-    _target()
-    if lanes != _LANES_AT_ONCE or "+avx2" not in _processor()[1].split(",") or platform.machine() != "x86_64":
+    _create_target()
+    if lanes != _LANES_AT_ONCE or "+avx2" not in _detect_processor()[1].split(",") or platform.machine() != "x86_64":
         return {}
     try:
         library = ctypes.CDLL("libmvec.so.1")
@@ -113,20 +113,20 @@ def _at_once(lanes: int) -> dict[str, str]:
     return vector_functions
 
 
-def _machine() -> llvm.TargetMachine:
+def _create_machine() -> llvm.TargetMachine:
     """Return the compiler of this computer, without optimisation."""
-    name, features = _processor()
+    name, features = _detect_processor()
     # CasADi has removed common subexpressions; LLVM's own optimisation takes longer than it saves.
-    return _target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
+    return _create_target().create_target_machine(cpu=name, features=features, opt=0, jit=True)
 
 
 @cache
-def _versions() -> str:
+def _read_versions() -> str:
     return f"llvmlite {version('llvmlite')}, LLVM {'.'.join(map(str, llvm.llvm_version_info))}"
 
 
 @cache
-def _processor() -> tuple[str, str]:
+def _detect_processor() -> tuple[str, str]:
     """Return the processor's name and features; two empty texts (the common base) if LLVM does not know it."""
     try:
         return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()

@@ -57,11 +57,11 @@ class Program:
         return ca.Function("rows", [self._symbols], [ca.cse(self._nonzeros)])
 
     @cached_property
-    def _side_by_side(self) -> Compiled:
+    def _vector_code(self) -> Compiled:
         return Compiled(self._function, self.widths, _LANES)
 
     @cached_property
-    def _one_by_one(self) -> Compiled:
+    def _scalar_code(self) -> Compiled:
         return Compiled(self._function, self.widths, 1)
 
     def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
@@ -100,21 +100,21 @@ class Program:
             return out
         # Some entries are written before all inputs are read, and the last samples may be computed twice: a result that
         # shares memory with an input, or whose rows are not contiguous, is evaluated elsewhere and copied.
-        if not _rows(out) or any(np.may_share_memory(out, item) for item in inputs):
+        if not _has_contiguous_rows(out) or any(np.may_share_memory(out, item) for item in inputs):
             out[:] = self(*inputs)
             return out
         # Code for several lanes cannot evaluate fewer samples than it has lanes.
-        compiled = self._side_by_side if m >= _LANES else self._one_by_one
-        compiled.run(m, out, [_readable(item) for item in inputs])
+        compiled = self._vector_code if m >= _LANES else self._scalar_code
+        compiled.run(m, out, [_to_contiguous_rows(item) for item in inputs])
         return out
 
 
-def _rows(array: FloatArray) -> bool:
+def _has_contiguous_rows(array: FloatArray) -> bool:
     """Return whether each row is contiguous and rows are a whole number of float64 apart."""
     whole = array.strides[0] % NUMBER == 0
     return bool(array.flags.aligned and whole and (array.shape[-1] <= 1 or array.strides[-1] == NUMBER))
 
 
-def _readable(item: FloatArray) -> FloatArray:
+def _to_contiguous_rows(item: FloatArray) -> FloatArray:
     array = np.asarray(item, dtype=np.float64)
-    return array if _rows(array) else np.ascontiguousarray(array)
+    return array if _has_contiguous_rows(array) else np.ascontiguousarray(array)

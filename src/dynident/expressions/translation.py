@@ -52,7 +52,7 @@ class UnsupportedOperationError(DynidentError):
     """An expression, such as a column of somebody's own effect, uses an operation that has no translation here."""
 
 
-def _unsupported(operation: int) -> UnsupportedOperationError:
+def _unsupported_operation_error(operation: int) -> UnsupportedOperationError:
     codes = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
     supported = {*_ARITHMETIC, *_COMPARISONS, *_INTRINSICS, *_CALLS, *_SPECIAL}
     words = ", ".join(sorted(codes[code].removeprefix("OP_").lower() for code in supported))
@@ -64,7 +64,7 @@ def _unsupported(operation: int) -> UnsupportedOperationError:
     )
 
 
-def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> str:
+def translate_to_llvm(function: ca.Function, widths: Sequence[int], lanes: int, at_once: Mapping[str, str]) -> str:
     """Translate a function to LLVM assembly of `run(n, out, out_stride, results, in_0, stride_0, in_1, stride_1, …)`.
 
     It evaluates `function` (one input vector, one output vector) at n samples, `lanes` of them at once; n is at least
@@ -94,7 +94,7 @@ def translated(function: ca.Function, widths: Sequence[int], lanes: int, at_once
     return _Translation(function, widths, lanes, at_once).text
 
 
-def _common_divisors(function: ca.Function) -> frozenset[int]:
+def _find_common_divisors(function: ca.Function) -> frozenset[int]:
     """Return the numbers of the divisions whose divisor divides another number as well."""
     made_by: dict[int, int] = {}
     divisions: dict[int, list[int]] = {}
@@ -117,21 +117,21 @@ class _Translation:
         self._declared: dict[str, str] = {}
         self._count = 0
         self._inputs = [(k, j) for k, width in enumerate(widths) for j in range(width)]
-        self._walk(function)
+        self._translate_instructions(function)
         input_arguments = [f"ptr readonly %in{k}, i64 %stride{k}" for k in range(len(widths))]
         arguments = ", ".join(["i64 %n", "ptr %out", "i64 %out_stride", "ptr %results", *input_arguments])
         self.text = "\n".join(
             [
                 *self._declared.values(),
                 f"define void @run({arguments}) {{",
-                *self._begin(len(widths)),
+                *self._emit_loop_head(len(widths)),
                 *self._lines,
-                *self._end(int(function.numel_out(0))),
+                *self._emit_loop_end(int(function.numel_out(0))),
                 "}",
             ]
         )
 
-    def _begin(self, n_inputs: int) -> list[str]:
+    def _emit_loop_head(self, n_inputs: int) -> list[str]:
         """Return the head of the loop over the samples: where every lane finds its sample."""
         lines = [
             "entry:",
@@ -151,7 +151,7 @@ class _Translation:
                 lines.append(f"  %{name}.{lane} = getelementptr double, ptr %{name}, i64 %{name}.o{lane}")
         return lines
 
-    def _end(self, n_outputs: int) -> list[str]:
+    def _emit_loop_end(self, n_outputs: int) -> list[str]:
         """Return the end of the loop: results go to the rows of their samples, then follow the next samples."""
         lines = [
             "  br label %hand_out",
@@ -179,7 +179,7 @@ class _Translation:
             "  ret void",
         ]
 
-    def _walk(self, function: ca.Function) -> None:
+    def _translate_instructions(self, function: ca.Function) -> None:
         """Translate CasADi's register machine into single assignments.
 
         What several numbers are divided by is inverted once: a quotient takes as long as eight products.
@@ -188,161 +188,165 @@ class _Translation:
         # LLVM wants it, whereas CasADi overwrites its registers.
         holds: dict[int, str] = {}
         inverted: dict[str, str] = {}
-        common = _common_divisors(function)
+        common = _find_common_divisors(function)
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
             target, source = function.instruction_output(k), function.instruction_input(k)
             if operation == ca.OP_INPUT:
-                holds[target[0]] = self._load(source[1])
+                holds[target[0]] = self._emit_load(source[1])
             elif operation == ca.OP_CONST:
-                holds[target[0]] = self._constant(float(function.instruction_constant(k)))
+                holds[target[0]] = self._format_constant(float(function.instruction_constant(k)))
             elif operation == ca.OP_OUTPUT:
-                self._store(holds[source[0]], target[1])
+                self._emit_store(holds[source[0]], target[1])
             elif k in common:
                 divisor = holds[source[1]]
                 if divisor not in inverted:
-                    inverted[divisor] = self._inverse(divisor)
-                holds[target[0]] = self._operation(ca.OP_MUL, [holds[source[0]], inverted[divisor]])
+                    inverted[divisor] = self._emit_inverse(divisor)
+                holds[target[0]] = self._emit_operation(ca.OP_MUL, [holds[source[0]], inverted[divisor]])
             else:
-                holds[target[0]] = self._operation(operation, [holds[register] for register in source])
+                holds[target[0]] = self._emit_operation(operation, [holds[register] for register in source])
 
-    def _new(self, expression: str) -> str:
+    def _emit_value(self, expression: str) -> str:
         name = f"%v{self._count}"
         self._count += 1
         self._lines.append(f"  {name} = {expression}")
         return name
 
-    def _constant(self, value: float) -> str:
+    def _format_constant(self, value: float) -> str:
         # Hexadecimal bits, since LLVM refuses decimals that are not exact.
         bits = "0x" + struct.pack(">d", value).hex().upper()
         return "<" + ", ".join([f"double {bits}"] * self._lanes) + ">"
 
-    def _load(self, entry: int) -> str:
+    def _emit_load(self, entry: int) -> str:
         name, j = self._inputs[entry]
         lanes = []
         for lane in range(self._lanes):
-            place = self._new(f"getelementptr double, ptr %in{name}.{lane}, i64 {j}")
-            lanes.append(self._new(f"load double, ptr {place}, align 8"))
-        return self._joined(lanes)
+            place = self._emit_value(f"getelementptr double, ptr %in{name}.{lane}, i64 {j}")
+            lanes.append(self._emit_value(f"load double, ptr {place}, align 8"))
+        return self._join_lanes(lanes)
 
-    def _store(self, value: str, entry: int) -> None:
-        place = self._new(f"getelementptr {self._type}, ptr %results, i64 {entry}")
+    def _emit_store(self, value: str, entry: int) -> None:
+        place = self._emit_value(f"getelementptr {self._type}, ptr %results, i64 {entry}")
         self._lines.append(f"  store {self._type} {value}, ptr {place}, align 8")
 
-    def _lane(self, value: str, lane: int) -> str:
-        return self._new(f"extractelement {self._type} {value}, i32 {lane}")
+    def _extract_lane(self, value: str, lane: int) -> str:
+        return self._emit_value(f"extractelement {self._type} {value}, i32 {lane}")
 
-    def _joined(self, lanes: Sequence[str]) -> str:
+    def _join_lanes(self, lanes: Sequence[str]) -> str:
         value = "undef"
         for lane, number in enumerate(lanes):
-            value = self._new(f"insertelement {self._type} {value}, double {number}, i32 {lane}")
+            value = self._emit_value(f"insertelement {self._type} {value}, double {number}, i32 {lane}")
         return value
 
-    def _operation(self, operation: int, values: list[str]) -> str:
+    def _emit_operation(self, operation: int, values: list[str]) -> str:
         if operation in _ARITHMETIC:
-            return self._new(f"{_ARITHMETIC[operation]} {self._type} {values[0]}, {values[1]}")
+            return self._emit_value(f"{_ARITHMETIC[operation]} {self._type} {values[0]}, {values[1]}")
         if operation in _COMPARISONS:
-            return self._number(self._compared(_COMPARISONS[operation], *values))
+            return self._convert_truth_to_number(self._emit_comparison(_COMPARISONS[operation], *values))
         if operation in _INTRINSICS:
-            return self._intrinsic(_INTRINSICS[operation], values)
+            return self._emit_intrinsic(_INTRINSICS[operation], values)
         if operation in _CALLS:
-            return self._called(_CALLS[operation], values)
+            return self._emit_library_call(_CALLS[operation], values)
         special = _SPECIAL.get(operation)
         if special is None:
-            raise _unsupported(operation)
+            raise _unsupported_operation_error(operation)
         return special(self, *values)
 
-    def _compared(self, how: str, first: str, second: str) -> str:
-        return self._new(f"fcmp {how} {self._type} {first}, {second}")
+    def _emit_comparison(self, how: str, first: str, second: str) -> str:
+        return self._emit_value(f"fcmp {how} {self._type} {first}, {second}")
 
-    def _number(self, truth: str) -> str:
-        return self._new(f"uitofp <{self._lanes} x i1> {truth} to {self._type}")
+    def _convert_truth_to_number(self, truth: str) -> str:
+        return self._emit_value(f"uitofp <{self._lanes} x i1> {truth} to {self._type}")
 
-    def _chosen(self, truth: str, if_true: str, if_false: str) -> str:
+    def _emit_select(self, truth: str, if_true: str, if_false: str) -> str:
         flags = f"<{self._lanes} x i1> {truth}"
-        return self._new(f"select {flags}, {self._type} {if_true}, {self._type} {if_false}")
+        return self._emit_value(f"select {flags}, {self._type} {if_true}, {self._type} {if_false}")
 
-    def _intrinsic(self, name: str, values: Sequence[str]) -> str:
-        return self._of_all_lanes(f"llvm.{name}.v{self._lanes}f64", values)
+    def _emit_intrinsic(self, name: str, values: Sequence[str]) -> str:
+        return self._call_for_all_lanes(f"llvm.{name}.v{self._lanes}f64", values)
 
-    def _of_all_lanes(self, name: str, values: Sequence[str]) -> str:
+    def _call_for_all_lanes(self, name: str, values: Sequence[str]) -> str:
         self._declared[name] = f"declare {self._type} @{name}({', '.join([self._type] * len(values))})"
-        return self._new(f"call {self._type} @{name}({', '.join(f'{self._type} {value}' for value in values)})")
+        return self._emit_value(f"call {self._type} @{name}({', '.join(f'{self._type} {value}' for value in values)})")
 
-    def _called(self, name: str, values: Sequence[str]) -> str:
+    def _emit_library_call(self, name: str, values: Sequence[str]) -> str:
         if name in self._at_once:
-            return self._of_all_lanes(self._at_once[name], values)
+            return self._call_for_all_lanes(self._at_once[name], values)
         self._declared[name] = f"declare double @{name}({', '.join(['double'] * len(values))})"
         lanes = []
         for lane in range(self._lanes):
-            numbers = ", ".join(f"double {self._lane(value, lane)}" for value in values)
-            lanes.append(self._new(f"call double @{name}({numbers})"))
-        return self._joined(lanes)
+            numbers = ", ".join(f"double {self._extract_lane(value, lane)}" for value in values)
+            lanes.append(self._emit_value(f"call double @{name}({numbers})"))
+        return self._join_lanes(lanes)
 
     # Operations that take more than one instruction, or one with a constant.
 
-    def _assigned(self, x: str) -> str:
+    def _emit_assignment(self, x: str) -> str:
         return x
 
-    def _negative(self, x: str) -> str:
-        return self._new(f"fneg {self._type} {x}")
+    def _emit_negative(self, x: str) -> str:
+        return self._emit_value(f"fneg {self._type} {x}")
 
-    def _square(self, x: str) -> str:
-        return self._new(f"fmul {self._type} {x}, {x}")
+    def _emit_square(self, x: str) -> str:
+        return self._emit_value(f"fmul {self._type} {x}, {x}")
 
-    def _twice(self, x: str) -> str:
-        return self._new(f"fadd {self._type} {x}, {x}")
+    def _emit_twice(self, x: str) -> str:
+        return self._emit_value(f"fadd {self._type} {x}, {x}")
 
-    def _inverse(self, x: str) -> str:
-        return self._new(f"fdiv {self._type} {self._constant(1.0)}, {x}")
+    def _emit_inverse(self, x: str) -> str:
+        return self._emit_value(f"fdiv {self._type} {self._format_constant(1.0)}, {x}")
 
-    def _not(self, x: str) -> str:
-        return self._number(self._compared("oeq", x, self._constant(0.0)))
+    def _emit_not(self, x: str) -> str:
+        return self._convert_truth_to_number(self._emit_comparison("oeq", x, self._format_constant(0.0)))
 
-    def _sign(self, x: str) -> str:
+    def _emit_sign(self, x: str) -> str:
         """Return -1, 0 or 1; NaN stays NaN."""
-        zero = self._constant(0.0)
-        below = self._chosen(self._compared("olt", x, zero), self._constant(-1.0), x)
-        return self._chosen(self._compared("ogt", x, zero), self._constant(1.0), below)
+        zero = self._format_constant(0.0)
+        below = self._emit_select(self._emit_comparison("olt", x, zero), self._format_constant(-1.0), x)
+        return self._emit_select(self._emit_comparison("ogt", x, zero), self._format_constant(1.0), below)
 
-    def _if_else_zero(self, condition: str, x: str) -> str:
-        return self._chosen(self._compared("une", condition, self._constant(0.0)), x, self._constant(0.0))
+    def _emit_if_else_zero(self, condition: str, x: str) -> str:
+        return self._emit_select(
+            self._emit_comparison("une", condition, self._format_constant(0.0)), x, self._format_constant(0.0)
+        )
 
-    def _least(self, x: str, y: str) -> str:
-        return self._extreme("olt", x, y)
+    def _emit_minimum(self, x: str, y: str) -> str:
+        return self._emit_extreme("olt", x, y)
 
-    def _greatest(self, x: str, y: str) -> str:
-        return self._extreme("ogt", x, y)
+    def _emit_maximum(self, x: str, y: str) -> str:
+        return self._emit_extreme("ogt", x, y)
 
-    def _extreme(self, how: str, x: str, y: str) -> str:
+    def _emit_extreme(self, how: str, x: str, y: str) -> str:
         """Return the smaller or larger value; NaN if either of the two is."""
         # "uno" is true where one of the two is NaN; their sum is NaN then.
-        either = self._chosen(self._compared(how, x, y), x, y)
-        return self._chosen(self._compared("uno", x, y), self._new(f"fadd {self._type} {x}, {y}"), either)
+        either = self._emit_select(self._emit_comparison(how, x, y), x, y)
+        return self._emit_select(
+            self._emit_comparison("uno", x, y), self._emit_value(f"fadd {self._type} {x}, {y}"), either
+        )
 
-    def _and(self, x: str, y: str) -> str:
-        return self._both("and", x, y)
+    def _emit_and(self, x: str, y: str) -> str:
+        return self._emit_logical("and", x, y)
 
-    def _or(self, x: str, y: str) -> str:
-        return self._both("or", x, y)
+    def _emit_or(self, x: str, y: str) -> str:
+        return self._emit_logical("or", x, y)
 
-    def _both(self, how: str, x: str, y: str) -> str:
-        zero = self._constant(0.0)
-        first, second = self._compared("une", x, zero), self._compared("une", y, zero)
-        return self._number(self._new(f"{how} <{self._lanes} x i1> {first}, {second}"))
+    def _emit_logical(self, how: str, x: str, y: str) -> str:
+        zero = self._format_constant(0.0)
+        first, second = self._emit_comparison("une", x, zero), self._emit_comparison("une", y, zero)
+        return self._convert_truth_to_number(self._emit_value(f"{how} <{self._lanes} x i1> {first}, {second}"))
 
 
 _SPECIAL: dict[int, Callable[..., str]] = {
-    ca.OP_ASSIGN: _Translation._assigned,
-    ca.OP_NEG: _Translation._negative,
-    ca.OP_SQ: _Translation._square,
-    ca.OP_TWICE: _Translation._twice,
-    ca.OP_INV: _Translation._inverse,
-    ca.OP_NOT: _Translation._not,
-    ca.OP_SIGN: _Translation._sign,
-    ca.OP_IF_ELSE_ZERO: _Translation._if_else_zero,
-    ca.OP_FMIN: _Translation._least,
-    ca.OP_FMAX: _Translation._greatest,
-    ca.OP_AND: _Translation._and,
-    ca.OP_OR: _Translation._or,
+    ca.OP_ASSIGN: _Translation._emit_assignment,
+    ca.OP_NEG: _Translation._emit_negative,
+    ca.OP_SQ: _Translation._emit_square,
+    ca.OP_TWICE: _Translation._emit_twice,
+    ca.OP_INV: _Translation._emit_inverse,
+    ca.OP_NOT: _Translation._emit_not,
+    ca.OP_SIGN: _Translation._emit_sign,
+    ca.OP_IF_ELSE_ZERO: _Translation._emit_if_else_zero,
+    ca.OP_FMIN: _Translation._emit_minimum,
+    ca.OP_FMAX: _Translation._emit_maximum,
+    ca.OP_AND: _Translation._emit_and,
+    ca.OP_OR: _Translation._emit_or,
 }

@@ -8,7 +8,7 @@ from dynident.identification.methods.bases import Prior
 
 
 @dataclass(frozen=True)
-class RowsAsked:
+class RowOptions:
     """Options of the rows that are made of recordings: the name of their model, and what its equations need.
 
     `pole` is a of [12.29] in rad/s, for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model;
@@ -24,7 +24,7 @@ class RowsAsked:
 
 
 @dataclass(frozen=True)
-class Trust:
+class DescriptionTrust:
     """Trust in the inertias of the robot's description.
 
     `prior` is its kind, None where the data alone count; `free_links`, by their joints, are those that it does not hold

@@ -6,21 +6,21 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
-from dynident.asking import Choice, OneOf, check_ranges, said
+from dynident.asking import Choice, OneOf, check_ranges, declare_field
 from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification.asked import RowsAsked, Trust
+from dynident.identification.asked import DescriptionTrust, RowOptions
 from dynident.identification.methods.bases import (
     ESTIMATORS,
     MODELS,
     PRIORS,
     STRATEGIES,
+    EquationType,
     Estimator,
     Prior,
-    RowsModel,
     Strategy,
 )
-from dynident.kinds import name_of
+from dynident.kinds import get_kind_name
 
 if TYPE_CHECKING:
     from dynident.estimation import CovarianceName
@@ -54,7 +54,7 @@ USUAL_SHARE = 0.2
 _UNFIT = "Choices that do not fit"
 
 
-def _tolerance() -> float:
+def _get_default_tolerance() -> float:
     # Imported late: the declaration of the choices must not load the numerics.
     from dynident.regressors.base_parameters import DEFAULT_TOLERANCE
 
@@ -75,63 +75,63 @@ class IdentificationChoices:
     correlated (`estimation.statistics`). `weigh_turns`: see `estimation.turned`.
     """
 
-    effects: tuple[EffectChoice, ...] = said("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
-    model: ModelName = said("Rows of W", default="dynamic", kinds=MODELS)
-    strategy: StrategyName = said("Parameters at a time", default="global", kinds=STRATEGIES)
-    estimator: EstimatorName | Estimator = said("How χ is solved for", default="auto", kinds=ESTIMATORS)
-    steps: StepsName = said("Of the sequential strategy", default="link_by_link", kinds=STEPS)
-    prior: PriorName | None = said(
+    effects: tuple[EffectChoice, ...] = declare_field("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
+    model: ModelName = declare_field("Rows of W", default="dynamic", kinds=MODELS)
+    strategy: StrategyName = declare_field("Parameters at a time", default="global", kinds=STRATEGIES)
+    estimator: EstimatorName | Estimator = declare_field("How χ is solved for", default="auto", kinds=ESTIMATORS)
+    steps: StepsName = declare_field("Of the sequential strategy", default="link_by_link", kinds=STEPS)
+    prior: PriorName | None = declare_field(
         "Inertias that the robot's description gives, weighted by their uncertainty", default=None, kinds=PRIORS
     )
-    free_links: tuple[str, ...] = said(
+    free_links: tuple[str, ...] = declare_field(
         "Joints whose links the prior is not believed of, such as a loaded one", default=(), most=100
     )
-    prior_error: float = said(
+    prior_error: float = declare_field(
         "Share by which the description's inertias are usually off", default=USUAL_SHARE, at_least=1e-6, at_most=10
     )
-    pole: float | None = said(
+    pole: float | None = declare_field(
         "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out",
         default=None,
         unit="rad/s",
         at_least=1e-3,
         at_most=1e6,
     )
-    interval: float | None = said(
+    interval: float | None = declare_field(
         "Time that an equation of the energy model spans; from the data if left out",
         default=None,
         unit="s",
         at_least=1e-6,
         at_most=86_400,
     )
-    preprocessing: Preprocessing | None = said("Filters; from the data if left out", default=None, option="-")
-    tolerance: float = said(
-        "Which columns count as dependent", made_by=_tolerance, option="-", at_least=1e-15, at_most=0.1
+    preprocessing: Preprocessing | None = declare_field("Filters; from the data if left out", default=None, option="-")
+    tolerance: float = declare_field(
+        "Which columns count as dependent", made_by=_get_default_tolerance, option="-", at_least=1e-15, at_most=0.1
     )
-    covariance: CovarianceName = said(
+    covariance: CovarianceName = declare_field(
         "What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, "
         "or nothing",
         default="by_time_and_joints",
         kinds=COVARIANCES,
     )
 
-    weigh_turns: bool = said(
+    weigh_turns: bool = declare_field(
         "Of joints' torques by wls or feasible: rows where a joint turns round count by a noise of their own",
         default=True,
     )
 
     def __post_init__(self) -> None:
-        _known("model", self.model, AVAILABLE_MODELS)
-        _known("strategy", self.strategy, AVAILABLE_STRATEGIES)
-        _known("estimator", name_of(self.estimator), AVAILABLE_ESTIMATORS)
-        _known("covariance", self.covariance, AVAILABLE_COVARIANCES)
-        _known("steps", self.steps, STEPS.names)
+        _check_name("model", self.model, AVAILABLE_MODELS)
+        _check_name("strategy", self.strategy, AVAILABLE_STRATEGIES)
+        _check_name("estimator", get_kind_name(self.estimator), AVAILABLE_ESTIMATORS)
+        _check_name("covariance", self.covariance, AVAILABLE_COVARIANCES)
+        _check_name("steps", self.steps, STEPS.names)
         # Names first, then the ranges that each field declares, then what depends on several fields.
         check_ranges(self)
         if not isinstance(self.estimator, str):
             # An estimator without options of its own is kept by its name alone, so that equal choices compare equal.
-            object.__setattr__(self, "estimator", self.estimator.asked)
+            object.__setattr__(self, "estimator", self.estimator.request_value)
         if self.prior is not None:
-            _known("prior", self.prior, AVAILABLE_PRIORS)
+            _check_name("prior", self.prior, AVAILABLE_PRIORS)
             self._check_prior()
         elif self.free_links:
             raise DynidentError(
@@ -155,35 +155,35 @@ class IdentificationChoices:
     @property
     def solver(self) -> Estimator:
         """The estimator, with its options."""
-        return ESTIMATORS.one(self.estimator)
+        return ESTIMATORS.get(self.estimator)
 
     @property
     def plan(self) -> Strategy:
         """The strategy."""
-        return STRATEGIES.one(self.strategy)
+        return STRATEGIES.get(self.strategy)
 
     @property
-    def rows(self) -> RowsModel:
+    def rows(self) -> EquationType:
         """The equation type that makes rows of W."""
-        return MODELS.one(self.model)
+        return MODELS.get(self.model)
 
     @property
     def belief(self) -> Prior | None:
         """The prior."""
-        return None if self.prior is None else PRIORS.one(self.prior)
+        return None if self.prior is None else PRIORS.get(self.prior)
 
     @property
-    def rows_asked(self) -> RowsAsked:
+    def row_options(self) -> RowOptions:
         """Options of the rows that are made of recordings."""
-        return RowsAsked(self.model, self.pole, self.interval, self.tolerance, self.solver.weighted)
+        return RowOptions(self.model, self.pole, self.interval, self.tolerance, self.solver.weighted)
 
     @property
-    def trust(self) -> Trust:
+    def trust(self) -> DescriptionTrust:
         """Trust in the inertias of the description."""
-        return Trust(self.belief, self.free_links, self.prior_error)
+        return DescriptionTrust(self.belief, self.free_links, self.prior_error)
 
     @property
-    def least_squares_of_torque(self) -> bool:
+    def is_least_squares_of_torque(self) -> bool:
         """Whether the parameters are least squares of the joints' torques.
 
         Only then their covariance can be linearised together with that of the shape constants.
@@ -198,15 +198,15 @@ class IdentificationChoices:
     def _check_prior(self) -> None:
         # The divergence is a barrier: only an estimator that keeps bodies possible can minimise it.
         if self.trust.of_bodies and not self.solver.possible_bodies:
-            able = " or ".join(ESTIMATORS.having("possible_bodies"))
+            able = " or ".join(ESTIMATORS.names_with("possible_bodies"))
             raise DynidentError(
                 f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "
-                f"{able}, not {name_of(self.estimator)}; choose that, or the prior description",
+                f"{able}, not {get_kind_name(self.estimator)}; choose that, or the prior description",
                 pointer="/prior",
                 title=_UNFIT,
             )
 
 
-def _known(field: str, value: str, available: tuple[str, ...]) -> None:
+def _check_name(field: str, value: str, available: tuple[str, ...]) -> None:
     if value not in available:
         raise DynidentError(f"{value!r} is no {field}; choose from: {', '.join(available)}", pointer=f"/{field}")

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimation import CovarianceName, Information, turning_weights
-from dynident.identification.asked import Trust
+from dynident.estimation import CovarianceName, PriorInformation, estimate_reversal_weights
+from dynident.identification.asked import DescriptionTrust
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
-from dynident.identification.prior.prior import prior_of
+from dynident.identification.prior.prior import build_prior
 from dynident.regressors.model import Model
 
 
@@ -25,12 +25,12 @@ class Problem:
 
     model: Model
     data: Data
-    known: Information | None
+    known: PriorInformation | None
     covariance: CovarianceName
-    trust: Trust
+    trust: DescriptionTrust
 
     @classmethod
-    def of(cls, model: Model, choices: IdentificationChoices, data: Data) -> Problem:
+    def from_choices(cls, model: Model, choices: IdentificationChoices, data: Data) -> Problem:
         """Return the problem of all parameters and all data, with the chosen prior and weights.
 
         Raises
@@ -39,6 +39,10 @@ class Problem:
             Where the description has nothing that the prior could believe.
         """
         trust = choices.trust
-        known = prior_of(model, trust)
-        weights = turning_weights(data.torque, known) if choices.weighs_turns else np.ones(len(data.torque.equations))
+        known = build_prior(model, trust)
+        weights = (
+            estimate_reversal_weights(data.torque, known)
+            if choices.weighs_turns
+            else np.ones(len(data.torque.equations))
+        )
         return cls(model, data.weighing_turns(weights), known, choices.covariance, trust)

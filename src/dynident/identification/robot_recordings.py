@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynident.identification.mistakes import checks_against
-from dynident.progress import Progress, silent
+from dynident.identification.mistakes import build_dynamics_checks
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
     Check,
     JointLimits,
@@ -20,7 +20,7 @@ from dynident.recordings import (
 from dynident.robot import Robot, coupling_matrix
 
 
-def recorded_joints(robot: Robot) -> RecordedJoints:
+def build_recorded_joints(robot: Robot) -> RecordedJoints:
     """Return what the columns of a robot's recordings stand for: its joints with their limits, gains and coupling.
 
     Parameters
@@ -36,7 +36,7 @@ def recorded_joints(robot: Robot) -> RecordedJoints:
 
 
 def import_for_robot(
-    robot: Robot, source: Path, destination: Path, metadata: RecordingMetadata, progress: Progress = silent
+    robot: Robot, source: Path, destination: Path, metadata: RecordingMetadata, progress: Progress = ignore_progress
 ) -> tuple[Recording, tuple[Check, ...]]:
     """Check a file and store it as a canonical Parquet file.
 
@@ -59,9 +59,9 @@ def import_for_robot(
     return import_recording(
         source,
         destination,
-        recorded_joints(robot),
+        build_recorded_joints(robot),
         metadata=metadata,
-        against=checks_against(robot),
+        against=build_dynamics_checks(robot),
         progress=progress,
     )
 
@@ -71,7 +71,7 @@ MOST_CURES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Cured:
+class CuredRecording:
     """A recording, its checks, and the corrections of its metadata that made it usable."""
 
     recording: Recording
@@ -85,10 +85,10 @@ def import_cured(
     source: Path,
     destination: Path,
     metadata: RecordingMetadata,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     *,
     most: int = MOST_CURES,
-) -> Cured:
+) -> CuredRecording:
     """Import a file; where it is refused with a cure, read it again with that cure.
 
     A warning stays one: nothing is changed that could be used as it is.
@@ -124,7 +124,7 @@ def import_cured(
             if cure is None or len(done) == most:
                 raise
             done.append(cure)
-            metadata = cure.of(metadata)
+            metadata = cure.apply_to(metadata)
             continue
         notes = [Check("cure", "warning", f"Read as if it had been said: {revision}.") for revision in done]
-        return Cured(recording, (*checks, *notes), tuple(done), metadata)
+        return CuredRecording(recording, (*checks, *notes), tuple(done), metadata)

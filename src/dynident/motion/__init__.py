@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.motion.limits.bounds import ImpossibleLimitsError
@@ -22,4 +22,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What a request says of surroundings is declared in this room, too: who reads that does not wait for the rest.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

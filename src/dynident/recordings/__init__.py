@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.recordings.choosing import choose_preprocessing, motion_band, preprocessing_from_request
-    from dynident.recordings.filtering import edge_margin, filtered_blocks
+    from dynident.recordings.choosing import choose_preprocessing, find_motion_band, preprocessing_from_request
+    from dynident.recordings.filtering import compute_edge_margin, filtered_blocks
     from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
     from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.phases import PhaseShares, phase_shares
@@ -41,11 +41,11 @@ __all__ = [
     "SampleBlock",
     "Segment",
     "choose_preprocessing",
-    "edge_margin",
+    "compute_edge_margin",
     "filtered_blocks",
+    "find_motion_band",
     "import_recording",
     "low_pass",
-    "motion_band",
     "open_recording",
     "phase_shares",
     "preprocessing_from_request",
@@ -54,4 +54,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -20,13 +20,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.encoding import encodable
+from dynident.encoding import escape_surrogates
 
 READ_BYTES = 1 << 16
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
-def csv_of(table: pa.Table, *, header: bool = True) -> bytes:
+def to_csv(table: pa.Table, *, header: bool = True) -> bytes:
     """Write a table as CSV (RFC 4180).
 
     Parameters
@@ -41,14 +41,14 @@ def csv_of(table: pa.Table, *, header: bool = True) -> bytes:
         Names and texts are quoted where they have to be.
     """
     try:
-        rows = _csv_rows(table, "none")
+        rows = _to_csv_rows(table, "none")
     except pa.ArrowInvalid:
         # A text has a comma, a quote or a line break in it: then all texts are quoted.
-        rows = _csv_rows(table, "needed")
-    return header_row(table.column_names) + rows if header else rows
+        rows = _to_csv_rows(table, "needed")
+    return to_header_row(table.column_names) + rows if header else rows
 
 
-def header_row(names: Sequence[str]) -> bytes:
+def to_header_row(names: Sequence[str]) -> bytes:
     """Return names as the first row of a CSV file."""
     row = io.StringIO(newline="")
     # A name with either of these characters is quoted; the rows of numbers end as Arrow and numpy end them.
@@ -56,19 +56,19 @@ def header_row(names: Sequence[str]) -> bytes:
     return row.getvalue().removesuffix("\r\n").encode() + b"\n"
 
 
-def _csv_rows(table: pa.Table, quoting: Literal["none", "needed"]) -> bytes:
+def _to_csv_rows(table: pa.Table, quoting: Literal["none", "needed"]) -> bytes:
     sink = pa.BufferOutputStream()
     pacsv.write_csv(table, sink, pacsv.WriteOptions(include_header=False, quoting_style=quoting))
     return bytes(sink.getvalue())
 
 
-def named_columns(columns: Mapping[str, NDArray[np.generic]]) -> pa.Table:
+def table_from_arrays(columns: Mapping[str, NDArray[np.generic]]) -> pa.Table:
     """Return a table of arrays (m,); their names may hold anything, also what is no UTF-8."""
     arrays = [pa.array(values) if values.dtype.kind == "U" else from_numbers(values) for values in columns.values()]
-    return pa.table(arrays, names=[encodable(name) for name in columns])
+    return pa.table(arrays, names=[escape_surrogates(name) for name in columns])
 
 
-def streamed_parquet(path: Path) -> pq.ParquetFile:
+def open_parquet_stream(path: Path) -> pq.ParquetFile:
     """Open a Parquet file for reading in batches, in memory that does not grow with the file.
 
     Arrow's defaults keep every byte read until the file is closed, and read a column's whole row group at once.
@@ -100,12 +100,12 @@ def from_numbers(values: NDArray[np.generic]) -> pa.Array:
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(values)])
 
 
-def batch_of(values: Mapping[str, NDArray[np.generic]], columns: list[str]) -> pa.RecordBatch:
+def batch_from_arrays(values: Mapping[str, NDArray[np.generic]], columns: list[str]) -> pa.RecordBatch:
     """Return some columns of arrays (m,) of numbers, by the columns' names, as a batch."""
     return pa.RecordBatch.from_arrays([from_numbers(values[name]) for name in columns], names=columns)
 
 
-def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
+def table_column_to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
     """Return a table's column as a read-only array of its own kind of number; `ValueError` if values are missing."""
     if column.null_count:
         raise ValueError(f"{column.null_count} values are missing")
@@ -120,12 +120,12 @@ def to_numbers(column: pa.ChunkedArray) -> NDArray[np.generic]:
     return np.concatenate(parts) if parts else np.empty(0, dtype=kind)
 
 
-def as_floats(column: pa.ChunkedArray) -> FloatArray:
+def table_column_to_floats(column: pa.ChunkedArray) -> FloatArray:
     """Return a table's column as float64, read-only if it is that already; `ValueError` if values are missing."""
-    return np.asarray(to_numbers(column), dtype=np.float64)
+    return np.asarray(table_column_to_numbers(column), dtype=np.float64)
 
 
-def numbers_of_text(column: pa.Array, decimal_point: str = ".") -> pa.Array:
+def parse_numbers(column: pa.Array, decimal_point: str = ".") -> pa.Array:
     """Return a column of text as float64; what is no number is missing."""
     text = pc.utf8_trim_whitespace(column)
     if decimal_point != ".":

@@ -15,7 +15,7 @@ from dynident.recordings.formats import open_source
 from dynident.recordings.raw import FileSource
 from dynident.recordings.stated import RecordingMetadata
 from dynident.recordings.types import RecordedJoints, RecordingError
-from dynident.recordings.units import STORED_KINDS, our_unit
+from dynident.recordings.units import STORED_KINDS, find_our_unit
 
 
 class Rows(NamedTuple):
@@ -26,7 +26,7 @@ class Rows(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FileOfRobot:
+class RobotFile:
     """A user's file with its metadata and the joints that its columns are of."""
 
     path: Path
@@ -34,7 +34,7 @@ class FileOfRobot:
     joints: RecordedJoints
 
 
-class AsRecorded:
+class RecordedSignals:
     """Some signals of a file, in SI units if it is known what they are.
 
     Parameters
@@ -51,10 +51,10 @@ class AsRecorded:
         For a signal that the file does not hold, and what the layout of the file does not allow.
     """
 
-    def __init__(self, file: FileOfRobot, requested: Sequence[str] = ()) -> None:
+    def __init__(self, file: RobotFile, requested: Sequence[str] = ()) -> None:
         self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
         layout, _ = find_columns(self._source.names, file.joints, file.metadata)
-        joint_signals = _known(layout, file)
+        joint_signals = _find_joint_signals(layout, file)
         names = list(dict.fromkeys(requested)) or [
             f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))
         ]
@@ -77,7 +77,7 @@ class AsRecorded:
         """Yield the rows of some of the signals from `start` to `end` in s, in blocks."""
         layout = Layout(self._t, None, tuple(self._columns[name] for name in names), ())
         for block in self._source.rows(layout) if names else self._source.times(layout):
-            inside = _inside(block.t, start, end)
+            inside = _is_inside(block.t, start, end)
             if inside.any():
                 yield Rows(block.t[inside], block.values[inside])
 
@@ -85,13 +85,13 @@ class AsRecorded:
         """Return the number of rows from `start` to `end`."""
         return sum(len(block.t) for block in self.rows((), start, end))
 
-    def thinned(self, points: int, start: float | None = None, end: float | None = None) -> tuple[int, Rows]:
+    def thin_rows(self, points: int, start: float | None = None, end: float | None = None) -> tuple[int, Rows]:
         """Return how many rows there are, and about `points` of them, the extremes of every signal among them."""
         total = self.count(start, end)
         # Each part gives two extremes of every signal at most: so wide that all parts give about `points` rows.
         width = max(1, -(-2 * len(self.names) * total // points))
         blocks = self.rows(self.names, start, end)
-        parts = list(blocks) if width <= 2 else [_extremes(part) for part in _parted(blocks, width)]
+        parts = list(blocks) if width <= 2 else [_find_extremes(part) for part in _split_rows(blocks, width)]
         if not parts:
             return 0, Rows(np.empty(0), np.empty((0, len(self.names))))
         return total, Rows(
@@ -99,7 +99,7 @@ class AsRecorded:
         )
 
 
-def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
+def _is_inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
     inside = np.ones(len(t), dtype=bool)
     if start is not None:
         inside &= t >= start
@@ -108,7 +108,7 @@ def _inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
     return inside
 
 
-def _parted(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
+def _split_rows(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
     """Yield the same rows in parts of `width` rows."""
     waiting: Rows | None = None
     for block in blocks:
@@ -121,18 +121,18 @@ def _parted(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
         yield waiting
 
 
-def _extremes(part: Rows) -> Rows:
+def _find_extremes(part: Rows) -> Rows:
     """Return the rows in which a signal is largest or smallest."""
     low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
     at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
     return Rows(part.t[at], part.values[at])
 
 
-def _known(layout: Layout, file: FileOfRobot) -> dict[str, tuple[Column, str]]:
+def _find_joint_signals(layout: Layout, file: RobotFile) -> dict[str, tuple[Column, str]]:
     """Return the signals of joints by their names, with column and unit."""
     signals: dict[str, tuple[Column, str]] = {}
     for kind in STORED_KINDS:
         for joint, column in enumerate(getattr(layout, kind)):
-            unit = our_unit(kind, file.joints.known_limits[joint].kind)
+            unit = find_our_unit(kind, file.joints.known_limits[joint].kind)
             signals[f"{kind}{joint + 1}"] = signals[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
     return signals

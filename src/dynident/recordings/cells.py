@@ -12,8 +12,8 @@ import pyarrow.compute as pc
 
 from dynident.arrays import IntArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.raw import FileSource, floats_of
-from dynident.recordings.written_times import are_times, is_called_time, to_seconds
+from dynident.recordings.raw import FileSource, to_float_column
+from dynident.recordings.written_times import are_times, is_time_name, parse_seconds
 
 _COUNTED = re.compile(r"^(?P<stem>.*?)[_.\[/ ]*(?P<number>\d+)\]?$")
 _OF_NAMES = re.compile(r"^(?P<prefix>(?:.*?[^A-Za-z])??)(?:joint[_ ]?names?|names?|joints?|motors?)$", re.IGNORECASE)
@@ -28,7 +28,7 @@ _ROWS = 1000
 
 
 @dataclass(frozen=True)
-class _Named:
+class _NamedTable:
     """Columns with names of joints, and the columns of each of their signals in the same order.
 
     `joints` are all names of the first rows. `signals` has the file's columns by what those of all joints are called.
@@ -38,17 +38,17 @@ class _Named:
     joints: tuple[str, ...]
     signals: Mapping[str, tuple[str, ...]]
 
-    def columns(self) -> dict[str, tuple[str, str]]:
+    def list_columns(self) -> dict[str, tuple[str, str]]:
         """Return the signal and the joint of every column that these tables become."""
         return {f"{signal}_{joint}": (signal, joint) for signal in self.signals for joint in self.joints}
 
 
-class WordedSource(FileSource):
+class WordCellsSource(FileSource):
     """A file with written times in seconds, and signals called by the names of joints in its cells."""
 
-    def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_Named]) -> None:
+    def __init__(self, source: FileSource, times: Sequence[str], named: Sequence[_NamedTable]) -> None:
         self._source, self._times = source, frozenset(times)
-        self._places = {column: (table, *place) for table in named for column, place in table.columns().items()}
+        self._places = {column: (table, *place) for table in named for column, place in table.list_columns().items()}
         used_columns = {
             column for table in named for columns in (table.names, *table.signals.values()) for column in columns
         }
@@ -89,10 +89,10 @@ class WordedSource(FileSource):
     ) -> pa.Array:
         if name not in self._places:
             column = batch.column(name)
-            return to_seconds(column) if name in self._times else column
+            return parse_seconds(column) if name in self._times else column
         table, signal, joint = self._places[name]
         if table.names not in orders:
-            orders[table.names] = _orders(batch, table.names)
+            orders[table.names] = _find_orders(batch, table.names)
         which, combinations = orders[table.names]
         sources = table.signals[signal]
         # As a rule the joints stand in the same order in all rows: the column is then passed on as it is.
@@ -103,14 +103,14 @@ class WordedSource(FileSource):
         for number, words in enumerate(combinations):
             if joint in words:
                 rows = which == number
-                values[rows] = floats_of(batch, sources[words.index(joint)], first_row)[rows]
+                values[rows] = to_float_column(batch, sources[words.index(joint)], first_row)[rows]
         return from_numbers(values)
 
 
-def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
+def _find_orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
     """Return the number (m,) of every row's combination of names, and the combinations."""
     # Names are compared by their numbers in a dictionary: texts are few, rows are many.
-    coded = [pc.dictionary_encode(_as_text(batch.column(name))) for name in names]
+    coded = [pc.dictionary_encode(_to_text(batch.column(name))) for name in names]
     codes = np.column_stack([encoded.indices.to_numpy(zero_copy_only=False) for encoded in coded])
     unique, which = np.unique(codes, axis=0, return_inverse=True)
     words = [encoded.dictionary.to_pylist() for encoded in coded]
@@ -118,14 +118,14 @@ def _orders(batch: pa.RecordBatch, names: Sequence[str]) -> tuple[IntArray, list
     return which.reshape(-1), combinations
 
 
-def _as_text(column: pa.Array) -> pa.Array:
+def _to_text(column: pa.Array) -> pa.Array:
     """Return names as they stand there, whole numbers without a decimal point."""
     if pa.types.is_floating(column.type):
         column = column.cast(pa.int64(), safe=False)
     return column.cast(pa.string()).fill_null("")
 
 
-def with_words(source: FileSource) -> FileSource:
+def read_word_cells(source: FileSource) -> FileSource:
     """Return the file with its written times as seconds, and its signals named by the joints in its cells.
 
     Parameters
@@ -138,15 +138,17 @@ def with_words(source: FileSource) -> FileSource:
         The same object if no cells hold such words.
     """
     times = [name for name, cells in source.texts.items() if are_times(cells)]
-    named = _named(source, {name: cells for name, cells in source.texts.items() if name not in times} | _ids(source))
-    return WordedSource(source, times, named) if times or named else source
+    named = _find_named_tables(
+        source, {name: cells for name, cells in source.texts.items() if name not in times} | _find_joint_ids(source)
+    )
+    return WordCellsSource(source, times, named) if times or named else source
 
 
-def _named(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
-    tables: list[_Named] = []
-    numbers = _families([name for name in source.names if name not in source.texts])
+def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
+    tables: list[_NamedTable] = []
+    numbers = _group_by_stem([name for name in source.names if name not in source.texts])
     # Columns of names, one for each place in a list of joints, and as many columns of numbers for every signal.
-    for stem, columns in _families(texts).items():
+    for stem, columns in _group_by_stem(texts).items():
         kind = _OF_NAMES.match(stem)
         rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
         if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
@@ -158,11 +160,11 @@ def _named(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Name
         }
         joints = tuple(dict.fromkeys(word for row in sorted(rows) for word in row))
         if signals and len(joints) <= _MOST_JOINTS:
-            tables.append(_Named(tuple(columns.values()), joints, signals))
-    return tables or _a_row_a_joint(source, texts)
+            tables.append(_NamedTable(tuple(columns.values()), joints, signals))
+    return tables or _find_joint_rows(source, texts)
 
 
-def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_Named]:
+def _find_joint_rows(source: FileSource, texts: Mapping[str, Sequence[str]]) -> list[_NamedTable]:
     """Return tables with a row for every joint and instant, with the joint's name in a column."""
     for name, cells in texts.items():
         joints = tuple(dict.fromkeys(cell for cell in cells if cell))
@@ -173,26 +175,26 @@ def _a_row_a_joint(source: FileSource, texts: Mapping[str, Sequence[str]]) -> li
         others = [
             other
             for other in source.names
-            if other not in (name, *source.texts) and not is_called_time(other) and not _OF_ROWS.search(other)
+            if other not in (name, *source.texts) and not is_time_name(other) and not _OF_ROWS.search(other)
         ]
-        return [_Named((name,), joints, {other: (other,) for other in others})] if others else []
+        return [_NamedTable((name,), joints, {other: (other,) for other in others})] if others else []
     return []
 
 
-def _ids(source: FileSource) -> dict[str, tuple[str, ...]]:
+def _find_joint_ids(source: FileSource) -> dict[str, tuple[str, ...]]:
     """Return the first cells of a column with the number of the joint that each row is of, if there is one."""
     called = next((name for name in source.names if name not in source.texts and _OF_IDS.search(name)), None)
     batch = None if called is None else next(iter(source.batches([called])), None)
     if called is None or batch is None:
         return {}
-    values = floats_of(batch, called, 0)[:_ROWS]
+    values = to_float_column(batch, called, 0)[:_ROWS]
     # Rows of one motor stand between those of others, not in one stretch.
     if not np.isfinite(values).all() or (values != np.rint(values)).any() or np.mean(np.diff(values) != 0) < 0.5:
         return {}
     return {called: tuple(str(int(value)) for value in values)}
 
 
-def _families(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
+def _group_by_stem(names: Sequence[str] | Mapping[str, object]) -> dict[str, dict[int, str]]:
     """Return columns whose names differ only by a number at the end: by what stands before it, and the number."""
     families: dict[str, dict[int, str]] = {}
     for name in names:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.recordings.checks_of_motion import motion_checks
-from dynident.recordings.checks_of_torque import torque_checks
+from dynident.recordings.checks_of_motion import check_motion
+from dynident.recordings.checks_of_torque import check_torque
 from dynident.recordings.columns import Layout
-from dynident.recordings.revisions import cured
+from dynident.recordings.revisions import adapt_cures
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.stated import RecordingMetadata
 from dynident.recordings.types import ACCEPTED, Check, JointLimits, ModelChecks, Recording, RecordingError
@@ -50,11 +50,11 @@ def run_checks(
     """
     accept = metadata.accept
     checks = list(earlier_checks)
-    checks += motion_checks(recording, sample, layout, limits)
+    checks += check_motion(recording, sample, layout, limits)
     # Wrong units would only make the evidence of torque against motion misleading.
-    if not any(check.status == "error" for check in _accepted(checks, accept)):
-        checks += torque_checks(recording, sample, layout, limits, against)
-    final_checks = cured(_accepted(checks, accept), metadata, recording.joint_names)
+    if not any(check.status == "error" for check in _mark_accepted(checks, accept)):
+        checks += check_torque(recording, sample, layout, limits, against)
+    final_checks = adapt_cures(_mark_accepted(checks, accept), metadata, recording.joint_names)
     wrong = [check for check in final_checks if check.status == "error"]
     if wrong:
         first = wrong[0]
@@ -69,7 +69,7 @@ def run_checks(
     return final_checks
 
 
-def _accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:
+def _mark_accepted(checks: list[Check], accept: tuple[str, ...]) -> tuple[Check, ...]:
     return tuple(
         replace(check, status="warning", detail=f"{check.detail}{ACCEPTED}")
         if check.status != "ok" and check.name in accept and not check.is_accepted

@@ -33,7 +33,7 @@ STEPS_NEEDED = 100
 STEPS_WANTED = 1000
 
 
-def motion_checks(
+def check_motion(
     recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
 ) -> list[Check]:
     """Check the positions of the rows inside the windows, as they were measured.
@@ -51,18 +51,18 @@ def motion_checks(
     """
     if sample.used.sum() < 2:
         return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
-    positions = _Seen(sample, limits)
+    positions = _MeasuredPositions(sample, limits)
     return [
-        _length(recording, layout),
-        _standstill(recording, positions, layout),
-        _moved(recording, positions, layout),
-        _units(recording, positions, layout, limits),
-        _quantisation(recording, positions, layout),
-        *_velocity(recording, positions, layout),
+        _check_length(recording, layout),
+        _check_standstill(recording, positions, layout),
+        _check_moving_joints(recording, positions, layout),
+        _check_position_unit(recording, positions, layout, limits),
+        _check_quantisation(recording, positions, layout),
+        *_check_velocity(recording, positions, layout),
     ]
 
 
-class _Seen:
+class _MeasuredPositions:
     """Positions of the used rows, with their ranges and spans."""
 
     def __init__(self, sample: RawSample, limits: tuple[JointLimits, ...]) -> None:
@@ -76,7 +76,7 @@ class _Seen:
         kinds = np.array([MOVED[limit.kind] for limit in limits])
         self.moved: BoolArray = self.span > kinds
 
-    def derivative(self) -> tuple[FloatArray, BoolArray]:
+    def differentiate(self) -> tuple[FloatArray, BoolArray]:
         """Return central differences (m, n), and which rows (m,) have both neighbours."""
         inner = np.zeros(len(self.t), dtype=bool)
         inner[1:-1] = self.joined[1:-1] & self.joined[2:]
@@ -87,7 +87,7 @@ class _Seen:
         return speed, inner
 
 
-def _length(recording: Recording, layout: Layout) -> Check:
+def _check_length(recording: Recording, layout: Layout) -> Check:
     seconds = recording.n_samples * recording.period
     if recording.windows:
         seconds = min(seconds, sum(end - start for start, end in recording.windows))
@@ -102,7 +102,7 @@ def _length(recording: Recording, layout: Layout) -> Check:
     return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
 
 
-def _standstill(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+def _check_standstill(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
     """Report how much of its time every joint stands; its rows there are left out anyway."""
     if not positions.moved.any():
         return Check(
@@ -126,7 +126,7 @@ def _standstill(recording: Recording, positions: _Seen, layout: Layout) -> Check
     )
 
 
-def _moved(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+def _check_moving_joints(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
     resting = np.flatnonzero(~positions.moved)
     if not len(resting):
         return Check("joint_motion", "ok", "Every joint moves.")
@@ -145,8 +145,10 @@ def _moved(recording: Recording, positions: _Seen, layout: Layout) -> Check:
     )
 
 
-def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
-    speed, inner = positions.derivative()
+def _check_position_unit(
+    recording: Recording, positions: _MeasuredPositions, layout: Layout, limits: tuple[JointLimits, ...]
+) -> Check:
+    speed, inner = positions.differentiate()
     # Not the maximum: a single corrupted sample would make any joint too fast.
     fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
     doubtful: Check | None = None
@@ -167,7 +169,7 @@ def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple
                 column,
                 *where,
             )
-        if _other_unit(limit, low, high, rate, small):
+        if _has_other_unit(limit, low, high, rate, small):
             # Of whole numbers a unit that fits is not enough to be taken unasked.
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
@@ -180,7 +182,7 @@ def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple
                 f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.{also}',
                 column,
                 *where,
-                None if counts else Revision(units=_of_all_alike("q", unit, limit, limits)),
+                None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
             )
         if limit.position is not None and doubtful is None:
             slack = 0.02 * (limit.position[1] - limit.position[0])
@@ -199,14 +201,14 @@ def _units(recording: Recording, positions: _Seen, layout: Layout, limits: tuple
     )
 
 
-def _of_all_alike(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
+def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
     """Return the units of a signal of all joints of one kind."""
     if all(other.kind == limit.kind for other in limits):
         return {kind: unit}
     return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
 
 
-def _other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
+def _has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
     """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
     if limit.position is not None:
         lower, upper = limit.position
@@ -229,10 +231,10 @@ def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
     return farthest > MOST_TURNS and farthest > MOST_TURNS * max(map(abs, limit.position))
 
 
-def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Check:
+def _check_quantisation(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
     # A joint that hardly moves passes few steps of any encoder: that says nothing of the log.
     counting = positions.moved & (positions.span > 0.05 * positions.span.max())
-    steps = [_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    steps = [_find_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
     levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
     worst = int(np.argmin(levels))
     if not steps[worst]:
@@ -256,7 +258,7 @@ def _quantisation(recording: Recording, positions: _Seen, layout: Layout) -> Che
     )
 
 
-def _step(values: FloatArray) -> float:
+def _find_step(values: FloatArray) -> float:
     """Return the step that a signal comes in, 0 if it shows none."""
     levels = np.unique(values)
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
@@ -270,10 +272,10 @@ def _step(values: FloatArray) -> float:
     return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
 
 
-def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Check]:
+def _check_velocity(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> list[Check]:
     if positions.dq is None:
         return []
-    speed, inner = positions.derivative()
+    speed, inner = positions.differentiate()
     for joint in np.flatnonzero(positions.moved):
         logged, derivative = positions.dq[inner, joint], speed[inner, joint]
         if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
@@ -282,7 +284,7 @@ def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Ch
         alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
         if abs(alike) < 0.7:
             continue
-        mismatch = _ratio(
+        mismatch = _explain_ratio(
             layout.dq[joint], layout.q[joint], float(np.sqrt((logged @ logged) / (derivative @ derivative))), alike
         )
         if mismatch is not None:
@@ -303,7 +305,9 @@ def _velocity(recording: Recording, positions: _Seen, layout: Layout) -> list[Ch
     return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
 
 
-def _ratio(velocity: Column, position: Column, ratio: float, alike: float) -> tuple[Status, str, dict[str, str]] | None:
+def _explain_ratio(
+    velocity: Column, position: Column, ratio: float, alike: float
+) -> tuple[Status, str, dict[str, str]] | None:
     known_ratios = {
         1.0 / DEGREE: (
             'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings import evidence as against_motion
 from dynident.recordings.columns import NOT_RECORDED, Layout
-from dynident.recordings.evidence import Evidence
+from dynident.recordings.evidence import TorqueEvidence
 from dynident.recordings.sampling import RawSample
 from dynident.recordings.stated import COMMANDED, DELAY, Revision
 from dynident.recordings.types import Check, JointLimits, ModelChecks, Recording, Status
@@ -35,7 +35,7 @@ LATE_CERTAIN = 0.02
 """A misalignment of more s spoils every estimate."""
 
 
-def torque_checks(
+def check_torque(
     recording: Recording,
     sample: RawSample,
     layout: Layout,
@@ -59,13 +59,13 @@ def torque_checks(
     -------
     list of Check
     """
-    checks = [_saturation(sample, layout, limits), _constant(recording, sample, layout)]
+    checks = [_check_saturation(sample, layout, limits), _check_constant_torque(recording, sample, layout)]
     if checks[-1].status == "warning":
         # Motors that are off: there is nothing to hold against the motion.
         return checks
     wrong = [check for check in checks if check.status == "error"]
     model_checks = (
-        None if wrong and wrong[0].name != "constant_torque" else _told_by_the_robot(recording, layout, against)
+        None if wrong and wrong[0].name != "constant_torque" else _run_model_checks(recording, layout, against)
     )
     if wrong:
         # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
@@ -78,33 +78,35 @@ def torque_checks(
             *(model_checks or ()),
             Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}."),
         ]
-    evidence = against_motion.gather(recording)
+    evidence = against_motion.gather_evidence(recording)
     if evidence is None:
         nothing = "The recording is too short, or moves too little, to tell without a model."
         silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
         return [*checks, *silent, *(model_checks or ())]
-    columns = _columns(recording, evidence, layout, sample)
-    return [*checks, *columns, _alignment(recording, evidence, layout, sample), *(model_checks or ())]
+    columns = _check_order_and_sign(recording, evidence, layout, sample)
+    return [*checks, *columns, _check_alignment(recording, evidence, layout, sample), *(model_checks or ())]
 
 
-def _told_by_the_robot(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
+def _run_model_checks(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
     q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
     return against(recording, q, tau) if against is not None and recording.role != "friction" else None
 
 
-def _columns(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> tuple[Check, ...]:
+def _check_order_and_sign(
+    recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample
+) -> tuple[Check, ...]:
     """Check whether every torque is that of its joint, and has the right sign, as friction tells."""
-    order = _order(recording, evidence, layout, sample)
+    order = _check_order(recording, evidence, layout, sample)
     # A torque of another joint's has no sign to speak of.
-    return (order, *(_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
+    return (order, *(_check_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
 
 
-def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
     tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
     worst: Check | None = None
     most = 0.0
     for joint in range(tau.shape[1]):
-        flat = _plateaus(tau[:, joint])
+        flat = _mark_plateaus(tau[:, joint])
         effort = limits[joint].effort
         if effort is not None and np.ptp(tau[:, joint]) > 0:
             at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
@@ -124,12 +126,12 @@ def _saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ..
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
-                _without(flat, t),
+                _exclude_plateaus(flat, t),
             )
     return worst or Check("saturation", "ok", "No torque stays at its extreme.")
 
 
-def _without(flat: BoolArray, t: FloatArray) -> Revision | None:
+def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
     """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
     at = t[flat]
     starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
@@ -141,7 +143,7 @@ def _without(flat: BoolArray, t: FloatArray) -> Revision | None:
     return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
 
 
-def _plateaus(tau: FloatArray) -> BoolArray:
+def _mark_plateaus(tau: FloatArray) -> BoolArray:
     """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
     marks = np.zeros(len(tau), dtype=bool)
     reach = float(np.ptp(tau))
@@ -161,7 +163,7 @@ def _plateaus(tau: FloatArray) -> BoolArray:
     return marks
 
 
-def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     tau, q = sample.tau[sample.used], sample.q[sample.used]
     first = int(np.flatnonzero(sample.used)[0])
     row, time = int(sample.row[first]), float(sample.t[first])
@@ -195,8 +197,8 @@ def _constant(recording: Recording, sample: RawSample, layout: Layout) -> Check:
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
 
-def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:
-    shares = against_motion.ownership(evidence)
+def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
+    shares = against_motion.measure_ownership(evidence)
     n = recording.n
     certainty = np.log(shares + LEAST_OWNED)
     # The order of all torques together that explains them best: joint by joint, one torque could be given away twice.
@@ -204,7 +206,7 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
     swapped = [
         joint
         for joint in range(n)
-        if owner[joint] != joint and evidence.moving[joint] and _surely_swapped(shares, certainty, owner, joint)
+        if owner[joint] != joint and evidence.moving[joint] and _is_surely_swapped(shares, certainty, owner, joint)
     ]
     if not swapped:
         return Check("torque_order", "ok", "No torque shows the friction of another joint than its own.")
@@ -222,26 +224,26 @@ def _order(recording: Recording, evidence: Evidence, layout: Layout, sample: Raw
         layout.tau[swapped[0]].source,
         int(sample.row[first]),
         float(sample.t[first]),
-        _reordered(owner, swapped),
+        _propose_order(owner, swapped),
     )
 
 
-def _reordered(owner: IntArray, swapped: list[int]) -> Revision:
+def _propose_order(owner: IntArray, swapped: list[int]) -> Revision:
     """Return a revision that gives each torque to the joint whose friction it shows, in surely exchanged cycles."""
     order = list(range(1, len(owner) + 1))
-    for column in {member for joint in swapped for member in _cycle(owner, joint)}:
+    for column in {member for joint in swapped for member in _find_cycle(owner, joint)}:
         order[owner[column]] = column + 1
     return Revision(permutation={"tau": tuple(order)})
 
 
-def _surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
+def _is_surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
     """Return whether every joint of a cycle explains its new torque clearly better than its old one."""
-    cycle = _cycle(owner, joint)
+    cycle = _find_cycle(owner, joint)
     all_better = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
     return all_better and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
 
 
-def _cycle(owner: IntArray, joint: int) -> list[int]:
+def _find_cycle(owner: IntArray, joint: int) -> list[int]:
     """Return the joints that change places together with `joint`."""
     cycle = [joint]
     while int(owner[cycle[-1]]) != joint:
@@ -249,11 +251,11 @@ def _cycle(owner: IntArray, joint: int) -> list[int]:
     return cycle
 
 
-def _sign(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> list[Check]:
+def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> list[Check]:
     certain: list[int] = []
     doubtful: list[int] = []
     for joint in np.flatnonzero(evidence.moving):
-        friction, inertia = against_motion.direction(evidence, int(joint))
+        friction, inertia = against_motion.measure_direction(evidence, int(joint))
         # Both figures are in standard errors: their sum over √2 is in standard errors again, if they are independent.
         together = (friction + inertia) / np.sqrt(2.0)
         if friction < 0.0 and inertia < 0.0 and together < AGAINST_DOUBT:
@@ -278,12 +280,12 @@ def _sign(recording: Recording, evidence: Evidence, layout: Layout, sample: RawS
     ]
 
 
-def _alignment(recording: Recording, evidence: Evidence, layout: Layout, sample: RawSample) -> Check:
+def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
     if recording.role == "friction":
         # Friction alone, at constant speeds, has no corners in time but those of presliding.
         return Check("torque_alignment", "ok", "Not looked for in a test of friction.")
-    whole = against_motion.lag(evidence, steady_only=False)
-    steady = against_motion.lag(evidence, steady_only=True)
+    whole = against_motion.measure_lag(evidence, steady_only=False)
+    steady = against_motion.measure_lag(evidence, steady_only=True)
     if whole is None or steady is None:
         return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
     # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import special
 
 from dynident.arrays import FloatArray
-from dynident.recordings.poses import is_of_poses
+from dynident.recordings.poses import has_poses
 from dynident.recordings.preprocessing import Preprocessing, values_from_request
-from dynident.recordings.spectra import Spectra, spectra
+from dynident.recordings.spectra import Spectra, estimate_spectra
 from dynident.recordings.types import Recording, RecordingError
 
 MOTION_SHARE = 0.99
@@ -90,18 +90,18 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     """
     if not recordings:
         raise ValueError("no recordings to choose from")
-    if all(is_of_poses(recording) for recording in recordings):
+    if all(has_poses(recording) for recording in recordings):
         return Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
-    all_bands = [_bands_of(recording) for recording in recordings]
+    all_bands = [_load_bands(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
     motion = max(bands.motion for bands in all_bands)
     noisiest = min(all_bands, key=lambda bands: bands.noise)
     needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
     # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
     # and never beyond the Nyquist frequency.
-    cutoff = _rounded(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    cutoff = _round_down(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
     wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
-    position = max(cutoff, _rounded(wider))
+    position = max(cutoff, _round_down(wider))
     first = "Torque" if position > cutoff else "Position"
     because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
     if needed <= min(noisiest.noise, ceiling):
@@ -113,11 +113,11 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         )
     else:
         because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
-    other = _about_positions(position) if position > cutoff else _about_torque(cutoff)
-    return _with_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
+    other = _explain_position_cutoff(position) if position > cutoff else _explain_torque_cutoff(cutoff)
+    return _add_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
 
 
-def motion_band(recordings: Sequence[Recording]) -> float:
+def find_motion_band(recordings: Sequence[Recording]) -> float:
     """Return the frequency below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
 
     Parameters
@@ -134,7 +134,7 @@ def motion_band(recordings: Sequence[Recording]) -> float:
     DynidentError
         If a recording is too short to have a spectrum.
     """
-    return max(_bands_of(recording).motion for recording in recordings)
+    return max(_load_bands(recording).motion for recording in recordings)
 
 
 def preprocessing_from_request(
@@ -162,16 +162,16 @@ def preprocessing_from_request(
     if not fields:
         return choose_preprocessing(recordings)
     if "position_cutoff" in fields and "torque_cutoff" in fields:
-        preprocessing = Preprocessing(_cutoff(fields, "position_cutoff"), _cutoff(fields, "torque_cutoff"))
+        preprocessing = Preprocessing(_read_cutoff(fields, "position_cutoff"), _read_cutoff(fields, "torque_cutoff"))
     else:
         automatic = choose_preprocessing(recordings)
-        position = _cutoff(fields, "position_cutoff") if "position_cutoff" in fields else automatic.position_cutoff
+        position = _read_cutoff(fields, "position_cutoff") if "position_cutoff" in fields else automatic.position_cutoff
         if "torque_cutoff" in fields:
-            torque = _cutoff(fields, "torque_cutoff")
+            torque = _read_cutoff(fields, "torque_cutoff")
         else:
             # Torque is worth no more than the positions that have to explain it.
             torque = automatic.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
-        reasons = automatic.reasons if position == automatic.position_cutoff else (_about_torque(torque),)
+        reasons = automatic.reasons if position == automatic.position_cutoff else (_explain_torque_cutoff(torque),)
         preprocessing = Preprocessing(position, torque, reasons=reasons)
     preprocessing = replace(
         preprocessing, filter_order=int(fields.get("filter_order", preprocessing.filter_order) or 0)
@@ -180,19 +180,19 @@ def preprocessing_from_request(
         preprocessing = replace(preprocessing, decimation=int(fields["decimation"] or 0))
     else:
         preprocessing.check_against(rate)
-        preprocessing = _with_decimation(preprocessing, rate)
+        preprocessing = _add_decimation(preprocessing, rate)
     named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in fields.items())
     preprocessing = replace(preprocessing, reasons=(*preprocessing.reasons, f"Given: {named}."))
     preprocessing.check_against(rate)
     return preprocessing
 
 
-def _cutoff(fields: Mapping[str, float | int | None], name: str) -> float | None:
+def _read_cutoff(fields: Mapping[str, float | int | None], name: str) -> float | None:
     value = fields[name]
     return None if value is None else float(value)
 
 
-def _with_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing:
+def _add_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing:
     if preprocessing.torque_cutoff is None:
         return preprocessing
     decimation = max(1, floor(rate / (OVERSAMPLING * preprocessing.torque_cutoff)))
@@ -204,11 +204,11 @@ def _with_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing
     return replace(preprocessing, decimation=decimation, reasons=(*preprocessing.reasons, because))
 
 
-def _about_positions(cutoff: float) -> str:
+def _explain_position_cutoff(cutoff: float) -> str:
     return f"Position cut-off {cutoff:g} Hz: higher, so that this filter takes away little of what explains the torque."
 
 
-def _about_torque(cutoff: float | None) -> str:
+def _explain_torque_cutoff(cutoff: float | None) -> str:
     if cutoff is None:
         return "No parallel filter, as asked."
     return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
@@ -217,14 +217,14 @@ def _about_torque(cutoff: float | None) -> str:
 _known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
 
 
-def _bands_of(recording: Recording) -> _Bands:
+def _load_bands(recording: Recording) -> _Bands:
     """Return the bands of a recording, computed once: its spectra take as long as reading it."""
     if recording not in _known:
-        _known[recording] = _bands(spectra(recording))
+        _known[recording] = _find_bands(estimate_spectra(recording))
     return _known[recording]
 
 
-def _bands(averages: Spectra) -> _Bands:
+def _find_bands(averages: Spectra) -> _Bands:
     step = averages.frequency[1]
     gain = averages.velocity_gain[:, None]
     noise = averages.noise * gain
@@ -239,7 +239,9 @@ def _bands(averages: Spectra) -> _Bands:
     for joint in moving:
         # Of a joint that hardly moves, lines beyond a gap may be those of vibration.
         own_reach = reach if slow[joint] > CREEPING**2 * slow.max() else 0.0
-        band = _band(averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach)
+        band = _find_band_end(
+            averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach
+        )
         if power[:band, joint].sum() <= 0.0:
             continue
         below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
@@ -260,7 +262,7 @@ def _bands(averages: Spectra) -> _Bands:
     return _Bands(band, noise_at, float(np.median(rms)), little_at)
 
 
-def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
+def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
     """Return the number of frequencies, from 0 on, below which the motion is above the noise.
 
     A periodic motion is a row of lines a base frequency apart, with noise between them and below the first. A gap is
@@ -288,7 +290,7 @@ def _band(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: 
         end = int(sunk[after])
 
 
-def _rounded(value: float) -> float:
+def _round_down(value: float) -> float:
     """Round down to two significant digits."""
     digits = 1 - floor(log10(value))
     return floor(value * 10**digits + 1e-9) / 10**digits if digits > 0 else float(floor(value))

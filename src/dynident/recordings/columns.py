@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.revisions import Rearrangement
+from dynident.recordings.revisions import ColumnArrangement
 from dynident.recordings.stated import RecordingMetadata
 from dynident.recordings.types import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
-from dynident.recordings.units import JOINT_KINDS, KINDS, conversion, unit_for
+from dynident.recordings.units import JOINT_KINDS, KINDS, find_conversion, find_unit
 
 NOT_RECORDED = "none"
 """What the torque of a joint is mapped to that was not recorded."""
@@ -65,12 +65,12 @@ class Layout:
         return tuple(column for kind in self.kinds for column in getattr(self, kind))
 
     @property
-    def needed(self) -> IntArray:
+    def needed_columns(self) -> IntArray:
         """Which of `columns` have to hold a number in every row: q, tau and the wrench."""
         needed = [kind in ("q", "tau", "wrench") for kind in self.kinds for _ in getattr(self, kind)]
         return np.flatnonzero(needed)
 
-    def place(self, kind: str) -> slice:
+    def columns_of_kind(self, kind: str) -> slice:
         """Return the slice of a kind's columns among all; empty if there are none."""
         first = 0
         for other in self.kinds:
@@ -107,13 +107,13 @@ def find_columns(
     RecordingError
         For a missing column, a missing drive gain, an unknown unit or a mapping to a column that is not there.
     """
-    finder = _Finder(names, joints, metadata)
+    finder = _ColumnFinder(names, joints, metadata)
     n, gains, coupling = joints.n, joints.known_gains, joints.coupling
     tau, from_current, unused, without_torque = [], list[str](), list[str](), []
     mixing = np.eye(n)
     for joint in range(n):
         if finder.has_no_torque(joint):
-            tau.append(mark_not_recorded(finder.needed("q", joint)))
+            tau.append(mark_not_recorded(finder.find_needed("q", joint)))
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
@@ -121,17 +121,19 @@ def find_columns(
             tau.append(torque)
             unused += [current.source] if current is not None else []
         elif current is not None:
-            tau.append(_torque_of(current, joints.names[joint], gains[joint]))
+            tau.append(_convert_current(current, joints.names[joint], gains[joint]))
             from_current.append(current.source)
             if coupling is not None:
                 # Only motor torques are mixed: a column of joint torque stays as it is (a row of the identity).
                 mixing[joint] = coupling[joint]
         else:
-            raise finder.missing("tau", joint, f" or a current ({_or('current', joints.names[joint], joint)})")
+            raise finder.missing_column_error(
+                "tau", joint, f" or a current ({_name_alternatives('current', joints.names[joint], joint)})"
+            )
     layout = Layout(
-        t=finder.needed("t", None),
+        t=finder.find_needed("t", None),
         segment=finder.find_plain("segment"),
-        q=tuple(finder.needed("q", joint) for joint in range(n)),
+        q=tuple(finder.find_needed("q", joint) for joint in range(n)),
         tau=tuple(tau),
         dq=finder.find_all("dq"),
         ddq=finder.find_all("ddq"),
@@ -141,10 +143,10 @@ def find_columns(
         mixing=None if np.array_equal(mixing, np.eye(n)) else mixing,
         without_torque=tuple(without_torque),
     )
-    return layout, _torque_source(from_current, unused, layout.mixing is not None)
+    return layout, _report_torque_source(from_current, unused, layout.mixing is not None)
 
 
-def _torque_of(current: Column, joint_name: str, gain: float | None) -> Column:
+def _convert_current(current: Column, joint_name: str, gain: float | None) -> Column:
     if gain is None:
         raise RecordingError(
             f"Column {current.source} is a current, and joint {joint_name} has no drive gain; give the robot "
@@ -167,7 +169,7 @@ def mark_not_recorded(position: Column) -> Column:
     return Column(position.source, 0.0)
 
 
-def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -> Check | None:
+def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -> Check | None:
     """Check whether a file has columns of one more joint than the robot.
 
     Columns are counted in the robot's order: where it lacks a joint of the file that is not the last one, all joints
@@ -198,59 +200,59 @@ def surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetadata) -
     )
 
 
-def _torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
+def _report_torque_source(from_current: list[str], unused: list[str], coupled: bool) -> Check:
     if from_current:
-        detail = f"Torque is drive gain x current [12.17] in {_shortened(from_current)}."
+        detail = f"Torque is drive gain x current [12.17] in {_shorten_names(from_current)}."
         if coupled:
             detail += " Motors that are coupled to several joints act on all of them."
     else:
         detail = "Torque is read from the torque columns."
     if unused:
-        detail += f" Both torque and current are given: the current ({_shortened(unused)}) is not used."
+        detail += f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
     return Check("torque_source", "ok", detail)
 
 
-def _shortened(names: list[str]) -> str:
+def _shorten_names(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} … {names[-1]}"
 
 
-def _or(kind: str, joint_name: str, joint: int) -> str:
+def _name_alternatives(kind: str, joint_name: str, joint: int) -> str:
     return f"{kind}_{joint_name} or {kind}{joint + 1}"
 
 
-class _Finder:
+class _ColumnFinder:
     def __init__(self, names: Sequence[str], joints: RecordedJoints, metadata: RecordingMetadata) -> None:
         self.names = list(names)
         self.joint_names = joints.names
         self.limits = joints.known_limits
         self.metadata = metadata
-        self.arrangement = Rearrangement(metadata, joints.names)
+        self.arrangement = ColumnArrangement(metadata, joints.names)
         self._check_mapping()
 
     def find(self, kind: str, joint: int | None) -> Column | None:
         """Return the column of a signal of a joint (None: of a signal that belongs to no joint)."""
-        source_joint = None if joint is None else self.arrangement.read(kind, joint)
+        source_joint = None if joint is None else self.arrangement.find_source_joint(kind, joint)
         ours = (
             (kind,)
             if source_joint is None
             else (f"{kind}_{self.joint_names[source_joint]}", f"{kind}{source_joint + 1}")
         )
-        source = self._source(ours)
+        source = self._find_source(ours)
         if source is None:
             return None
         joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
-        unit, key = unit_for(self.metadata.units, kind, ours)
-        factor, offset = conversion(kind, joint_kind, unit, key)
+        unit, key = find_unit(self.metadata.units, kind, ours)
+        factor, offset = find_conversion(kind, joint_kind, unit, key)
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
         return Column(source, factor * times, offset * times)
 
     def has_no_torque(self, joint: int) -> bool:
         """Return whether the user says that the torque of a joint was not recorded."""
-        source_joint = self.arrangement.read("tau", joint)
+        source_joint = self.arrangement.find_source_joint("tau", joint)
         ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
-        return self._source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
+        return self._find_source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
-    def needed(self, kind: str, joint: int | None) -> Column:
+    def find_needed(self, kind: str, joint: int | None) -> Column:
         """Return a column without which nothing can be read.
 
         Raises
@@ -260,12 +262,12 @@ class _Finder:
         """
         column = self.find(kind, joint)
         if column is None:
-            raise self.missing(kind, joint)
+            raise self.missing_column_error(kind, joint)
         return column
 
     def find_plain(self, name: str) -> Column | None:
         """Return a column that has no unit."""
-        source = self._source((name,))
+        source = self._find_source((name,))
         return None if source is None else Column(source)
 
     def find_all(self, kind: str) -> tuple[Column, ...]:
@@ -282,7 +284,7 @@ class _Finder:
         RecordingError
             Where there are some of them.
         """
-        sources = [self._source((name,)) for name in WRENCH_NAMES]
+        sources = [self._find_source((name,)) for name in WRENCH_NAMES]
         absent = [name for name, source in zip(WRENCH_NAMES, sources, strict=True) if source is None]
         if len(absent) == len(sources):
             return ()
@@ -296,13 +298,13 @@ class _Finder:
         for name, source in zip(WRENCH_NAMES, sources, strict=True):
             assert source is not None
             kind = "base_force" if name.startswith("base_f") else "base_moment"
-            unit, key = unit_for(self.metadata.units, kind, (name,))
-            columns.append(Column(source, *conversion(kind, None, unit, key)))
+            unit, key = find_unit(self.metadata.units, kind, (name,))
+            columns.append(Column(source, *find_conversion(kind, None, unit, key)))
         return tuple(columns)
 
-    def missing(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
+    def missing_column_error(self, kind: str, joint: int | None, instead: str = "") -> RecordingError:
         """Return the error for a missing column: which one, and what the file holds."""
-        expected = kind if joint is None else _or(kind, self.joint_names[joint], joint)
+        expected = kind if joint is None else _name_alternatives(kind, self.joint_names[joint], joint)
         whose = "" if joint is None else f" of joint {self.joint_names[joint]}"
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
@@ -317,13 +319,13 @@ class _Finder:
         return RecordingError(
             f"No column {expected} for {kind}{whose}{instead}. The file holds: {available}. Name it by columns, "
             f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
-            + ("." if joint is None else self._without(kind, joint))
+            + ("." if joint is None else self._advise_without_column(kind, joint))
             + hint,
             pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
             title="Missing column",
         )
 
-    def _without(self, kind: str, joint: int) -> str:
+    def _advise_without_column(self, kind: str, joint: int) -> str:
         """Return the advice for a joint without such a column: it stands, or its torque was not recorded."""
         lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
@@ -332,7 +334,7 @@ class _Finder:
         mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
         return f"{lock} If its torque was not recorded, say {mapping}: its motion is used."
 
-    def _source(self, ours: tuple[str, ...]) -> str | None:
+    def _find_source(self, ours: tuple[str, ...]) -> str | None:
         # The user's mapping goes before equal names, and these before names in other upper and lower case.
         for name in ours:
             if name in self.metadata.columns:

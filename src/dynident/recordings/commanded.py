@@ -9,7 +9,7 @@ from dynident.recordings.types import Recording, SampleSource, StoredRows
 
 
 @dataclass(frozen=True, eq=False)
-class _Commanded:
+class _CommandedSource:
     """Rows of another source with the commanded positions."""
 
     source: SampleSource
@@ -20,7 +20,7 @@ class _Commanded:
             yield rows._replace(q=rows.command)
 
 
-def commanded(recording: Recording) -> Recording:
+def replace_by_command(recording: Recording) -> Recording:
     """Return the recording as it was commanded: with the positions that the robot was told to take.
 
     Parameters
@@ -38,4 +38,4 @@ def commanded(recording: Recording) -> Recording:
     """
     if not recording.has_command:
         raise ValueError(f"{recording.name} holds no commanded positions")
-    return replace(recording, source=_Commanded(recording.source), path=None)
+    return replace(recording, source=_CommandedSource(recording.source), path=None)

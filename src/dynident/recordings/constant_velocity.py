@@ -19,7 +19,7 @@ _DOUBLING = 0.25
 """Seconds in which the speed may double at the earliest: slower changes than that are nearly none."""
 
 
-def sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
+def find_sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
     """Return which joint alone moves at nearly constant velocity.
 
     Parameters

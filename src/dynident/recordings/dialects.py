@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from dynident.recordings.formats.rewriting import (
-    close_lists,
+    count_list_items,
     flatten_lists,
     has_lists,
-    lengths_of_lists,
+    join_open_lists,
     squeeze_spaces,
 )
-from dynident.recordings.lists import counted_names
+from dynident.recordings.lists import make_counted_names
 from dynident.recordings.types import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
@@ -57,7 +57,7 @@ class _Header:
     units: dict[str, str] = field(default_factory=dict)
 
 
-def csv_dialect(start: bytes) -> Dialect:
+def detect_dialect(start: bytes) -> Dialect:
     """Return the dialect of a CSV file, by its first bytes.
 
     Without a line of names columns are called column1, column2, ….
@@ -76,11 +76,11 @@ def csv_dialect(start: bytes) -> Dialect:
     RecordingError
         For a file that is no text, or holds nothing, or a name twice.
     """
-    text, encoding = _text(start)
+    text, encoding = _decode_text(start)
     original = text.splitlines()
     if len(start) == _LOOKED_AT and len(original) > 1:
         original.pop()  # it is cut off
-    whole = close_lists(original)
+    whole = join_open_lists(original)
     rewrite: list[Callable[[str], str]] = []
     if has_lists(whole):
         original = whole
@@ -92,15 +92,15 @@ def csv_dialect(start: bytes) -> Dialect:
     first = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
     if first is None:
         raise RecordingError("The file holds no line of column names.", title="Unreadable file")
-    delimiter, comma, header = _header(lines, first)
+    delimiter, comma, header = _read_header(lines, first)
     if flatten_lists in rewrite:
-        header.names = _names_of_lists(header, original, delimiter)
+        header.names = _name_list_columns(header, original, delimiter)
     if "" in header.names and header.names.count("") > 1:
         header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
     repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
     if repeated:
         raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
-    rows = [_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
     rows = [row for row in rows if len(row) == len(header.names)]
     return Dialect(
         delimiter,
@@ -108,7 +108,7 @@ def csv_dialect(start: bytes) -> Dialect:
         header.names,
         header.lines,
         header.units,
-        _texts(rows, header.names),
+        _collect_texts(rows, header.names),
         tuple(rewrite),
         encoding,
         has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
@@ -119,7 +119,7 @@ dialect_bytes = _LOOKED_AT
 """So many bytes are looked at."""
 
 
-def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
+def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
     """Return the separator, whether numbers have commas, and the names; `first` is the first line with text."""
     header = first
     # Further comment lines may stand before the names; the names are the last of them.
@@ -127,37 +127,37 @@ def _header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
         header += 1
     if lines[header].lstrip().startswith(("#", "%")) and _is_comment(lines, header):
         header += 1
-    header = _below_titles(lines, header)
+    header = _skip_titles(lines, header)
     text = lines[header].lstrip("#% ").rstrip("\r\n")
     below = [line for line in lines[header : header + 20] if line.strip()]
     if _is_data(text):
-        delimiter, comma = _of_numbers(below)
-        fields = _fields(text, delimiter)
-        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_fields(below[1], delimiter))
-        return delimiter, comma, _Header(_numbered(len(fields)), header + counts)
-    delimiter = _most(text)
-    if (names := _names_of_messages(below, delimiter)) is not None:
+        delimiter, comma = _detect_number_format(below)
+        fields = _split_fields(text, delimiter)
+        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
+        return delimiter, comma, _Header(_number_columns(len(fields)), header + counts)
+    delimiter = _find_delimiter(text)
+    if (names := _name_message_columns(below, delimiter)) is not None:
         return delimiter, False, _Header(names, header)
-    names = tuple(_name(field) for field in _fields(text, delimiter))
+    names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
     rows = header + 1
     if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
         # Names in two lines: of the signal, which is repeated, and of the joint.
-        second = _fields(lines[rows], delimiter)
+        second = _split_fields(lines[rows], delimiter)
         if len(second) == len(names) and all(cell.isdigit() or not _is_number(cell) for cell in second):
             both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
             if len(set(both)) == len(both):
                 names, rows = both, rows + 1
-                if rows < len(lines) and _is_mostly_empty(_fields(lines[rows], delimiter)):
+                if rows < len(lines) and _is_mostly_empty(_split_fields(lines[rows], delimiter)):
                     rows += 1
-    units = _units(lines, rows, delimiter, names)
+    units = _read_units(lines, rows, delimiter, names)
     rows += bool(units)
-    fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _fields(line, delimiter)]
+    fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
     # A comma inside a cell can only be a decimal one if something else separates the cells.
     comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
     return delimiter, comma, _Header(names, rows, units)
 
 
-def _text(start: bytes) -> tuple[str, str]:
+def _decode_text(start: bytes) -> tuple[str, str]:
     """Return the first bytes as text, and their encoding."""
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return start.decode("utf-16", errors="ignore"), "utf-16"
@@ -174,7 +174,7 @@ def _text(start: bytes) -> tuple[str, str]:
         return text, "utf-8"
 
 
-def _most(text: str) -> str:
+def _find_delimiter(text: str) -> str:
     # The most frequent one; where none is more frequent than the others, the comma.
     delimiter = max(",;\t|", key=text.count)
     if text.count(delimiter) == 0:
@@ -182,13 +182,13 @@ def _most(text: str) -> str:
     return delimiter
 
 
-def _fields(line: str, delimiter: str) -> list[str]:
+def _split_fields(line: str, delimiter: str) -> list[str]:
     if '"' in line:
         return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
     return [cell.strip() for cell in line.split(delimiter)]
 
 
-def _name(field: str) -> str:
+def _format_name(field: str) -> str:
     """Return a column's name; one of several parts, ('q', 1), becomes q_1."""
     if not _TUPLE.match(field) or "," not in field:
         return field
@@ -198,7 +198,7 @@ def _name(field: str) -> str:
 def _is_data(text: str) -> bool:
     """Return whether a line holds numbers and nothing else."""
     return any(
-        any(fields := [cell for cell in _fields(text, delimiter) if cell])
+        any(fields := [cell for cell in _split_fields(text, delimiter) if cell])
         and all(_NUMBER.match(cell) for cell in fields)
         for delimiter in ";\t| ,"
     )
@@ -210,7 +210,7 @@ def _is_counted(fields: Sequence[str]) -> bool:
     return len(numbers) > 1 and numbers == [str(number) for number in range(len(numbers))]
 
 
-def _numbered(count: int) -> tuple[str, ...]:
+def _number_columns(count: int) -> tuple[str, ...]:
     return tuple(f"column{index + 1}" for index in range(count))
 
 
@@ -220,24 +220,24 @@ def _is_comment(lines: list[str], header: int) -> bool:
         return False
     text = lines[header].lstrip("#% ")
     below = lines[header + 1]
-    return len(_fields(text, _most(below))) != len(_fields(below, _most(below)))
+    return len(_split_fields(text, _find_delimiter(below))) != len(_split_fields(below, _find_delimiter(below)))
 
 
 def _is_mostly_empty(fields: Sequence[str]) -> bool:
     return sum(map(bool, fields)) < len(fields) / 2
 
 
-def _below_titles(lines: list[str], header: int) -> int:
+def _skip_titles(lines: list[str], header: int) -> int:
     """Return the line of names below titles, which have fewer fields than the rows, or mostly empty ones."""
     # The last lines that were read are surely rows: they tell the width of the table.
     body = [line for line in lines[header:] if line.strip()][-20:]
     if len(body) < 4:
         return header
-    delimiter = next((sign for sign in ";\t|" if sign in body[-1]), _most(body[-1]))
-    width = Counter(len(_fields(line, delimiter)) for line in body).most_common(1)[0][0]
+    delimiter = next((sign for sign in ";\t|" if sign in body[-1]), _find_delimiter(body[-1]))
+    width = Counter(len(_split_fields(line, delimiter)) for line in body).most_common(1)[0][0]
 
     def is_whole(line: str) -> bool:
-        fields = _fields(line.lstrip("#% "), delimiter)
+        fields = _split_fields(line.lstrip("#% "), delimiter)
         return len(fields) == width and not _is_mostly_empty(fields)
 
     if width < 2 or is_whole(lines[header]):
@@ -245,7 +245,7 @@ def _below_titles(lines: list[str], header: int) -> int:
     # Rows may have empty cells: names are a line without a number.
     whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
     names_line = next(whole, None)
-    if names_line is None or any(_NUMBER.match(cell) for cell in _fields(lines[names_line], delimiter)):
+    if names_line is None or any(_NUMBER.match(cell) for cell in _split_fields(lines[names_line], delimiter)):
         return header
     return names_line
 
@@ -262,7 +262,7 @@ def _is_aligned(lines: list[str]) -> bool:
     return bool(spaced) and len(spaced) == len(rows) and irregular and not tabs_alone
 
 
-def _of_numbers(lines: list[str]) -> tuple[str, bool]:
+def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
     for delimiter in ";\t|":
@@ -273,13 +273,13 @@ def _of_numbers(lines: list[str]) -> tuple[str, bool]:
     return ",", False
 
 
-def _names_of_messages(lines: Sequence[str], delimiter: str) -> tuple[str, ...] | None:
+def _name_message_columns(lines: Sequence[str], delimiter: str) -> tuple[str, ...] | None:
     """Name the columns of joint states without a line of names, as `ros2 topic echo --csv` writes them.
 
     A row has the stamp's seconds and nanoseconds, the frame, the joints' names, and their positions, velocities and
     efforts. None for other files.
     """
-    rows = [_fields(line, delimiter) for line in lines[:2]]
+    rows = [_split_fields(line, delimiter) for line in lines[:2]]
     if len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return None
     words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
@@ -305,19 +305,19 @@ def _is_number(text: str) -> bool:
     return bool(_NUMBER.match(text)) or text.casefold() in _NO_NUMBERS
 
 
-def _names_of_lists(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
+def _name_list_columns(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
     """Return the names, with one for every item if the rows have lists below single names."""
-    lengths = lengths_of_lists("\n".join(original[header.lines : header.lines + 1]), delimiter)
+    lengths = count_list_items("\n".join(original[header.lines : header.lines + 1]), delimiter)
     if len(lengths) != len(header.names) or sum(lengths) == len(lengths):
         return header.names
     return tuple(
         name
         for column, length in zip(header.names, lengths, strict=True)
-        for name in (counted_names(column, length) if length > 1 else (column,))
+        for name in (make_counted_names(column, length) if length > 1 else (column,))
     )
 
 
-def _texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def _collect_texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the first cells of columns most of whose cells are words."""
     texts = {}
     for name, cells in zip(names, zip(*rows, strict=True), strict=False):
@@ -327,11 +327,11 @@ def _texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tup
     return texts
 
 
-def _units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
+def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
     """Return the units below the names: a line of as many short words, with a line of numbers below it."""
     if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
         return {}
-    fields = _fields(lines[number].lstrip("#% "), delimiter)
+    fields = _split_fields(lines[number].lstrip("#% "), delimiter)
     if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
         return {}
     if any(cell and _is_number(cell) for cell in fields):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from dynident.recordings.names import parts_of
+from dynident.recordings.names import split_path
 
 
-def digest_of(path: Path) -> str:
+def compute_digest(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits; of a recording in several files, that of their digests.
 
     Parameters
@@ -24,8 +24,8 @@ def digest_of(path: Path) -> str:
     OSError
         For a file that cannot be read.
     """
-    parts = parts_of(path)
+    parts = split_path(path)
     if len(parts) > 1:
-        return hashlib.sha256("".join(digest_of(part) for part in parts).encode()).hexdigest()
+        return hashlib.sha256("".join(compute_digest(part) for part in parts).encode()).hexdigest()
     with parts[0].open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

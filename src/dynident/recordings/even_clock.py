@@ -30,7 +30,7 @@ class EvenClock:
     period: float
     tick: float
 
-    def times(self, t: FloatArray, start: float) -> FloatArray:
+    def restore_times(self, t: FloatArray, start: float) -> FloatArray:
         """Return when rows stamped t (m,) were sampled, counted from a row at `start`."""
         return np.asarray(start + np.round((t - start) / self.period) * self.period)
 
@@ -54,13 +54,13 @@ class EvenClockScan:
             return
         if not self._tick:
             steps = np.diff(t)[~begins[1:]]
-            self._tick = _tick(steps)
+            self._tick = _find_tick(steps)
             # The mean: between two ticks the median is far from the period. Lost samples change it little.
             self._usual = float(steps[steps > 0].mean()) if self._tick else 0.0
             self._possible = self._tick > 0.0
             if not self._possible:
                 return
-        for first, last in _stretches(begins):
+        for first, last in _split_runs(begins):
             part = t[first:last]
             if begins[first]:
                 self._start, self._behind, self._count = float(part[0]), float(part[0]), 0
@@ -85,7 +85,7 @@ class EvenClockScan:
         return EvenClock(0.5 * (self._lowest + self._highest), self._tick)
 
 
-def _tick(steps: FloatArray) -> float:
+def _find_tick(steps: FloatArray) -> float:
     """Return what all steps are whole multiples of: their smallest difference; 0 if there is none."""
     steps = steps[steps > 0]
     if not len(steps):
@@ -98,7 +98,7 @@ def _tick(steps: FloatArray) -> float:
     return tick if bool((np.abs(whole - np.round(whole)) <= _WHOLE).all()) else 0.0
 
 
-def _stretches(begins: BoolArray) -> list[tuple[int, int]]:
+def _split_runs(begins: BoolArray) -> list[tuple[int, int]]:
     """Return (first, last + 1) of the parts that begin anew, and of what comes before the first of them."""
     edges = [0, *(int(k) for k in np.flatnonzero(begins) if k), len(begins)]
     return list(itertools.pairwise(edges))

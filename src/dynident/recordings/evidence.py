@@ -19,7 +19,7 @@ from dynident.errors import DynidentError
 from dynident.recordings.choosing import choose_preprocessing
 from dynident.recordings.filtering import filtered_blocks
 from dynident.recordings.parallel import FilteredRows, ParallelFilter
-from dynident.recordings.phases import Phase, Phases, phases_of
+from dynident.recordings.phases import Phase, Phases, find_phases
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.types import Recording, SampleBlock, Segment
 
@@ -51,7 +51,7 @@ class Shiftable(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class TorqueEvidence:
     """Decimated rows in order: smooth (r, k), friction (r, n, 3), tau (r, n), steady, held (r, n), block (r,).
 
     `smooth` holds 1, sines and cosines of q, products of neighbours', those of the sum of three, and last q̈ (n
@@ -90,7 +90,7 @@ class Lag(NamedTuple):
     gain: float
 
 
-def gather(recording: Recording) -> Evidence | None:
+def gather_evidence(recording: Recording) -> TorqueEvidence | None:
     """Collect the rows to fit.
 
     Parameters
@@ -106,22 +106,22 @@ def gather(recording: Recording) -> Evidence | None:
         choice = choose_preprocessing([recording])
     except DynidentError:
         return None
-    stretch = shortened(recording, choice.decimation)
+    stretch = shorten_recording(recording, choice.decimation)
     blocks = [block for block in filtered_blocks(stretch, choice) if block.used.any()]
     if not blocks:
         return None
-    speed = _rms_speed(blocks)
+    speed = _compute_rms_speed(blocks)
     moving: BoolArray = speed > 1e-3 * speed.max()
     if not moving.any():
         return None
-    runs = _filtered(blocks, np.maximum(0.1 * speed, 1e-12), phases_of(stretch), recording.sampling_rate, choice)
-    evidence = _arranged(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
+    runs = _filter_blocks(blocks, np.maximum(0.1 * speed, 1e-12), find_phases(stretch), recording.sampling_rate, choice)
+    evidence = _arrange_evidence(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
     if evidence is None or len(evidence.tau) < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
         return None
     return evidence
 
 
-def direction(evidence: Evidence, joint: int) -> Direction:
+def measure_direction(evidence: TorqueEvidence, joint: int) -> Direction:
     """Return whether a joint's torque goes with its motion or against it.
 
     Parameters
@@ -141,20 +141,22 @@ def direction(evidence: Evidence, joint: int) -> Direction:
     own = evidence.smooth.shape[1] - n + joint
     friction, smooth = evidence.friction[moving_rows, joint], evidence.smooth[moving_rows]
     # Own inertia and friction are kept as columns: their weights are looked at, those of all others are not.
-    others = orthonormal(np.delete(smooth, own, axis=1))
+    others = orthonormalise(np.delete(smooth, own, axis=1))
     columns = np.column_stack([others, smooth[:, own], friction])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     weights = [
         w / scale
-        for w in _jackknife(columns / scale, evidence.tau[moving_rows, joint], _blocks(int(moving_rows.sum())))
+        for w in _solve_jackknife(
+            columns / scale, evidence.tau[moving_rows, joint], _number_blocks(int(moving_rows.sum()))
+        )
     ]
     # The mean of velocity times friction torque: its sign holds whatever the shape of the friction law.
     power = [float(np.mean(friction[:, 0] * (friction @ w[-3:]))) for w in weights]
     inertia = [float(w[-4]) for w in weights]
-    return Direction(_over_error(power), _over_error(inertia))
+    return Direction(_divide_by_error(power), _divide_by_error(inertia))
 
 
-def ownership(evidence: Evidence) -> FloatArray:
+def measure_ownership(evidence: TorqueEvidence) -> FloatArray:
     """Return how much of each torque the friction of each joint explains.
 
     Friction is here q̇ and its rounded sign: a sharper sign would follow reversals that the other columns miss.
@@ -171,7 +173,7 @@ def ownership(evidence: Evidence) -> FloatArray:
     """
     n = evidence.tau.shape[1]
     shares = np.zeros((n, n))
-    basis = orthonormal(evidence.smooth)
+    basis = orthonormalise(evidence.smooth)
     unexplained = evidence.tau - basis @ (basis.T @ evidence.tau)
     variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
     for j in np.flatnonzero(evidence.moving):
@@ -184,7 +186,7 @@ def ownership(evidence: Evidence) -> FloatArray:
     return shares
 
 
-def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
+def measure_lag(evidence: TorqueEvidence, *, steady_only: bool) -> Lag | None:
     """Find the common shift of all torques that the motion explains best.
 
     Parameters
@@ -206,8 +208,8 @@ def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
         rows = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
         if rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
             continue
-        columns = orthonormal(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[rows])
-        shifted = _at_shifts(evidence, int(joint), shifts)[rows]
+        columns = orthonormalise(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[rows])
+        shifted = _evaluate_at_shifts(evidence, int(joint), shifts)[rows]
         residual = shifted - columns @ (columns.T @ shifted)
         spread = shifted - shifted.mean(axis=0)
         if (residual**2).sum(axis=0).min() > (1.0 - EXPLAINED) * (spread**2).sum(axis=0).mean():
@@ -223,12 +225,12 @@ def lag(evidence: Evidence, *, steady_only: bool) -> Lag | None:
     # One joint alone may be late by its presliding; a log that is late is so for all.
     if n_counting < 2 or at in (0, len(shifts) - 1):
         return None
-    minima = [_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
+    minima = [_find_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
     gain = 1.0 - float(total.min()) / max(float(total[len(shifts) // 2]), 1e-300)
-    return Lag(_minimum(total, shifts), _jackknife_error(minima), gain)
+    return Lag(_find_minimum(total, shifts), _jackknife_error(minima), gain)
 
 
-def orthonormal(columns: FloatArray) -> FloatArray:
+def orthonormalise(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of the columns' span.
 
     Parameters
@@ -249,7 +251,7 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     return basis
 
 
-def shortened(recording: Recording, decimation: int) -> Recording:
+def shorten_recording(recording: Recording, decimation: int) -> Recording:
     """Return a long recording cut down to evenly spread parts."""
     allowed = MAX_ROWS * decimation
     if recording.n_samples <= allowed:
@@ -260,11 +262,11 @@ def shortened(recording: Recording, decimation: int) -> Recording:
     for segment in recording.segments:
         pieces = max(1, round(segment.length / share))
         starts = np.linspace(0, max(0, segment.length - length), pieces).astype(int)
-        segments += [_part(segment, int(start), length, recording.period) for start in starts]
+        segments += [_cut_segment(segment, int(start), length, recording.period) for start in starts]
     return replace(recording, segments=tuple(segments))
 
 
-def _part(segment: Segment, start: int, length: int, period: float) -> Segment:
+def _cut_segment(segment: Segment, start: int, length: int, period: float) -> Segment:
     return Segment(
         first_row=segment.first_row + start,
         length=min(length, segment.length - start),
@@ -273,13 +275,13 @@ def _part(segment: Segment, start: int, length: int, period: float) -> Segment:
     )
 
 
-def _rms_speed(blocks: list[SampleBlock]) -> FloatArray:
+def _compute_rms_speed(blocks: list[SampleBlock]) -> FloatArray:
     total = np.sum([(block.dq[block.used] ** 2).sum(axis=0) for block in blocks], axis=0)
     speed: FloatArray = np.sqrt(total / sum(int(block.used.sum()) for block in blocks))
     return speed
 
 
-def _columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatArray:
+def _build_columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatArray:
     """Return the unfiltered columns: functions of q, q̈, q̇, rounded signs, marks of reversals and rest, τ."""
     n = block.q.shape[1]
     shapes = np.sin(block.q), np.cos(block.q)
@@ -290,11 +292,11 @@ def _columns(block: SampleBlock, rounding: FloatArray, phases: Phases) -> FloatA
     reversal[1:] = np.diff(np.sign(block.dq), axis=0) != 0
     signs = np.tanh(block.dq / rounding), np.sign(block.dq)
     smooth = [np.ones(len(block.t)), *shapes, *neighbours, np.sin(level), np.cos(level)]
-    rests = phases.at(block.segment, block.t, 0.0) == Phase.STANDING
+    rests = phases.phases_at(block.segment, block.t, 0.0) == Phase.STANDING
     return np.column_stack([*smooth, block.ddq, block.dq, *signs, reversal, rests, block.tau])
 
 
-def _filtered(
+def _filter_blocks(
     blocks: list[SampleBlock], rounding: FloatArray, phases: Phases, rate: float, choice: Preprocessing
 ) -> list[FilteredRows]:
     """Filter and decimate; one result for each contiguous series of blocks."""
@@ -302,7 +304,7 @@ def _filtered(
     runs: list[FilteredRows] = []
     parts: list[FilteredRows] = []
 
-    def close() -> None:
+    def close_run() -> None:
         parts.append(parallel.flush())
         run = FilteredRows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
         if len(run.t) > 8 and run.t[-1] - run.t[0] > 2.0 * SPAN:
@@ -312,40 +314,40 @@ def _filtered(
     previous: SampleBlock | None = None
     for block in blocks:
         if previous is not None and (block.segment != previous.segment or block.t[0] > previous.t[-1] + 1.5 / rate):
-            close()
-        parts.append(parallel.push(_columns(block, rounding, phases), block.t, block.used))
+            close_run()
+        parts.append(parallel.push(_build_columns(block, rounding, phases), block.t, block.used))
         previous = block
-    close()
+    close_run()
     return runs
 
 
-def _arranged(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: float) -> Evidence:
+def _arrange_evidence(runs: list[FilteredRows], n: int, moving: BoolArray, resolution: float) -> TorqueEvidence:
     """Return the evidence in filtered rows; the ends, at which torque could not be shifted, are left out."""
     inside = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
     values = np.concatenate([run.values[keep] for run, keep in zip(runs, inside, strict=True)])
     series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, inside, strict=True)]
     borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
     smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
-    return Evidence(
+    return TorqueEvidence(
         smooth=smooth,
         friction=np.stack([speed, rounded, sign], axis=2),
         tau=tau,
         # The low-passed mark of a reversal is far from 0 only within about a period of the cut-off around it.
         steady=np.abs(reversal) < 1e-3,
         held=np.abs(rests) > _HELD,
-        block=_blocks(len(values)),
+        block=_number_blocks(len(values)),
         moving=moving,
         series=tuple(series),
         resolution=resolution,
     )
 
 
-def _blocks(count: int) -> IntArray:
+def _number_blocks(count: int) -> IntArray:
     """Return (count,): blocks of time of so many rows, equally many each."""
     return np.arange(count) * BLOCKS // max(count, 1)
 
 
-def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray:
+def _evaluate_at_shifts(evidence: TorqueEvidence, joint: int, shifts: FloatArray) -> FloatArray:
     """Return a joint's torque at its rows' times plus every shift (r, len(shifts))."""
     parts = []
     for run in evidence.series:
@@ -354,9 +356,9 @@ def _at_shifts(evidence: Evidence, joint: int, shifts: FloatArray) -> FloatArray
     return np.concatenate(parts)
 
 
-def _jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[FloatArray]:
+def _solve_jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[FloatArray]:
     """Return the least-squares weights of all rows, then those without each block; columns are of unit length."""
-    columns, tau = _tempered(columns, tau)
+    columns, tau = _weigh_rows(columns, tau)
     parts = [block == index for index in range(BLOCKS)]
     grams = np.array([columns[part].T @ columns[part] for part in parts])
     sides = np.array([columns[part].T @ tau[part] for part in parts])
@@ -366,7 +368,7 @@ def _jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> list[Fl
     return [np.linalg.solve(gram, side), *without]
 
 
-def _tempered(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _weigh_rows(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Weigh the rows so that a contact, or a time in stiction, does not decide (Huber's weights)."""
     weight = np.ones(len(tau))
     for _ in range(4):
@@ -376,7 +378,7 @@ def _tempered(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatAr
     return columns * weight[:, None], tau * weight
 
 
-def _over_error(values: list[float]) -> float:
+def _divide_by_error(values: list[float]) -> float:
     """Return the first value over the jackknife error of the others."""
     return values[0] / max(_jackknife_error(values[1:]), 1e-300)
 
@@ -386,7 +388,7 @@ def _jackknife_error(values: list[float]) -> float:
     return float(np.sqrt((len(values) - 1) / len(values) * (spread**2).sum()))
 
 
-def _minimum(curve: FloatArray, at: FloatArray) -> float:
+def _find_minimum(curve: FloatArray, at: FloatArray) -> float:
     """Return the lowest point of a sampled curve, by a parabola."""
     index = int(np.clip(curve.argmin(), 1, len(curve) - 2))
     before, middle, after = curve[index - 1 : index + 2]

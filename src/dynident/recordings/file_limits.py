@@ -75,7 +75,7 @@ def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> No
         )
 
 
-def rows_of_block(columns: int) -> int:
+def choose_block_rows(columns: int) -> int:
     """Return how many rows are read at once of a file with so many columns."""
     return max(1, min(BLOCK_ROWS, BLOCK_VALUES // max(columns, 1)))
 

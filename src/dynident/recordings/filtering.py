@@ -66,7 +66,7 @@ def filtered_blocks(
             yield from _segment_blocks(recording, index, segment, preprocessing, block_length)
 
 
-def edge_margin(preprocessing: Preprocessing, rate: float) -> int:
+def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
     """Return the samples at either end of a segment that are not used, because the filter still settles there.
 
     Parameters
@@ -87,9 +87,9 @@ def edge_margin(preprocessing: Preprocessing, rate: float) -> int:
 def _segment_blocks(
     recording: Recording, index: int, segment: Segment, preprocessing: Preprocessing, block_length: int
 ) -> Iterator[SampleBlock]:
-    margin = edge_margin(preprocessing, recording.sampling_rate)
+    margin = compute_edge_margin(preprocessing, recording.sampling_rate)
     done = 0
-    for rows in _differentiated(recording, segment, preprocessing):
+    for rows in _differentiate_rows(recording, segment, preprocessing):
         measured = rows.measured
         for start in range(0, len(rows.q), block_length):
             part = slice(start, min(start + block_length, len(rows.q)))
@@ -113,22 +113,22 @@ def _segment_blocks(
             done += part.stop - part.start
 
 
-def _differentiated(recording: Recording, segment: Segment, preprocessing: Preprocessing) -> Iterator[_Rows]:
+def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: Preprocessing) -> Iterator[_Rows]:
     """Yield runs of consecutive rows: positions and derivatives beside the torque of the same samples."""
     passing: deque[StoredRows] = deque()
 
-    def positions() -> Iterator[FloatArray]:
-        for rows in _stored(recording, segment, length):
+    def read_positions() -> Iterator[FloatArray]:
+        for rows in _read_stored_rows(recording, segment, length):
             passing.append(rows)
             yield rows.q
 
     length = READ_LENGTH
     if preprocessing.position_cutoff is None:
-        filtered = positions()
+        filtered = read_positions()
     else:
         zero_phase = ZeroPhase(recording.sampling_rate, preprocessing.position_cutoff, preprocessing.filter_order)
         length = max(length, 2 * zero_phase.lookahead)
-        filtered = zero_phase.stream(positions(), segment.length)
+        filtered = zero_phase.stream(read_positions(), segment.length)
 
     # Two samples are held back at each border: their right neighbours come with the next run.
     held = np.empty((0, recording.n))
@@ -137,14 +137,14 @@ def _differentiated(recording: Recording, segment: Segment, preprocessing: Prepr
         first = n_done == 0
         joined = np.concatenate([held, q])
         last = n_done + len(joined) - (0 if first else _REACH) >= segment.length
-        inner = _differences(joined, recording.sampling_rate, with_first=first, with_last=last)
+        inner = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
         held = joined[-2 * _REACH :] if len(inner[0]) else joined
         if len(inner[0]):
             n_done += len(inner[0])
-            yield _Rows(*inner, _take(passing, len(inner[0])))
+            yield _Rows(*inner, _take_rows(passing, len(inner[0])))
 
 
-def _differences(
+def _differentiate(
     q: FloatArray, rate: float, *, with_first: bool, with_last: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return q and its four derivatives (m, n) of the rows that have two neighbours on both sides.
@@ -158,8 +158,8 @@ def _differences(
             return q[:0], q[:0], q[:0], q[:0], q[:0]
         still = np.zeros_like(q)
         return q[part], still[part], still[part], still[part], still[part]
-    dq, ddq = _central(q, rate)
-    dddq, ddddq = _central(ddq, rate)
+    dq, ddq = _central_differences(q, rate)
+    dddq, ddddq = _central_differences(ddq, rate)
     # The next term of both series, from derivatives that are there anyway: five points, an error of (ωT)⁴/30.
     inner = slice(_REACH, -_REACH)
     dq[inner] -= dddq[inner] / (6.0 * rate * rate)
@@ -169,7 +169,7 @@ def _differences(
     return q[part], dq[part], ddq[part], dddq[part], ddddq[part]
 
 
-def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+def _central_differences(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Return first and second central difference (m, n); the first and last row are zero."""
     first, second = np.empty_like(values), np.empty_like(values)
     np.subtract(values[2:], values[:-2], out=first[1:-1])
@@ -183,7 +183,7 @@ def _central(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     return first, second
 
 
-def _stored(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:
+def _read_stored_rows(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:
     """Read a segment in runs of at least `length` rows (but the last), joining the source's own blocks."""
     parts: list[StoredRows] = []
     count = 0
@@ -191,13 +191,13 @@ def _stored(recording: Recording, segment: Segment, length: int) -> Iterator[Sto
         parts.append(rows)
         count += len(rows.q)
         if count >= length:
-            yield _join(parts)
+            yield _join_rows(parts)
             parts, count = [], 0
     if parts:
-        yield _join(parts)
+        yield _join_rows(parts)
 
 
-def _join(parts: list[StoredRows]) -> StoredRows:
+def _join_rows(parts: list[StoredRows]) -> StoredRows:
     if len(parts) == 1:
         return parts[0]
     temperatures = [rows.temperature for rows in parts if rows.temperature is not None]
@@ -212,19 +212,19 @@ def _join(parts: list[StoredRows]) -> StoredRows:
     )
 
 
-def _take(passing: deque[StoredRows], count: int) -> StoredRows:
+def _take_rows(passing: deque[StoredRows], count: int) -> StoredRows:
     """Take the oldest `count` rows out of `passing`."""
     parts: list[StoredRows] = []
     while count:
         rows = passing.popleft()
         if len(rows.q) > count:
-            passing.appendleft(_cut(rows, slice(count, None)))
-            rows = _cut(rows, slice(0, count))
+            passing.appendleft(_cut_rows(rows, slice(count, None)))
+            rows = _cut_rows(rows, slice(0, count))
         parts.append(rows)
         count -= len(rows.q)
-    return _join(parts)
+    return _join_rows(parts)
 
 
-def _cut(rows: StoredRows, part: slice) -> StoredRows:
+def _cut_rows(rows: StoredRows, part: slice) -> StoredRows:
     optional = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
     return StoredRows(rows.q[part], rows.tau[part], *optional)

@@ -11,22 +11,22 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.checks import run_checks
-from dynident.recordings.columns import Column, Layout, find_columns, surplus_columns
+from dynident.recordings.columns import Column, Layout, check_surplus_columns, find_columns
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.formats import open_source
-from dynident.recordings.missing_torque import torques_not_recorded, without_empty_torques
-from dynident.recordings.poses import POSES, pose_checks, read_poses, write_poses
+from dynident.recordings.missing_torque import mark_empty_torques, report_missing_torques
+from dynident.recordings.poses import POSES, read_poses, report_poses, write_poses
 from dynident.recordings.raw import RawRows, RawSource
 from dynident.recordings.restarts import RestartingSource
-from dynident.recordings.revisions import windows_without
+from dynident.recordings.revisions import exclude_from_windows
 from dynident.recordings.sampling import RawSample, SampleCollector
 from dynident.recordings.segmenting import Segmenter
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.sources import ArraySource, ParquetSource
 from dynident.recordings.stated import RecordingMetadata, Windows
-from dynident.recordings.timebase import TimeBase, TimeScan, time_checks
+from dynident.recordings.timebase import TimeBase, TimeScan, check_time
 from dynident.recordings.types import (
     WRENCH_NAMES,
     Check,
@@ -35,7 +35,7 @@ from dynident.recordings.types import (
     Recording,
     RecordingError,
     Segment,
-    inside,
+    is_inside_windows,
 )
 
 
@@ -46,7 +46,7 @@ def import_recording(
     *,
     metadata: RecordingMetadata | None = None,
     against: ModelChecks | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> tuple[Recording, tuple[Check, ...]]:
     """Read a user's file, check it, and store it in SI units on a uniform grid as a canonical Parquet file.
 
@@ -79,7 +79,7 @@ def import_recording(
     joint_names = tuple(joints.names)
     file = open_source(Path(source_path), metadata.format, metadata.rate)
     layout, torque_source = find_columns(file.names, joints, metadata)
-    layout = without_empty_torques(layout, file)
+    layout = mark_empty_torques(layout, file)
     source = RestartingSource(file)
     destination = Path(destination_path)
     # In the same folder, so that the finished file takes its place in one step.
@@ -87,19 +87,19 @@ def import_recording(
         temporary = Path(unfinished.name)
     try:
         # The uniform grid needs the period before the first row can be resampled.
-        base = scan_time(source, layout, metadata.windows, part(progress, 0.0, 0.2))
-        windows = windows_without(metadata.windows, metadata.exclude, base.first, base.last)
+        base = scan_time(source, layout, metadata.windows, scale_progress(progress, 0.0, 0.2))
+        windows = exclude_from_windows(metadata.windows, metadata.exclude, base.first, base.last)
         poses = read_poses(source, layout, base)
         with ParquetSink(temporary, joint_names, layout.kinds) as sink:
             conditioning = Conditioning(layout, joints.known_limits, base, metadata.skip)
             if poses is None:
-                segments, sample = _convert(
+                segments, sample = _convert_rows(
                     source,
                     layout,
                     base,
                     replace(metadata, windows=windows),
                     sink,
-                    part(progress, 0.2, 0.8),
+                    scale_progress(progress, 0.2, 0.8),
                     conditioning,
                 )
             else:
@@ -109,7 +109,7 @@ def import_recording(
                 joint_names=joint_names,
                 sampling_rate=1.0 / base.period,
                 segments=segments,
-                source=_stored(temporary, joint_names, layout),
+                source=_open_stored(temporary, joint_names, layout),
                 windows=windows,
                 role=metadata.role if poses is None else POSES,
                 payload=metadata.payload,
@@ -120,27 +120,27 @@ def import_recording(
                 joints_without_torque=tuple(joint_names[joint] for joint in layout.without_torque),
             )
             sink.describe(recording)
-        surplus = surplus_columns(file.names, joints.n, metadata)
+        surplus = check_surplus_columns(file.names, joints.n, metadata)
         findings = [
             torque_source,
             *(Check("layout", "ok", remark) for remark in file.remarks),
             *([] if surplus is None else [surplus]),
-            *torques_not_recorded(layout, joint_names),
+            *report_missing_torques(layout, joint_names),
         ]
         if poses is None:
-            findings += [*time_checks(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
+            findings += [*check_time(base, layout.t.source), *source.checks(layout.t.source), *conditioning.checks()]
             checks = run_checks(recording, sample, layout, joints.known_limits, tuple(findings), metadata, against)
         else:
-            checks = (*findings, *pose_checks(poses, base))
+            checks = (*findings, *report_poses(poses, base))
         progress(1.0, "stored")
         os.replace(temporary, destination)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    return replace(recording, source=_stored(destination, joint_names, layout), path=destination), checks
+    return replace(recording, source=_open_stored(destination, joint_names, layout), path=destination), checks
 
 
-def _stored(path: Path, joint_names: tuple[str, ...], layout: Layout) -> ParquetSource:
+def _open_stored(path: Path, joint_names: tuple[str, ...], layout: Layout) -> ParquetSource:
     has = (bool(columns) for columns in (layout.temperature, layout.wrench, layout.q_command))
     return ParquetSource(path, joint_names, *has)
 
@@ -202,20 +202,20 @@ def recording_from_arrays(
     RecordingError
         For unsorted time, or what is no number inside the windows.
     """
-    source = _Arrays(t, q, tau, segment, tuple(joint_names), further)
+    source = _ArrayFile(t, q, tau, segment, tuple(joint_names), further)
     layout = source.layout
     metadata = RecordingMetadata(name=name, windows=windows)
     base = scan_time(source, layout, windows)
     sink = ArraySink()
     poses = read_poses(source, layout, base)
     if poses is None:
-        segments, _ = _convert(source, layout, base, metadata, sink, silent)
+        segments, _ = _convert_rows(source, layout, base, metadata, sink, ignore_progress)
     else:
         segments = write_poses(poses, sink)
-    values = sink.values()
-    q, tau = (values[:, layout.place(kind)] for kind in ("q", "tau"))
+    values = sink.join_values()
+    q, tau = (values[:, layout.columns_of_kind(kind)] for kind in ("q", "tau"))
     optional = ((kind, getattr(layout, kind)) for kind in ("temperature", "wrench", "q_command"))
-    further_values = (values[:, layout.place(kind)] if columns else None for kind, columns in optional)
+    further_values = (values[:, layout.columns_of_kind(kind)] if columns else None for kind, columns in optional)
     return Recording(
         name=name,
         joint_names=tuple(joint_names),
@@ -255,14 +255,14 @@ def condition_arrays(
     RecordingError
         For unsorted time.
     """
-    source = _Arrays(t, q, tau, segment, tuple(joints.names), NO_FURTHER_COLUMNS)
+    source = _ArrayFile(t, q, tau, segment, tuple(joints.names), NO_FURTHER_COLUMNS)
     layout = source.layout
     conditioning = Conditioning(layout, joints.known_limits, scan_time(source, layout, ()))
     values = np.concatenate([rows.values for rows in conditioning.condition(source.rows(layout))])
-    return values[:, layout.place("q")], values[:, layout.place("tau")], conditioning.checks()
+    return values[:, layout.columns_of_kind("q")], values[:, layout.columns_of_kind("tau")], conditioning.checks()
 
 
-def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = silent) -> TimeBase:
+def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Progress = ignore_progress) -> TimeBase:
     """First pass: read the time column alone, and check the windows against it."""
     scan = TimeScan(layout.t.source)
     for rows in source.times(layout):
@@ -281,7 +281,7 @@ def scan_time(source: RawSource, layout: Layout, windows: Windows, progress: Pro
     return base
 
 
-def _convert(
+def _convert_rows(
     source: RawSource,
     layout: Layout,
     base: TimeBase,
@@ -296,7 +296,7 @@ def _convert(
     blocks = source.rows(layout)
     for rows in blocks if conditioning is None else conditioning.condition(blocks):
         if conditioning is not None:
-            collector.feed(rows, inside(rows.t, metadata.windows))
+            collector.feed(rows, is_inside_windows(rows.t, metadata.windows))
         for values in segmenter.push(rows):
             sink.write(values)
         progress((rows.first_row + len(rows.t)) / base.n_rows, "reading the samples")
@@ -316,7 +316,7 @@ def _convert(
 
 
 @dataclass(frozen=True, eq=False)
-class _Arrays:
+class _ArrayFile:
     """Arrays that the two passes read like a file."""
 
     t: FloatArray
@@ -340,13 +340,21 @@ class _Arrays:
 
     @property
     def layout(self) -> Layout:
-        def of(kind: str) -> tuple[Column, ...]:
+        def columns_of(kind: str) -> tuple[Column, ...]:
             return tuple(Column(f"{kind}_{joint}") for joint in self.joint_names)
 
-        temperature = of("temperature") if self.further.temperature is not None else ()
+        temperature = columns_of("temperature") if self.further.temperature is not None else ()
         wrench = tuple(Column(name) for name in WRENCH_NAMES) if self.further.wrench is not None else ()
-        command = of("q_command") if self.further.command is not None else ()
-        return Layout(Column("t"), None, of("q"), of("tau"), q_command=command, temperature=temperature, wrench=wrench)
+        command = columns_of("q_command") if self.further.command is not None else ()
+        return Layout(
+            Column("t"),
+            None,
+            columns_of("q"),
+            columns_of("tau"),
+            q_command=command,
+            temperature=temperature,
+            wrench=wrench,
+        )
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         yield RawRows(0, np.asarray(self.t, dtype=np.float64), self._labels(), np.empty((len(self.t), 0)))

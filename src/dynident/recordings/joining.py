@@ -15,7 +15,7 @@ _PATIENCE = 8
 """Blocks of samples after which a series that has fallen silent is not waited for."""
 
 
-class Series:
+class SampleSeries:
     """The samples of one series that are still needed.
 
     Parameters
@@ -83,7 +83,7 @@ class Series:
             self._times, self._rows = self._times[count:], self._rows[count:]
 
 
-class JoinedRows(NamedTuple):
+class JoinedSamples(NamedTuple):
     """Times (m,), and the values (m, c) of every series at them."""
 
     times: FloatArray
@@ -103,7 +103,7 @@ class TimeJoin:
         Samples of the main series that are joined at once.
     """
 
-    def __init__(self, series: Mapping[str, Series], main: str, block_samples: int) -> None:
+    def __init__(self, series: Mapping[str, SampleSeries], main: str, block_samples: int) -> None:
         self._series, self._main, self._block_samples = series, main, block_samples
 
     def add(self, series: str, times: FloatArray, names: Sequence[str], values: FloatArray) -> None:
@@ -115,7 +115,7 @@ class TimeJoin:
         """Whether the main series has samples for a block."""
         return len(self._series[self._main]) >= self._block_samples
 
-    def rows(self, *, last: bool = False) -> JoinedRows:
+    def rows(self, *, last: bool = False) -> JoinedSamples:
         """Return the rows up to the time that every series has reached, and forget them.
 
         Parameters
@@ -140,4 +140,4 @@ class TimeJoin:
                 if len(times):
                     # The sample before the next row is still needed, to interpolate from.
                     other.forget(float(times[-1]))
-        return JoinedRows(times, values)
+        return JoinedSamples(times, values)

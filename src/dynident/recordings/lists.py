@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from dynident.recordings.arrow import from_numbers, streamed_parquet
+from dynident.recordings.arrow import from_numbers, open_parquet_stream
 
 _LONGEST = 256
 _ABOUT = Path("meta") / "info.json"
@@ -33,7 +33,7 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
     ]
     if not names:
         return {}
-    with streamed_parquet(path) as file:
+    with open_parquet_stream(path) as file:
         first = next(file.iter_batches(1, columns=names, use_threads=False), None)
     if first is None:
         return {}
@@ -41,7 +41,7 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
     return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
 
 
-def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
+def name_list_places(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
     """Return the names of the columns that every list becomes.
 
     They are state1, state2, …, or state.shoulder.pos where the data set names them: a data set of LeRobot says in
@@ -59,25 +59,25 @@ def places_of(path: Path, lists: Mapping[str, int]) -> dict[str, tuple[str, ...]
     mapping
         Of columns to the names of their places.
     """
-    names = _stated(path)
-    return {name: names.get((name, length)) or counted_names(name, length) for name, length in lists.items()}
+    names = _read_stated_names(path)
+    return {name: names.get((name, length)) or make_counted_names(name, length) for name, length in lists.items()}
 
 
-def spread_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
+def expand_names(schema: pa.Schema, lists: Mapping[str, tuple[str, ...]]) -> list[str]:
     """Return the names of the columns, with those of every list in its place."""
     return [name for field in schema for name in lists.get(field.name, (field.name,))]
 
 
-def stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
+def find_stored_name(name: str, lists: Mapping[str, tuple[str, ...]]) -> str:
     """Return the column of the file that holds a column."""
     return next((column for column, names in lists.items() if name in names), name)
 
 
-def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
+def expand_lists(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[str, ...]]) -> pa.RecordBatch:
     """Return a batch of the requested columns, those in lists among them."""
     values = []
     for name in columns:
-        stored = stored_name(name, lists)
+        stored = find_stored_name(name, lists)
         column = batch.column(batch.schema.get_field_index(stored))
         if stored in lists:
             place = lists[stored].index(name)
@@ -92,20 +92,20 @@ def spread(batch: pa.RecordBatch, columns: list[str], lists: Mapping[str, tuple[
     return pa.RecordBatch.from_arrays(values, names=columns)
 
 
-def counted_names(name: str, length: int) -> tuple[str, ...]:
+def make_counted_names(name: str, length: int) -> tuple[str, ...]:
     """Return names for the places of a list: q1, q2, …."""
     joint = "_" if name[-1:].isdigit() else ""
     return tuple(f"{name}{joint}{index + 1}" for index in range(length))
 
 
-def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
+def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
     about = next(
         (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
     )
     try:
         features = json.loads(about.read_text(encoding="utf-8"))["features"] if about is not None else {}
-        named = {name: _flat(feature.get("names")) for name, feature in features.items()}
+        named = {name: _flatten_names(feature.get("names")) for name, feature in features.items()}
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return {}
     return {
@@ -115,8 +115,8 @@ def _stated(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     }
 
 
-def _flat(names: Any) -> list[str]:
+def _flatten_names(names: Any) -> list[str]:
     """Return names as one list, of a list or of groups: {"motors": [...]}."""
     if isinstance(names, dict):
-        return [place for part in names.values() for place in _flat(part)]
+        return [place for part in names.values() for place in _flatten_names(part)]
     return [str(place) for place in names] if isinstance(names, list) else []

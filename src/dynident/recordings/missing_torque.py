@@ -12,7 +12,7 @@ from dynident.recordings.raw import FileSource
 from dynident.recordings.types import Check
 
 
-def without_empty_torques(layout: Layout, file: FileSource) -> Layout:
+def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
     """Mark torques without a number in any row of a file as not recorded.
 
     Not where motors act on several joints: each torque is then made of several columns. Nor where no torque holds a
@@ -46,7 +46,7 @@ def without_empty_torques(layout: Layout, file: FileSource) -> Layout:
     return replace(layout, tau=tau, without_torque=tuple(sorted(empty | set(layout.without_torque))))
 
 
-def torques_not_recorded(layout: Layout, joint_names: Sequence[str]) -> tuple[Check, ...]:
+def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[Check, ...]:
     """Return a warning that names the joints without torque, if there are any."""
     if not layout.without_torque:
         return ()

@@ -11,7 +11,7 @@ JOINT = "+"
 """Stands between the files of one recording: q.csv+dq.csv+tau.csv."""
 
 
-def unique_names(paths: Iterable[Path]) -> list[str]:
+def make_unique_names(paths: Iterable[Path]) -> list[str]:
     """Return a name for every file: its stem, with a number behind it if two files share one.
 
     Parameters
@@ -24,7 +24,7 @@ def unique_names(paths: Iterable[Path]) -> list[str]:
     """
     names: list[str] = []
     for path in paths:
-        stem = parts_of(path)[0].stem
+        stem = split_path(path)[0].stem
         name, count = stem, 2
         while name in names:
             name, count = f"{stem}_{count}", count + 1
@@ -32,7 +32,7 @@ def unique_names(paths: Iterable[Path]) -> list[str]:
     return names
 
 
-def parts_of(path: Path) -> list[Path]:
+def split_path(path: Path) -> list[Path]:
     """Return the files that a path names: itself, or those of `folder/q.csv+tau.csv`, which lie beside the first.
 
     Parameters
@@ -52,7 +52,7 @@ def parts_of(path: Path) -> list[Path]:
     return [first, *(other if other.exists() else first.parent / other for other in others)]
 
 
-def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
+def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     """Return the path of a recording, in one file or in several.
 
     Parameters
@@ -76,7 +76,7 @@ def readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
             "those that are one recording"
         )
     joined = Path(JOINT.join(map(str, several)))
-    for part in parts_of(joined):
+    for part in split_path(joined):
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
     return joined

@@ -78,8 +78,8 @@ class ParallelFilter:
         self.half = len(self.taps) // 2
         # Output rows are multiples of d; the first whose window fits starts at row `_offset` of the segment.
         self._offset = -self.half % decimation
-        self._tile = _tile_length(len(self.taps), decimation)
-        self._band = _banded(self.taps, decimation, self._tile)
+        self._tile = _choose_tile_length(len(self.taps), decimation)
+        self._band = _build_band_matrix(self.taps, decimation, self._tile)
         self._rows: FloatArray | None = None
         self._t = np.empty(0)
         self._used = np.empty(0, dtype=bool)
@@ -123,11 +123,11 @@ class ParallelFilter:
         self._rows, self._t, self._used, self._skip = None, np.empty(0), np.empty(0, dtype=bool), self._offset
         if rows is None or len(rows) < self.span:
             width = 0 if rows is None else rows.shape[1]
-            return self._given(np.empty((0, width)), np.empty(0), np.empty(0, dtype=bool))
+            return self._make_rows(np.empty((0, width)), np.empty(0), np.empty(0, dtype=bool))
         count = (len(rows) - self.span) // self.decimation + 1
         reach = (count - 1) * self.decimation + self.span
         values = self._band[:count, :reach] @ rows[:reach]
-        return self._given(values, *self._marks(t, used, count))
+        return self._make_rows(values, *self._mark_used(t, used, count))
 
     def _advance(self, rows: FloatArray, t: FloatArray, used: BoolArray) -> FilteredRows:
         if self._skip:
@@ -153,7 +153,7 @@ class ParallelFilter:
             self._multiply(rows[n_border * step - n_kept :], n_tiles - n_border, values[n_border * self._tile :])
         all_t = np.concatenate([self._t, t])
         all_used = np.concatenate([self._used, used])
-        out_t, out_used = self._marks(all_t, all_used, n_tiles * self._tile)
+        out_t, out_used = self._mark_used(all_t, all_used, n_tiles * self._tile)
         n_consumed = n_tiles * step
         if n_consumed >= n_kept:
             self._rows = rows[n_consumed - n_kept :].copy()
@@ -162,7 +162,7 @@ class ParallelFilter:
         self._t, self._used = all_t[n_consumed:], all_used[n_consumed:]
         # Decimation by more than the window's span: rows that no window covers are yet to come.
         self._skip += max(0, n_consumed - n_all)
-        return self._given(values, out_t, out_used)
+        return self._make_rows(values, out_t, out_used)
 
     def _multiply(self, rows: FloatArray, n_tiles: int, out: FloatArray) -> None:
         """Fill `out` (n_tiles tile, k): one product for each tile, its rows read in place."""
@@ -174,7 +174,7 @@ class ParallelFilter:
         )
         np.matmul(self._band, tiles, out=out.reshape(n_tiles, tile, width))
 
-    def _marks(self, t: FloatArray, used: BoolArray, count: int) -> tuple[FloatArray, BoolArray]:
+    def _mark_used(self, t: FloatArray, used: BoolArray, count: int) -> tuple[FloatArray, BoolArray]:
         if not count:
             return np.empty(0), np.empty(0, dtype=bool)
         first = np.arange(count) * self.decimation
@@ -183,16 +183,16 @@ class ParallelFilter:
         complete: BoolArray = before[first + self.span] - before[first] == self.span
         return t[first + self.half], complete
 
-    def _given(self, values: FloatArray, t: FloatArray, used: BoolArray) -> FilteredRows:
+    def _make_rows(self, values: FloatArray, t: FloatArray, used: BoolArray) -> FilteredRows:
         return FilteredRows(values.reshape(len(t), *self._shape), t, used)
 
 
-def _tile_length(n_taps: int, decimation: int) -> int:
+def _choose_tile_length(n_taps: int, decimation: int) -> int:
     """Return the output rows of a tile: enough for an efficient matrix product, few enough to have few zeros."""
     return int(np.clip(round(0.5 * n_taps / decimation), 4, 64))
 
 
-def _banded(taps: FloatArray, decimation: int, tile: int) -> FloatArray:
+def _build_band_matrix(taps: FloatArray, decimation: int, tile: int) -> FloatArray:
     """Return the matrix (tile, (tile - 1) d + span) whose row i holds the taps from column i d on."""
     band = np.zeros((tile, (tile - 1) * decimation + len(taps)))
     for index in range(tile):

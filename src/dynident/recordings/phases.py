@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.filtering import READ_LENGTH
-from dynident.recordings.poses import is_of_poses
+from dynident.recordings.poses import has_poses
 from dynident.recordings.preprocessing import Preprocessing
 from dynident.recordings.types import Recording
 
@@ -94,7 +94,7 @@ class Halts:
     sticks: BoolArray
     turns: BoolArray
 
-    def near(self, t: FloatArray, before: float, after: float, chosen: BoolArray) -> BoolArray:
+    def is_near(self, t: FloatArray, before: float, after: float, chosen: BoolArray) -> BoolArray:
         """Return (m,): which times t (m,) are at most `before` s ahead of, or `after` s behind, a chosen halt."""
         starts, ends = self.starts[chosen] - before, self.ends[chosen] + after
         # Intervals are sorted: a time lies in one if more of them have begun than are over.
@@ -110,7 +110,7 @@ class Phases:
     halts: tuple[tuple[Halts, ...], ...]
 
     @property
-    def free(self) -> BoolArray:
+    def freely_reversing(self) -> BoolArray:
         """Joints (n,) that turn round without sticking nearly always.
 
         Where a joint sticks at some of its turns, it may stick unseen, for a moment, at the others.
@@ -122,7 +122,7 @@ class Phases:
             turns_freely.append(len(sticks) > 0 and float(sticks.mean()) <= _SELDOM)
         return np.array(turns_freely, dtype=bool)
 
-    def at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
+    def phases_at(self, segment: int, t: FloatArray, width: float, after: float = 0.0) -> PhaseArray:
         """Return the phase of every joint at times of a segment.
 
         Parameters
@@ -143,12 +143,12 @@ class Phases:
         for j, halts in enumerate(self.halts[segment]):
             everyone = np.ones(len(halts.starts), dtype=bool)
             # All halts are reversals first; those that stick then count as standstills.
-            out[halts.near(t, width, width + after, everyone), j] = Phase.REVERSING
-            out[halts.near(t, width, width + after, halts.sticks), j] = Phase.STANDING
+            out[halts.is_near(t, width, width + after, everyone), j] = Phase.REVERSING
+            out[halts.is_near(t, width, width + after, halts.sticks), j] = Phase.STANDING
         return out
 
 
-def width_of(preprocessing: Preprocessing, rate: float) -> float:
+def compute_smear_width(preprocessing: Preprocessing, rate: float) -> float:
     """Return the seconds that the filters smear a halt over, to either side.
 
     That is 1 / the lower cut-off, or a period without filters.
@@ -180,14 +180,14 @@ class PhaseShares:
 _known: WeakKeyDictionary[Recording, Phases] = WeakKeyDictionary()
 
 
-def phases_of(recording: Recording) -> Phases:
+def find_phases(recording: Recording) -> Phases:
     """Return the phases of a recording, computed once."""
     if recording not in _known:
-        _known[recording] = phases_of_others(recording, lambda q: q, recording.n)
+        _known[recording] = find_passive_phases(recording, lambda q: q, recording.n)
     return _known[recording]
 
 
-def phases_of_others(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
+def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], FloatArray], n: int) -> Phases:
     """Return the phases of joints whose positions follow from those of the recorded joints, sample by sample.
 
     Parameters
@@ -202,7 +202,7 @@ def phases_of_others(recording: Recording, positions: Callable[[FloatArray], Flo
     -------
     Phases
     """
-    return Phases(tuple(_in_segment(recording, k, positions, n) for k in range(len(recording.segments))))
+    return Phases(tuple(_find_halts(recording, k, positions, n) for k in range(len(recording.segments))))
 
 
 def phase_shares(recording: Recording) -> PhaseShares:
@@ -216,9 +216,9 @@ def phase_shares(recording: Recording) -> PhaseShares:
     -------
     PhaseShares
     """
-    if is_of_poses(recording):
+    if has_poses(recording):
         return PhaseShares(np.ones(recording.n), np.zeros(recording.n))
-    phases = phases_of(recording)
+    phases = find_phases(recording)
     # Halts begin and end at samples: only rounding is between them.
     width = 1e-3 * recording.period
     counts, total = np.zeros((len(Phase), recording.n)), 0
@@ -227,29 +227,29 @@ def phase_shares(recording: Recording) -> PhaseShares:
             samples = np.arange(first, min(first + _COUNTED, segment.length), dtype=np.float64)
             t: FloatArray = segment.start_time + samples * recording.period
             t = t[recording.inside_windows(t)]
-            phase_rows = phases.at(k, t, width)
+            phase_rows = phases.phases_at(k, t, width)
             counts += np.array([(phase_rows == phase).sum(axis=0) for phase in Phase])
             total += len(t)
     shares = counts / max(total, 1)
     return PhaseShares(shares[Phase.STANDING], shares[Phase.REVERSING])
 
 
-def _in_segment(
+def _find_halts(
     recording: Recording, index: int, positions: Callable[[FloatArray], FloatArray], n: int
 ) -> tuple[Halts, ...]:
     """Return the halts of n joints in a segment, from its raw positions, read twice in blocks."""
     segment, rate = recording.segments[index], recording.sampling_rate
 
-    def blocks() -> Iterator[FloatArray]:
+    def read_blocks() -> Iterator[FloatArray]:
         for rows in recording.source.rows(segment.first_row, segment.length, READ_LENGTH):
             yield positions(rows.q)
 
-    paths = _survey(blocks(), n, rate)
+    paths = _survey_positions(read_blocks(), n, rate)
     whole = segment.start_time, segment.start_time + max(segment.length - 1, 0) / rate
-    runs = [_Runs() if path.moves else None for path in paths]
+    runs = [_SpeedRuns() if path.moves else None for path in paths]
     reach = max((path.reach for path in paths), default=1)
     held, first = np.zeros((0, n)), 0
-    for q in blocks():
+    for q in read_blocks():
         joined = np.concatenate([held, q])
         for j, (path, run) in enumerate(zip(paths, runs, strict=True)):
             if run is not None:
@@ -259,17 +259,17 @@ def _in_segment(
         first += len(joined) - keep
         held = joined[len(joined) - keep :]
     return tuple(
-        _standing_throughout(*whole) if run is None else run.halts(path, segment.start_time, segment.length, rate)
+        _make_standstill(*whole) if run is None else run.find_halts(path, segment.start_time, segment.length, rate)
         for path, run in zip(paths, runs, strict=True)
     )
 
 
-def _standing_throughout(start: float, end: float) -> Halts:
+def _make_standstill(start: float, end: float) -> Halts:
     return Halts(np.array([start]), np.array([end]), np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
 
 
 @dataclass(frozen=True)
-class _Path:
+class _SpeedRule:
     """One joint's positions in a segment: whether it `moves`, and how its speed is computed.
 
     Speeds are differences over `reach` samples to either side, times `factor`; below `slow` it may as well stand.
@@ -281,7 +281,7 @@ class _Path:
     slow: float
 
 
-def _survey(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_Path]:
+def _survey_positions(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_SpeedRule]:
     """Look at all positions once: spans, rms speeds, and a sample that tells their resolution."""
     low, high, squares, count = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n), 0
     sample, last = np.zeros((0, n)), np.zeros((0, n))
@@ -293,23 +293,25 @@ def _survey(blocks: Iterator[FloatArray], n: int, rate: float) -> list[_Path]:
         if len(sample) < _SURVEYED:
             sample = np.concatenate([sample, q[: _SURVEYED - len(sample)]])
     return [
-        _path(sample[:, j], count, float(high[j] - low[j]), float(np.sqrt(squares[j] / max(count - 1, 1))) * rate, rate)
+        _choose_speed_rule(
+            sample[:, j], count, float(high[j] - low[j]), float(np.sqrt(squares[j] / max(count - 1, 1))) * rate, rate
+        )
         for j in range(n)
     ]
 
 
-def _path(sample: FloatArray, count: int, travel: float, rms: float, rate: float) -> _Path:
+def _choose_speed_rule(sample: FloatArray, count: int, travel: float, rms: float, rate: float) -> _SpeedRule:
     if count < 3 or travel <= STANDS:
-        return _Path(False, 1, 0.5 * rate, SLOW)
+        return _SpeedRule(False, 1, 0.5 * rate, SLOW)
     slow = min(SLOW, SLOW_SHARE * rms)
     # Three standard deviations of a difference of two positions.
-    uncertain = np.sqrt(2.0) * _DEVIATIONS * _resolution(sample)
+    uncertain = np.sqrt(2.0) * _DEVIATIONS * _measure_resolution(sample)
     needed = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
     reach = min(max(1, ceil(0.5 * rate * min(needed, _LONGEST_STEP))), (count - 1) // 2)
-    return _Path(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
+    return _SpeedRule(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
 
 
-class _Runs:
+class _SpeedRuns:
     """Runs of samples at which one joint is slow or fast, collected block by block."""
 
     def __init__(self) -> None:
@@ -319,7 +321,7 @@ class _Runs:
         self._before = np.nan
         self._squares = 0.0
 
-    def push(self, q: FloatArray, first: int, goes_on: bool, path: _Path, reach: int) -> None:
+    def push(self, q: FloatArray, first: int, goes_on: bool, path: _SpeedRule, reach: int) -> None:
         """Take positions (m,) from sample `first` on; of a run that goes on, 2 reach + 1 are known already."""
         speed = (q[2 * path.reach :] - q[: -2 * path.reach]) * path.factor
         new = 2 * reach + 1 - 2 * path.reach if goes_on else 0
@@ -333,12 +335,12 @@ class _Runs:
         is_slow |= signs[1:] != signs[:-1]
         self._before = float(speed[-1])
         so_far = np.concatenate([[0], np.cumsum(is_slow)])
-        for a, b in _spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
-            _join(self._near, start + a, start + b, int(so_far[b + 1] > so_far[a]))
-        for a, b in _spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
-            _join(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
+        for a, b in _find_spans(is_slow | (np.abs(speed) < _SLOWLY * path.slow)):
+            _append_run(self._near, start + a, start + b, int(so_far[b + 1] > so_far[a]))
+        for a, b in _find_spans(~is_slow & (np.abs(speed) >= _FASTER * path.slow)):
+            _append_run(self._fast, start + a, start + b, int(np.sign(speed[a])), int(np.sign(speed[b])))
 
-    def halts(self, path: _Path, start: float, length: int, rate: float) -> Halts:
+    def find_halts(self, path: _SpeedRule, start: float, length: int, rate: float) -> Halts:
         """Return when the joint is slow.
 
         Where positions are too coarse or too noisy to tell, it stands throughout if it is slow all in all, and never
@@ -349,7 +351,7 @@ class _Runs:
         rms = np.sqrt(self._squares / max(length - 2 * path.reach, 1))
         untold = path.slow > _UNTOLD * rms
         if untold and rms < SLOW:
-            return _standing_throughout(start, start + max(length - 1, 0) / rate)
+            return _make_standstill(start, start + max(length - 1, 0) / rate)
         if untold or not len(halts):
             nothing = np.zeros(0, dtype=bool)
             return Halts(np.zeros(0), np.zeros(0), nothing, nothing)
@@ -358,16 +360,16 @@ class _Runs:
         first = np.where(first <= path.reach, 0, first)
         last = np.where(last >= length - 1 - path.reach, length - 1, last)
         fast = np.array(self._fast, dtype=np.int64).reshape(-1, 4)
-        return Halts(start + first / rate, start + last / rate, *_sticking(fast, first, last))
+        return Halts(start + first / rate, start + last / rate, *_find_sticking(fast, first, last))
 
 
-def _spans(mask: BoolArray) -> list[tuple[int, int]]:
+def _find_spans(mask: BoolArray) -> list[tuple[int, int]]:
     """Return first and last index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _join(runs: array[int], first: int, last: int, *more: int) -> None:
+def _append_run(runs: array[int], first: int, last: int, *more: int) -> None:
     """Append a run to the others, or extend the last one if it goes on.
 
     Of `more`, one number is true or false of any part of the run, and the last of two is about its end.
@@ -380,7 +382,7 @@ def _join(runs: array[int], first: int, last: int, *more: int) -> None:
         runs.extend((first, last, *more))
 
 
-def _resolution(q: FloatArray) -> float:
+def _measure_resolution(q: FloatArray) -> float:
     """Return the standard deviation of one position about its surroundings: noise, or rounding."""
     if len(q) < 3:
         return 0.0
@@ -394,7 +396,7 @@ def _resolution(q: FloatArray) -> float:
     return float(max(noise, quantum / np.sqrt(12.0)))
 
 
-def _sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[BoolArray, BoolArray]:
+def _find_sticking(fast: IntArray, first: IntArray, last: IntArray) -> tuple[BoolArray, BoolArray]:
     """Return which halts are no free turns, and which are reversals.
 
     Parameters

@@ -33,7 +33,7 @@ _SHARE = 0.5
 """Share of the joints that span anything which has to jump: of a grid of poses some joints go in steps."""
 
 
-def jump_from_row_to_row(q: FloatArray) -> bool:
+def are_poses(q: FloatArray) -> bool:
     """Return whether positions are poses in a list, and no samples of a motion.
 
     Parameters
@@ -55,7 +55,7 @@ def jump_from_row_to_row(q: FloatArray) -> bool:
     return bool((second > _ROUGH * q[:, moves].std(axis=0)).mean() >= _SHARE)
 
 
-def is_of_poses(recording: Recording) -> bool:
+def has_poses(recording: Recording) -> bool:
     """Return whether each row of a recording is a pose."""
     return recording.role == POSES
 
@@ -68,9 +68,9 @@ def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | N
     t, segment, values = (
         np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "segment", "values")
     )
-    is_complete = np.all(are_readings(values[:, layout.needed]), axis=1)
+    is_complete = np.all(are_readings(values[:, layout.needed_columns]), axis=1)
     rows = RawRows(0, t[is_complete], segment[is_complete], values[is_complete])
-    return rows if jump_from_row_to_row(rows.values[:, layout.place("q")]) else None
+    return rows if are_poses(rows.values[:, layout.columns_of_kind("q")]) else None
 
 
 def write_poses(rows: RawRows, sink: ParquetSink | ArraySink) -> tuple[Segment, ...]:
@@ -82,7 +82,7 @@ def write_poses(rows: RawRows, sink: ParquetSink | ArraySink) -> tuple[Segment, 
     return tuple(segments)
 
 
-def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
+def read_pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times (m,), positions and torques (m, n) of the poses inside the windows."""
     blocks = list(recording.source.rows(0, recording.n_samples, recording.n_samples))
     q, tau = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "tau"))
@@ -91,7 +91,7 @@ def pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]
     return t[used], q[used], tau[used]
 
 
-def pose_checks(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
+def report_poses(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
     """Report that the rows are poses, and how many rows held no numbers."""
     lost = base.n_rows - len(rows.t)
     remark = f" {lost} rows hold no numbers and are left out." if lost else ""

@@ -38,25 +38,31 @@ class Preprocessing:
         for name in ("position_cutoff", "torque_cutoff"):
             value = getattr(self, name)
             if value is not None and not (isfinite(value) and value > 0):
-                raise _impossible(name, f"{name} is {value}; give a frequency in Hz above 0, or null for no filter.")
+                raise _impossible_value_error(
+                    name, f"{name} is {value}; give a frequency in Hz above 0, or null for no filter."
+                )
         if self.decimation < 1:
-            raise _impossible("decimation", f"decimation is {self.decimation}; give a whole number of at least 1.")
+            raise _impossible_value_error(
+                "decimation", f"decimation is {self.decimation}; give a whole number of at least 1."
+            )
         if not 1 <= self.filter_order <= 12:
-            raise _impossible("filter_order", f"filter_order is {self.filter_order}; give a number from 1 to 12.")
+            raise _impossible_value_error(
+                "filter_order", f"filter_order is {self.filter_order}; give a number from 1 to 12."
+            )
 
     def check_against(self, rate: float) -> None:
         """Raise `RecordingError` where a value is impossible at this sampling rate (Hz)."""
         for name in ("position_cutoff", "torque_cutoff"):
             value = getattr(self, name)
             if value is not None and value >= 0.5 * rate:
-                raise _impossible(
+                raise _impossible_value_error(
                     name,
                     f"{name} is {value:g} Hz, but the recording is sampled at {rate:.6g} Hz, so only frequencies below "
                     f"{0.5 * rate:.6g} Hz (Nyquist) are in it.",
                 )
         decimated = rate / self.decimation
         if self.torque_cutoff is not None and self.decimation > 1 and decimated < 2.0 * self.torque_cutoff:
-            raise _impossible(
+            raise _impossible_value_error(
                 "decimation",
                 f"Decimation by {self.decimation} leaves {decimated:.4g} Hz, less than twice the torque cut-off of "
                 f"{self.torque_cutoff:g} Hz: the rows would be aliased. Give at most "
@@ -93,21 +99,25 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     values: dict[str, float | int | None] = {}
     for name, value in request.items():
         if name not in FIELDS:
-            raise _impossible(name, f"There is no preprocessing choice {name!r}; there are {', '.join(FIELDS)}.")
+            raise _impossible_value_error(
+                name, f"There is no preprocessing choice {name!r}; there are {', '.join(FIELDS)}."
+            )
         if value == "auto":
             continue
         if value is None and name.endswith("cutoff"):
             values[name] = None
         elif isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise _impossible(name, f"{name} is {value!r}; give a number" + (" or null." if "cut" in name else "."))
+            raise _impossible_value_error(
+                name, f"{name} is {value!r}; give a number" + (" or null." if "cut" in name else ".")
+            )
         elif name.endswith("cutoff"):
             values[name] = float(value)
         elif value != int(value):
-            raise _impossible(name, f"{name} is {value}; give a whole number.")
+            raise _impossible_value_error(name, f"{name} is {value}; give a whole number.")
         else:
             values[name] = int(value)
     return values
 
 
-def _impossible(name: str, detail: str) -> RecordingError:
+def _impossible_value_error(name: str, detail: str) -> RecordingError:
     return RecordingError(detail, pointer=f"/preprocessing/{name}", title="Impossible preprocessing")

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.arrow import numbers_of_text, to_floats
+from dynident.recordings.arrow import parse_numbers, to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_limits import TITLE, check_columns
 from dynident.recordings.types import RecordingError
@@ -68,7 +68,7 @@ class FileSource:
         """Yield all columns as they are, (m, columns) at a time; what is no number is NaN."""
         first = 0
         for batch in self._batches(self.names):
-            yield np.column_stack([floats_of(batch, name, first) for name in self.names])
+            yield np.column_stack([to_float_column(batch, name, first) for name in self.names])
             first += batch.num_rows
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
@@ -83,16 +83,18 @@ class FileSource:
         sources = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
         first = 0
         for batch in self._batches(list(dict.fromkeys(sources))):
-            t = layout.t.convert(floats_of(batch, layout.t.source, first))
+            t = layout.t.convert(to_float_column(batch, layout.t.source, first))
             segment = np.zeros(len(t), dtype=np.int64)
             if layout.segment is not None:
-                segment = _whole(floats_of(batch, layout.segment.source, first), layout.segment.source, first)
+                segment = _to_whole_numbers(
+                    to_float_column(batch, layout.segment.source, first), layout.segment.source, first
+                )
             values = np.empty((len(t), len(columns)))
             for index, column in enumerate(layout.columns if columns else ()):
-                values[:, index] = column.convert(floats_of(batch, column.source, first))
+                values[:, index] = column.convert(to_float_column(batch, column.source, first))
             if columns and layout.mixing is not None:
                 # Motors that act on several joints: their torques are turned into the joints' torques row by row.
-                values[:, layout.place("tau")] = values[:, layout.place("tau")] @ layout.mixing
+                values[:, layout.columns_of_kind("tau")] = values[:, layout.columns_of_kind("tau")] @ layout.mixing
             yield RawRows(first, t, segment, values)
             first += len(t)
 
@@ -112,7 +114,7 @@ def _check_name(name: str) -> None:
         raise RecordingError(detail, title=TITLE) from error
 
 
-def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
+def to_float_column(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
     """Return a column as float64.
 
     Parameters
@@ -143,7 +145,7 @@ def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
             column, kind = column.dictionary_decode(), kind.value_type
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             # Words beside the signals, or in the place of single values.
-            column = numbers_of_text(column)
+            column = parse_numbers(column)
         elif pa.types.is_boolean(kind):
             column = column.cast(pa.uint8()).cast(pa.float64())
         elif not pa.types.is_float64(kind):
@@ -157,7 +159,7 @@ def floats_of(batch: pa.RecordBatch, name: str, first_row: int) -> FloatArray:
     return to_floats(column)
 
 
-def _whole(values: FloatArray, name: str, first_row: int) -> IntArray:
+def _to_whole_numbers(values: FloatArray, name: str, first_row: int) -> IntArray:
     bad = np.flatnonzero(~(np.isfinite(values) & (values == np.rint(values))))
     if len(bad):
         row = first_row + int(bad[0])

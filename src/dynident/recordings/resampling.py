@@ -46,9 +46,9 @@ class Resampler:
             return self._values[:0]
         # Settled: before the last but one sample, so that two samples stand on either side.
         count = floor((self._t[-2] - self._start) / self._period - SNAP) + 1 - self._n_given
-        rows = self._interpolated(count)
+        rows = self._interpolate_rows(count)
         # The next grid row needs two samples before it: earlier ones are forgotten.
-        keep = max(0, int(np.searchsorted(self._t, self._next_time(), side="right")) - 3)
+        keep = max(0, int(np.searchsorted(self._t, self._compute_next_time(), side="right")) - 3)
         self._t, self._values = self._t[keep:], self._values[keep:]
         return rows
 
@@ -56,17 +56,17 @@ class Resampler:
         """End the stretch; return the grid rows up to its last sample."""
         # A hundredth of a period: rounding must not cost the last row.
         count = floor((self._t[-1] - self._start) / self._period + 0.01) + 1 - self._n_given
-        return self._interpolated(count)
+        return self._interpolate_rows(count)
 
-    def _next_time(self) -> float:
+    def _compute_next_time(self) -> float:
         return self._start + self._n_given * self._period
 
-    def _interpolated(self, count: int) -> FloatArray:
+    def _interpolate_rows(self, count: int) -> FloatArray:
         if count <= 0:
             return self._values[:0]
         times = self._start + (self._n_given + np.arange(count, dtype=np.float64)) * self._period
         self._n_given += count
-        return interpolated(self._t, self._values, times, self._period)
+        return interpolate_samples(self._t, self._values, times, self._period)
 
 
 class ShiftedResampler:
@@ -89,13 +89,13 @@ class ShiftedResampler:
         """Take samples; return the rows of which all parts are settled."""
         torque = values[:, self._n : 2 * self._n]
         others = np.delete(values, np.s_[self._n : 2 * self._n], axis=1)
-        return self._joined(self._rest.push(t, others), self._torque.push(t, torque))
+        return self._join_parts(self._rest.push(t, others), self._torque.push(t, torque))
 
     def finish(self) -> FloatArray:
         """End the stretch; return the rows that have all their parts."""
-        return self._joined(self._rest.finish(), self._torque.finish())
+        return self._join_parts(self._rest.finish(), self._torque.finish())
 
-    def _joined(self, others: FloatArray, torque: FloatArray) -> FloatArray:
+    def _join_parts(self, others: FloatArray, torque: FloatArray) -> FloatArray:
         """Return the rows that both parts have reached; what is ahead waits."""
         if len(self._waiting_rest):
             others = np.concatenate([self._waiting_rest, others])
@@ -106,7 +106,7 @@ class ShiftedResampler:
         return np.concatenate([others[:count, : self._n], torque[:count], others[:count, self._n :]], axis=1)
 
 
-def interpolated(t: FloatArray, values: FloatArray, times: FloatArray, period: float) -> FloatArray:
+def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, period: float) -> FloatArray:
     """Interpolate by cubics through two samples on either side, or by straight lines where samples are too close.
 
     Parameters
@@ -134,25 +134,25 @@ def interpolated(t: FloatArray, values: FloatArray, times: FloatArray, period: f
         if np.array_equal(nearest, np.arange(lowest, lowest + len(nearest))):
             return values[lowest : lowest + len(nearest)]
         return values[nearest]
-    result = _linear(t, values, times, right)
+    result = _interpolate_linear(t, values, times, right)
     if m >= 4:
         first = np.clip(right - 2, 0, m - 4)
         spread = np.diff(t)
         tight = spread < TOO_CLOSE * period
         cubic = ~(tight[first] | tight[first + 1] | tight[first + 2]) & ~on_grid
-        result[cubic] = _cubic(t, values, times[cubic], first[cubic])
+        result[cubic] = _interpolate_cubic(t, values, times[cubic], first[cubic])
     result[on_grid] = values[nearest[on_grid]]
     return result
 
 
-def _linear(t: FloatArray, values: FloatArray, times: FloatArray, right: IntArray) -> FloatArray:
+def _interpolate_linear(t: FloatArray, values: FloatArray, times: FloatArray, right: IntArray) -> FloatArray:
     """Interpolate by straight lines; `right` is the index of the sample behind each time."""
     share = ((times - t[right - 1]) / (t[right] - t[right - 1]))[:, None]
     result: FloatArray = (1.0 - share) * values[right - 1] + share * values[right]
     return result
 
 
-def _cubic(t: FloatArray, values: FloatArray, times: FloatArray, first: IntArray) -> FloatArray:
+def _interpolate_cubic(t: FloatArray, values: FloatArray, times: FloatArray, first: IntArray) -> FloatArray:
     """Evaluate the cubic through samples first … first + 3 by Lagrange's weights."""
     knots = t[first[:, None] + np.arange(4)]
     result = np.zeros((len(times), values.shape[1]))

@@ -20,7 +20,7 @@ FEWEST_STEPS = 20.0
 
 
 @dataclass
-class RestartLabels:
+class RunLabels:
     """Numbers the runs of a file, block by block."""
 
     restarts: list[tuple[int, float, float]] = field(default_factory=list)
@@ -29,7 +29,7 @@ class RestartLabels:
     _last: float = np.nan
     _step: float = 0.0
 
-    def label(self, first_row: int, t: FloatArray) -> IntArray:
+    def label_rows(self, first_row: int, t: FloatArray) -> IntArray:
         """Return the number of the run of each row (m,), from 0."""
         labels = np.full(len(t), len(self.restarts), dtype=np.int64)
         if not len(t):
@@ -56,15 +56,15 @@ class RestartingSource:
 
     def __init__(self, source: RawSource) -> None:
         self._source = source
-        self._labels = RestartLabels()
+        self._labels = RunLabels()
 
     def times(self, layout: Layout) -> Iterator[RawRows]:
         """Yield t and the runs alone; values are empty."""
-        yield from self._labelled(self._source.times(layout), layout)
+        yield from self._label_blocks(self._source.times(layout), layout)
 
     def rows(self, layout: Layout) -> Iterator[RawRows]:
         """Yield everything that the layout names."""
-        yield from self._labelled(self._source.rows(layout), layout)
+        yield from self._label_blocks(self._source.rows(layout), layout)
 
     def checks(self, column: str) -> list[Check]:
         """Report where the time started again, after its rows were read."""
@@ -87,8 +87,8 @@ class RestartingSource:
             )
         ]
 
-    def _labelled(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
-        self._labels = RestartLabels()
+    def _label_blocks(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
+        self._labels = RunLabels()
         for rows in blocks:
-            labels = rows.segment if layout.segment is not None else self._labels.label(rows.first_row, rows.t)
+            labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)
             yield rows._replace(segment=labels)

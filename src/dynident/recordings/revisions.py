@@ -12,7 +12,7 @@ from dynident.recordings.stated import Axis, RecordingMetadata, Revision, Window
 from dynident.recordings.types import Check, RecordingError
 
 
-def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
+def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:
     """Return checks whose proposed revisions take the present metadata into account.
 
     A check sees the recording as it was read, and knows neither the order nor the signs nor the delay that were stated.
@@ -28,12 +28,12 @@ def cured(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Seq
     tuple of Check
     """
     return tuple(
-        check if check.apply is None else replace(check, apply=after(check.apply, metadata, joint_names))
+        check if check.apply is None else replace(check, apply=adapt_revision(check.apply, metadata, joint_names))
         for check in checks
     )
 
 
-def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
+def adapt_revision(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence[str]) -> Revision:
     """Return a revision of the recording as it was read as a revision of its file.
 
     Parameters
@@ -47,10 +47,10 @@ def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence
     -------
     Revision
     """
-    before = Rearrangement(metadata, joint_names)
+    before = ColumnArrangement(metadata, joint_names)
     n = before.n
     permutation = {
-        kind: tuple(before.read(kind, column - 1) + 1 for column in order)
+        kind: tuple(before.find_source_joint(kind, column - 1) + 1 for column in order)
         for kind, order in revision.permutation.items()
     }
     signs: dict[str, float] = {}
@@ -69,7 +69,7 @@ def after(revision: Revision, metadata: RecordingMetadata, joint_names: Sequence
     return replace(revision, permutation=permutation, signs=signs, scale=scale, torque_delay=delay, exclude=exclude)
 
 
-def windows_without(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
+def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last: float) -> Windows:
     """Return the windows to use when some seconds of t are excluded.
 
     Parameters
@@ -105,7 +105,7 @@ def windows_without(windows: Windows, exclude: Windows, first: float, last: floa
     return tuple(remaining)
 
 
-class Rearrangement:
+class ColumnArrangement:
     """Which joint's columns each joint reads, and the factor that they are multiplied by."""
 
     def __init__(self, metadata: RecordingMetadata, joint_names: Sequence[str]) -> None:
@@ -113,7 +113,7 @@ class Rearrangement:
         self._metadata = metadata
         self._check()
 
-    def read(self, kind: str, joint: int) -> int:
+    def find_source_joint(self, kind: str, joint: int) -> int:
         """Return the joint, from 0, whose column is read for a signal of a joint."""
         group = _GROUPS.get(kind)
         order = None if group is None else self._metadata.permutation.get(group)
@@ -131,13 +131,13 @@ class Rearrangement:
 
     def sign(self, group: str, joint: int) -> float:
         """Return 1 or -1 for a joint's position ("q") or torque ("tau")."""
-        return self._said(self._metadata.signs, group, joint)
+        return self._find_value(self._metadata.signs, group, joint)
 
     def scale(self, group: str, joint: int) -> float:
         """Return the factor of a joint's position or torque."""
-        return self._said(self._metadata.scale, group, joint)
+        return self._find_value(self._metadata.scale, group, joint)
 
-    def _said(self, values: Mapping[str, float], group: str, joint: int) -> float:
+    def _find_value(self, values: Mapping[str, float], group: str, joint: int) -> float:
         keys = (f"{group}{joint + 1}", f"{group}_{self._names[joint]}", group)
         return float(next((values[key] for key in keys if key in values), 1.0))
 

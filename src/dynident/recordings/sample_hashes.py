@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.spectra import used_runs
+from dynident.recordings.spectra import find_used_runs
 from dynident.recordings.types import Recording
 
 Hashes = NDArray[np.uint64]
@@ -37,10 +37,10 @@ class SampleHashes:
     moving: tuple[BoolArray, ...]
 
     @classmethod
-    def of(cls, recording: Recording) -> SampleHashes:
+    def from_recording(cls, recording: Recording) -> SampleHashes:
         """Read a recording once, in blocks, and hash its rows."""
         rows, moving = [], []
-        for first, length in used_runs(recording):
+        for first, length in find_used_runs(recording):
             blocks, last, moved = [], None, []
             for block in recording.source.rows(first, length, _BLOCK):
                 blocks.append(_hash_rows(np.hstack([block.q, block.tau])))
@@ -60,7 +60,7 @@ class SampleHashes:
             digest.update(rows.tobytes())
         return digest.hexdigest()
 
-    def share_in(self, other: SampleHashes) -> float:
+    def measure_share_in(self, other: SampleHashes) -> float:
         """Return the share of the rows in motion that are in another recording, too; 0 if nothing moves."""
         together = min(_ROWS_TOGETHER, max((len(hashes) for hashes in self.rows), default=0))
         if not together:
@@ -71,25 +71,25 @@ class SampleHashes:
         shared = telling = 0
         for rows, moved in zip(self.rows, self.moving, strict=True):
             # Only rows in motion count: a robot that stands gives equal rows in any two recordings.
-            starts = _sums(moved.astype(np.float64), together) >= _MOVING * together
+            starts = _sum_runs(moved.astype(np.float64), together) >= _MOVING * together
             equal = starts & np.isin(_hash_runs(rows, together), other_hashes)
-            telling += _covered(starts, together)
-            shared += _covered(equal, together)
+            telling += _count_covered(starts, together)
+            shared += _count_covered(equal, together)
         return shared / telling if telling else 0.0
 
 
-def copied_recordings(fitted: Sequence[SampleHashes], held_out: Sequence[Recording]) -> tuple[str, ...]:
+def find_copied_recordings(fitted: Sequence[SampleHashes], held_out: Sequence[Recording]) -> tuple[str, ...]:
     """Return the names of held-out recordings that hold samples of those that were fitted to."""
-    own = ((recording.name, SampleHashes.of(recording)) for recording in held_out)
-    return tuple(name for name, samples in own if any(samples.share_in(other) > SHARED for other in fitted))
+    own = ((recording.name, SampleHashes.from_recording(recording)) for recording in held_out)
+    return tuple(name for name, samples in own if any(samples.measure_share_in(other) > SHARED for other in fitted))
 
 
-def _sums(values: FloatArray, together: int) -> FloatArray:
+def _sum_runs(values: FloatArray, together: int) -> FloatArray:
     """Return the sums of every so many consecutive values; none if there are fewer."""
     return np.convolve(values, np.ones(together), "valid") if len(values) >= together else np.zeros(0)
 
 
-def _covered(starts: BoolArray, together: int) -> int:
+def _count_covered(starts: BoolArray, together: int) -> int:
     """Return how many rows lie in the runs of so many rows that start where it is true."""
     return int((np.convolve(starts, np.ones(together)) > 0.5).sum()) if starts.any() else 0
 
@@ -99,7 +99,7 @@ def _hash_rows(values: FloatArray) -> Hashes:
     bits = np.ascontiguousarray(values + 0.0).view(np.uint64)  # adding zero makes of -0.0 a 0.0
     # Round numbers have zeros in their lower half: the upper half is mixed into it.
     mixed = bits ^ (bits >> np.uint64(32))
-    return np.asarray((mixed * _factors(bits.shape[1])).sum(axis=1, dtype=np.uint64))
+    return np.asarray((mixed * _make_factors(bits.shape[1])).sum(axis=1, dtype=np.uint64))
 
 
 def _hash_runs(rows: Hashes, together: int) -> Hashes:
@@ -108,11 +108,11 @@ def _hash_runs(rows: Hashes, together: int) -> Hashes:
     if count < 1:
         return np.zeros(0, dtype=np.uint64)
     hashes = np.zeros(count, dtype=np.uint64)
-    for k, factor in enumerate(_factors(together)):
+    for k, factor in enumerate(_make_factors(together)):
         hashes += rows[k : k + count] * factor
     return hashes
 
 
-def _factors(count: int) -> Hashes:
+def _make_factors(count: int) -> Hashes:
     """Return odd numbers, always the same."""
     return np.random.default_rng(0).integers(0, 2**63, count, dtype=np.uint64) * np.uint64(2) + np.uint64(1)

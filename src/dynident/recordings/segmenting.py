@@ -38,7 +38,7 @@ class Segmenter:
         self._layout = layout
         self._base = base
         self._torque_delay = torque_delay
-        needed = layout.needed
+        needed = layout.needed_columns
         # A slice where it can be one: picking columns copies them.
         together = int(needed[-1]) + 1 == len(needed)
         self._needed: slice | IntArray = slice(0, len(needed)) if together else needed
@@ -54,24 +54,24 @@ class Segmenter:
 
     def push(self, rows: RawRows) -> Iterator[GridRows]:
         """Take the next rows; yield the grid rows that are ready to be stored."""
-        values = self._with_temperature(rows.values)
+        values = self._hold_temperature(rows.values)
         numbers = np.all(are_readings(values[:, self._needed]), axis=1)
-        new = self._without_repeats(rows, values)
+        new = self._mark_new_rows(rows, values)
         t, label = rows.t, rows.segment
         new_rows = np.flatnonzero(new & numbers)
         if not len(new_rows):
             if self._last is not None and not numbers.all():
-                yield from self._end()
+                yield from self._end_segment()
                 self._last = None
             return
         # A border stands before a kept row if its time jumps, its label changes, or a row without numbers lies between.
         lost = np.cumsum(~numbers)
         before_t = t[new_rows[:-1]]
-        border = (t[new_rows[1:]] - before_t > self._base.gap) | (label[new_rows[1:]] != label[new_rows[:-1]])
+        border = (t[new_rows[1:]] - before_t > self._base.longest_step) | (label[new_rows[1:]] != label[new_rows[:-1]])
         border |= lost[new_rows[1:]] != lost[new_rows[:-1]]
         first = (
             self._last is None
-            or t[new_rows[0]] - self._last[0] > self._base.gap
+            or t[new_rows[0]] - self._last[0] > self._base.longest_step
             or label[new_rows[0]] != self._last[1]
             or lost[new_rows[0]] != 0
         )
@@ -79,46 +79,46 @@ class Segmenter:
         for number, (start, end) in enumerate(pairwise(edges)):
             run = new_rows[start:end]
             if first or number:
-                yield from self._end()
-                self._begin(float(t[run[0]]), int(label[run[0]]))
+                yield from self._end_segment()
+                self._begin_segment(float(t[run[0]]), int(label[run[0]]))
             whole = slice(run[0], run[-1] + 1) if run[-1] - run[0] + 1 == len(run) else run
-            yield from self._add(t[whole], values[whole])
+            yield from self._resample_rows(t[whole], values[whole])
         if lost[-1] != lost[new_rows[-1]]:
-            yield from self._end()
+            yield from self._end_segment()
             self._last = None
         else:
             self._last = float(t[new_rows[-1]]), int(label[new_rows[-1]]), values[new_rows[-1]].copy()
 
     def finish(self) -> Iterator[GridRows]:
         """End the recording; yield the last rows."""
-        yield from self._end()
+        yield from self._end_segment()
 
     def segments(self) -> tuple[Segment, ...]:
         """Return the segments that were stored."""
         return tuple(self._closed)
 
-    def _begin(self, start: float, label: int) -> None:
+    def _begin_segment(self, start: float, label: int) -> None:
         self._resampler = ShiftedResampler(self._base.period, len(self._layout.q), self._torque_delay)
         self._open = Segment(self._n_written, 0, start + self._resampler.lead, label)
         self._held, self._n_held = [], 0
         self._first_stamp = start
 
-    def _add(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
+    def _resample_rows(self, t: FloatArray, values: FloatArray) -> Iterator[GridRows]:
         assert self._resampler is not None
         if self._base.even is not None:
             # Rounded stamps of an even clock: the clock's own times are closer to the truth.
-            t = self._base.even.times(t, self._first_stamp)
-        yield from self._store(self._resampler.push(t, values))
+            t = self._base.even.restore_times(t, self._first_stamp)
+        yield from self._store_rows(self._resampler.push(t, values))
 
-    def _end(self) -> Iterator[GridRows]:
+    def _end_segment(self) -> Iterator[GridRows]:
         if self._resampler is None or self._open is None:
             return
-        yield from self._store(self._resampler.finish())
+        yield from self._store_rows(self._resampler.finish())
         if not self._n_held and self._open.length:
             self._closed.append(self._open)
         self._resampler, self._open, self._held, self._n_held = None, None, [], 0
 
-    def _store(self, values: FloatArray) -> Iterator[GridRows]:
+    def _store_rows(self, values: FloatArray) -> Iterator[GridRows]:
         """Hold rows back until their segment is long enough to be worth storing."""
         if self._open is None or not len(values):
             return
@@ -136,7 +136,7 @@ class Segmenter:
         self._open = Segment(segment.first_row, done + len(values), segment.start_time, segment.label)
         self._held, self._n_held = [], 0
 
-    def _without_repeats(self, rows: RawRows, values: FloatArray) -> BoolArray:
+    def _mark_new_rows(self, rows: RawRows, values: FloatArray) -> BoolArray:
         """Mark the rows that are new; refuse a stamp that repeats with other content."""
         t, label = rows.t, rows.segment
         new = np.ones(len(t), dtype=bool)
@@ -159,7 +159,7 @@ class Segmenter:
                 )
         return new
 
-    def _with_temperature(self, values: FloatArray) -> FloatArray:
+    def _hold_temperature(self, values: FloatArray) -> FloatArray:
         """Hold the last temperature where a slower thermometer left rows between its readings empty."""
         n = len(self._layout.q)
         if not self._layout.temperature:

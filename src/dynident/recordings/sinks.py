@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.segmenting import GridRows
-from dynident.recordings.sources import METADATA_KEY, describe, stored_columns
+from dynident.recordings.sources import METADATA_KEY, describe_recording, name_stored_columns
 from dynident.recordings.types import Recording
 
 ROW_GROUP = 65536
@@ -29,7 +29,7 @@ class ArraySink:
         """Append rows."""
         self._parts.append(rows.values)
 
-    def values(self) -> FloatArray:
+    def join_values(self) -> FloatArray:
         """Return all rows (m, c)."""
         return self._parts[0] if len(self._parts) == 1 else np.concatenate(self._parts)
 
@@ -38,7 +38,7 @@ class ParquetSink:
     """Writes rows as columns t, segment, q_<joint>, tau_<joint>, … in row groups of moderate size."""
 
     def __init__(self, path: Path, joint_names: tuple[str, ...], kinds: tuple[str, ...]) -> None:
-        names = [name for kind in kinds for name in stored_columns(kind, joint_names)]
+        names = [name for kind in kinds for name in name_stored_columns(kind, joint_names)]
         fields = [("t", pa.float64()), ("segment", pa.int64()), *((name, pa.float64()) for name in names)]
         self._schema = pa.schema(fields)
         # Measured numbers do not repeat: a dictionary would only cost.
@@ -64,7 +64,7 @@ class ParquetSink:
     def describe(self, recording: Recording) -> None:
         """Add the description of the recording to the file, after the last row."""
         self._flush()
-        self._writer.add_key_value_metadata({METADATA_KEY: describe(recording)})
+        self._writer.add_key_value_metadata({METADATA_KEY: describe_recording(recording)})
 
     def _flush(self) -> None:
         if not self._n_waiting:

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import streamed_parquet, to_floats
+from dynident.recordings.arrow import open_parquet_stream, to_floats
 from dynident.recordings.types import WRENCH_NAMES, Recording, RecordingError, Segment, StoredRows
 
 METADATA_KEY = b"dynident.recording"
@@ -33,11 +33,11 @@ class ArraySource:
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Yield the rows as one block: they are in memory anyway."""
         part = slice(first, first + length)
-        optional = (_part(values, part) for values in (self.temperature, self.wrench, self.command))
+        optional = (_cut_values(values, part) for values in (self.temperature, self.wrench, self.command))
         yield StoredRows(self.q[part], self.tau[part], *optional)
 
 
-def _part(values: FloatArray | None, part: slice) -> FloatArray | None:
+def _cut_values(values: FloatArray | None, part: slice) -> FloatArray | None:
     return None if values is None else values[part]
 
 
@@ -53,13 +53,13 @@ class ParquetSource:
 
     def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
         """Yield `length` rows from row `first` on in blocks of at most `block_length`."""
-        heat = stored_columns("temperature", self.joint_names) if self.has_temperature else ()
-        wrench = stored_columns("wrench", self.joint_names) if self.has_wrench else ()
-        q, tau = (stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
-        command = stored_columns("q_command", self.joint_names) if self.has_command else ()
+        heat = name_stored_columns("temperature", self.joint_names) if self.has_temperature else ()
+        wrench = name_stored_columns("wrench", self.joint_names) if self.has_wrench else ()
+        q, tau = (name_stored_columns(kind, self.joint_names) for kind in ("q", "tau"))
+        command = name_stored_columns("q_command", self.joint_names) if self.has_command else ()
         columns = [*q, *tau, *heat, *wrench, *command]
-        with streamed_parquet(self.path) as file:
-            groups, skipped = _groups(file.metadata, first, length)
+        with open_parquet_stream(self.path) as file:
+            groups, skipped = _find_row_groups(file.metadata, first, length)
             skip, n_left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
                 part = batch.slice(skip, n_left)
@@ -68,22 +68,22 @@ class ParquetSource:
                     continue
                 n_left -= part.num_rows
                 yield StoredRows(
-                    stacked(part, q),
-                    stacked(part, tau),
-                    stacked(part, heat) if heat else None,
-                    stacked(part, wrench) if wrench else None,
-                    stacked(part, command) if command else None,
+                    stack_columns(part, q),
+                    stack_columns(part, tau),
+                    stack_columns(part, heat) if heat else None,
+                    stack_columns(part, wrench) if wrench else None,
+                    stack_columns(part, command) if command else None,
                 )
                 if not n_left:
                     return
 
 
-def stored_columns(kind: str, joint_names: Sequence[str]) -> tuple[str, ...]:
+def name_stored_columns(kind: str, joint_names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the columns of a kind of signal in the canonical file."""
     return WRENCH_NAMES if kind == "wrench" else tuple(f"{kind}_{joint}" for joint in joint_names)
 
 
-def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
+def stack_columns(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
     """Return the named columns side by side (m, len(columns)), each row contiguous."""
     result = np.empty((batch.num_rows, len(columns)))
     for index, column in enumerate(columns):
@@ -91,7 +91,7 @@ def stacked(batch: pa.RecordBatch, columns: Sequence[str]) -> FloatArray:
     return result
 
 
-def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[int], int]:
+def _find_row_groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[int], int]:
     """Return the row groups that hold the rows, and how many rows precede them."""
     groups: list[int] = []
     start = skipped = 0
@@ -105,7 +105,7 @@ def _groups(metadata: pq.FileMetaData, first: int, length: int) -> tuple[list[in
     return groups, skipped
 
 
-def describe(recording: Recording) -> bytes:
+def describe_recording(recording: Recording) -> bytes:
     """Return what a canonical file says of itself besides its rows, as JSON."""
     content: dict[str, Any] = {
         "layout_version": LAYOUT_VERSION,

@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.arrow import batch_of
-from dynident.recordings.file_limits import rows_of_block
-from dynident.recordings.joining import JoinedRows, Series, TimeJoin
-from dynident.recordings.raw import FileSource, floats_of
+from dynident.recordings.arrow import batch_from_arrays
+from dynident.recordings.file_limits import choose_block_rows
+from dynident.recordings.joining import JoinedSamples, SampleSeries, TimeJoin
+from dynident.recordings.raw import FileSource, to_float_column
 from dynident.recordings.types import RecordingError
-from dynident.recordings.written_times import is_called_time
+from dynident.recordings.written_times import is_time_name
 
 _LOOKED_AT = 4000
 _BLOCK_SAMPLES = 8192
@@ -30,7 +30,7 @@ _RUN = 20.0
 
 
 @dataclass(frozen=True)
-class _Pattern:
+class _SeriesPattern:
     """The column of time, columns by series, the usual steps of each, and the one whose samples are the rows."""
 
     time: str
@@ -43,7 +43,7 @@ class _Pattern:
 class SparseSource(FileSource):
     """A table whose series were joined: the rows of the most frequent one, the others read at their times."""
 
-    def __init__(self, source: FileSource, pattern: _Pattern) -> None:
+    def __init__(self, source: FileSource, pattern: _SeriesPattern) -> None:
         self._source, self._pattern = source, pattern
         self._places = {
             column: name for name, columns in pattern.series.items() if name != pattern.main for column in columns
@@ -68,10 +68,10 @@ class SparseSource(FileSource):
         needed = list(
             dict.fromkeys([pattern.time, probe, *(column for names in by_series.values() for column in names)])
         )
-        size = min(_BLOCK_SAMPLES, rows_of_block(len(columns)))
-        join, latest, first_row = self._join(by_series, size), -np.inf, 0
+        size = min(_BLOCK_SAMPLES, choose_block_rows(len(columns)))
+        join, latest, first_row = self._make_join(by_series, size), -np.inf, 0
         for batch in self._source.batches(needed):
-            values = {name: floats_of(batch, name, first_row) for name in needed}
+            values = {name: to_float_column(batch, name, first_row) for name in needed}
             t = values[pattern.time]
             lost = np.flatnonzero(~np.isfinite(t))
             if len(lost):
@@ -84,22 +84,24 @@ class SparseSource(FileSource):
                     row=row,
                 )
             back = _RUN * pattern.steps[pattern.main]
-            for part in _runs(t, latest, back):
+            for part in _split_runs(t, latest, back):
                 if len(t[part]) and t[part][0] < latest - back:
-                    yield from self._batch(join.rows(last=True), by_series, columns)
-                    join = self._join(by_series, size)
-                self._add(join, by_series, {name: column[part] for name, column in values.items()}, probe)
+                    yield from self._make_batch(join.rows(last=True), by_series, columns)
+                    join = self._make_join(by_series, size)
+                self._add_samples(join, by_series, {name: column[part] for name, column in values.items()}, probe)
                 latest = float(t[part][-1]) if len(t[part]) else latest
                 if join.is_full:
-                    yield from self._batch(join.rows(), by_series, columns)
+                    yield from self._make_batch(join.rows(), by_series, columns)
             first_row += batch.num_rows
-        yield from self._batch(join.rows(last=True), by_series, columns)
+        yield from self._make_batch(join.rows(last=True), by_series, columns)
 
-    def _join(self, by_series: Mapping[str, list[str]], size: int) -> TimeJoin:
+    def _make_join(self, by_series: Mapping[str, list[str]], size: int) -> TimeJoin:
         steps = self._pattern.steps
-        return TimeJoin({name: Series(own, steps[name]) for name, own in by_series.items()}, self._pattern.main, size)
+        return TimeJoin(
+            {name: SampleSeries(own, steps[name]) for name, own in by_series.items()}, self._pattern.main, size
+        )
 
-    def _add(
+    def _add_samples(
         self, join: TimeJoin, by_series: Mapping[str, list[str]], values: Mapping[str, FloatArray], probe: str
     ) -> None:
         t = values[self._pattern.time]
@@ -111,18 +113,18 @@ class SparseSource(FileSource):
                 has_sample = np.asarray(np.isfinite(table).any(axis=1))
             join.add(name, t[has_sample], own, table[has_sample])
 
-    def _batch(
-        self, joined: JoinedRows, by_series: Mapping[str, list[str]], columns: list[str]
+    def _make_batch(
+        self, joined: JoinedSamples, by_series: Mapping[str, list[str]], columns: list[str]
     ) -> Iterator[pa.RecordBatch]:
         if not len(joined.times):
             return
         values = {self._pattern.time: joined.times}
         for name, own in by_series.items():
             values |= {column: joined.values[name][:, place] for place, column in enumerate(own)}
-        yield batch_of(values, columns)
+        yield batch_from_arrays(values, columns)
 
 
-def with_joined_rows(source: FileSource) -> FileSource:
+def join_sparse_rows(source: FileSource) -> FileSource:
     """Return the file with its series joined, if they have rows of their own.
 
     Parameters
@@ -136,7 +138,7 @@ def with_joined_rows(source: FileSource) -> FileSource:
     """
     if not source.has_gaps:
         return source
-    pattern = _pattern_of(source)
+    pattern = _find_pattern(source)
     return source if pattern is None else SparseSource(source, pattern)
 
 
@@ -144,14 +146,14 @@ def _name_columns(columns: Sequence[str]) -> str:
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 
-def _runs(t: FloatArray, latest: float, back: float) -> list[slice]:
+def _split_runs(t: FloatArray, latest: float, back: float) -> list[slice]:
     """Return slices of rows between which the time goes back by more than `back`."""
     begins = np.flatnonzero(np.diff(t) < -back) + 1
     edges = [0, *begins.tolist(), len(t)]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
-def _pattern_of(source: FileSource) -> _Pattern | None:
+def _find_pattern(source: FileSource) -> _SeriesPattern | None:
     """Return which columns have their rows together, from the first rows; None if all have all rows."""
     blocks, rows = [], 0
     for block in source.blocks():
@@ -165,7 +167,7 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
     has_value = np.isfinite(values)
     # Time and row counters never go back and are never empty.
     running = has_value.all(axis=0) & (np.diff(values, axis=0) >= 0).all(axis=0) & (np.ptp(values, axis=0) > 0)
-    time = _time_of(source.names, values, running)
+    time = _find_time_column(source.names, values, running)
     if time is None:
         return None
     t = values[:, time]
@@ -189,7 +191,7 @@ def _pattern_of(source: FileSource) -> _Pattern | None:
         return None
     series = {source.names[group[0]]: tuple(source.names[column] for column in group) for group in (main, *others)}
     steps = {source.names[group[0]]: float(np.median(np.diff(t[has_value[:, group[0]]]))) for group in (main, *others)}
-    return _Pattern(source.names[time], series, steps, source.names[main[0]], is_full)
+    return _SeriesPattern(source.names[time], series, steps, source.names[main[0]], is_full)
 
 
 def _alternates(has_value: BoolArray) -> bool:
@@ -200,9 +202,9 @@ def _alternates(has_value: BoolArray) -> bool:
     return present < _FULL * len(has_value) and begins >= 0.5 * min(present, absent)
 
 
-def _time_of(names: Sequence[str], values: FloatArray, running: BoolArray) -> int | None:
+def _find_time_column(names: Sequence[str], values: FloatArray, running: BoolArray) -> int | None:
     """Return the column of the time that rows are joined on: one that never goes back, and no row counter."""
     columns = np.flatnonzero(running).tolist()
-    called = [column for column in columns if is_called_time(names[column])]
+    called = [column for column in columns if is_time_name(names[column])]
     even = [column for column in columns if not (np.diff(values[:, column]) == 1.0).all()]
     return next(iter((*called, *even)), None)

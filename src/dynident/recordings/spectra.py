@@ -41,7 +41,7 @@ class Spectra:
         return (2.0 * self.rate * np.sin(np.pi * self.frequency / self.rate)) ** 2
 
 
-def spectra(recording: Recording) -> Spectra:
+def estimate_spectra(recording: Recording) -> Spectra:
     """Estimate the spectra from at most `MAX_WINDOWS` half-overlapping parts, spread evenly over all windows.
 
     Parameters
@@ -57,7 +57,7 @@ def spectra(recording: Recording) -> Spectra:
     DynidentError
         If no part inside the windows is long enough to have a spectrum.
     """
-    runs = used_runs(recording)
+    runs = find_used_runs(recording)
     longest = max((length for _, length in runs), default=0)
     if longest < 32:
         raise DynidentError(
@@ -76,7 +76,7 @@ def spectra(recording: Recording) -> Spectra:
     velocity = torque = np.zeros((length // 2 + 1, recording.n))
     squared = 0.0
     for start in starts:
-        q, tau = _read(recording, start, length)
+        q, tau = _read_rows(recording, start, length)
         speed = np.empty_like(q)
         speed[1:] = np.diff(q, axis=0) * recording.sampling_rate
         speed[0] = speed[1]
@@ -96,7 +96,7 @@ def spectra(recording: Recording) -> Spectra:
     return Spectra(frequency, velocity, noise, torque, recording.sampling_rate, count, squared / count)
 
 
-def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
+def find_used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
     """Return the runs of rows of one segment that lie inside one window.
 
     Parameters
@@ -121,7 +121,7 @@ def used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
     return runs
 
 
-def _read(recording: Recording, first: int, length: int) -> tuple[FloatArray, FloatArray]:
+def _read_rows(recording: Recording, first: int, length: int) -> tuple[FloatArray, FloatArray]:
     parts = list(recording.source.rows(first, length, length))
     if len(parts) == 1:
         return parts[0].q, parts[0].tau

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 import pyarrow as pa
 
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.raw import FileSource, floats_of
+from dynident.recordings.raw import FileSource, to_float_column
 
 _NANO = re.compile(r"^(?P<whose>.*?)(?:nano[_ ]?|n)(?P<seconds>secs?|seconds)$", re.IGNORECASE)
 _WORDS = ("sec", "secs", "seconds")
 
 
-def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return pairs of columns by their common name: `stamp.sec` and `stamp.nanosec` are `stamp.time`."""
     pairs = {}
     for name in names:
@@ -28,7 +28,7 @@ def stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     return pairs
 
 
-class StampedSource(FileSource):
+class SplitStampSource(FileSource):
     """A file with the joined time of two columns in front of the others."""
 
     def __init__(self, source: FileSource, pairs: dict[str, tuple[str, str]]) -> None:
@@ -42,17 +42,18 @@ class StampedSource(FileSource):
         first_row = 0
         for batch in self._source.batches(list(dict.fromkeys(needed))):
             values = [
-                self._joined(batch, name, first_row) if name in self._pairs else batch.column(name) for name in columns
+                self._join_stamps(batch, name, first_row) if name in self._pairs else batch.column(name)
+                for name in columns
             ]
             yield pa.RecordBatch.from_arrays(values, names=columns)
             first_row += batch.num_rows
 
-    def _joined(self, batch: pa.RecordBatch, name: str, first_row: int) -> pa.Array:
-        whole, nano = (floats_of(batch, column, first_row) for column in self._pairs[name])
+    def _join_stamps(self, batch: pa.RecordBatch, name: str, first_row: int) -> pa.Array:
+        whole, nano = (to_float_column(batch, column, first_row) for column in self._pairs[name])
         return from_numbers(whole + 1e-9 * nano)
 
 
-def with_stamps(source: FileSource) -> FileSource:
+def join_split_stamps(source: FileSource) -> FileSource:
     """Return the file with its time joined, if it stands in two columns; else the same object."""
-    pairs = stamp_pairs(source.names)
-    return StampedSource(source, pairs) if pairs else source
+    pairs = find_stamp_pairs(source.names)
+    return SplitStampSource(source, pairs) if pairs else source

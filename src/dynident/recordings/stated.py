@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
-from dynident.asking import Choice, OneOf, anew, check_ranges, said
+from dynident.asking import Choice, OneOf, check_ranges, declare_field, redeclare_field
 from dynident.errors import DynidentError
 
 Windows = tuple[tuple[float, float], ...]
@@ -78,42 +78,46 @@ class RecordingMetadata:
         For a window or a delay that cannot be, or a torque that is said to be no measurement (`NO_MEASUREMENT`).
     """
 
-    name: str = said("What it is called", default="recording")
-    format: Format | None = said("Told from the file where not given", default=None)
-    columns: Mapping[str, str] = said('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
-    units: Mapping[str, str] = said('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
-    role: Role | None = said(
+    name: str = declare_field("What it is called", default="recording")
+    format: Format | None = declare_field("Told from the file where not given", default=None)
+    columns: Mapping[str, str] = declare_field('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
+    units: Mapping[str, str] = declare_field('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
+    role: Role | None = declare_field(
         "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load",
         default=None,
         kinds=ROLES,
     )
-    windows: Windows = said("Seconds of t to use, [from, to]; [] for all", default=())
-    payload: Mapping[str, Any] | None = said('The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None)
-    torque_delay: float = said("Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1)
-    accept: tuple[str, ...] = said("Names of checks whose errors are to count as warnings", default=())
-    skip: tuple[ConditioningStep, ...] = said(
+    windows: Windows = declare_field("Seconds of t to use, [from, to]; [] for all", default=())
+    payload: Mapping[str, Any] | None = declare_field(
+        'The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None
+    )
+    torque_delay: float = declare_field(
+        "Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1
+    )
+    accept: tuple[str, ...] = declare_field("Names of checks whose errors are to count as warnings", default=())
+    skip: tuple[ConditioningStep, ...] = declare_field(
         "Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or "
         "wrapped is right",
         default=(),
     )
-    permutation: Mapping[Axis, tuple[int, ...]] = said(
+    permutation: Mapping[Axis, tuple[int, ...]] = declare_field(
         'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
         "column",
         made_by=dict,
     )
-    signs: Mapping[str, float] = said(
+    signs: Mapping[str, float] = declare_field(
         '1 or -1 by which a joint\'s positions or torques are taken: {"tau2": -1}; "tau" means all joints', made_by=dict
     )
-    scale: Mapping[str, float] = said(
+    scale: Mapping[str, float] = declare_field(
         'Positive factors of a joint\'s positions or torques: {"tau2": 0.1}', made_by=dict
     )
-    exclude: Windows = said("Seconds of t to leave out, [from, to]; [] for nothing", default=())
-    effort_kind: EffortKind | None = said(
+    exclude: Windows = declare_field("Seconds of t to leave out, [from, to]; [] for nothing", default=())
+    effort_kind: EffortKind | None = declare_field(
         "What the torque or current columns hold; those that are no measurement are refused",
         default=None,
         kinds=EFFORT_KINDS,
     )
-    rate: float | None = said(
+    rate: float | None = declare_field(
         "Rows a second, evenly spaced, of a file without time; it replaces a column t",
         default=None,
         unit="Hz",
@@ -123,7 +127,7 @@ class RecordingMetadata:
 
     def __post_init__(self) -> None:
         if self.effort_kind in NO_MEASUREMENT:
-            raise _unusable(
+            raise _unusable_recording_error(
                 f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
                 "Give columns with the torque, or the current, that the motors were measured to make.",
                 "/effort_kind",
@@ -131,7 +135,7 @@ class RecordingMetadata:
             )
         unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
         if unknown:
-            raise _unusable(
+            raise _unusable_recording_error(
                 f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
                 f"{', '.join(get_args(ConditioningStep))}.",
                 "/skip",
@@ -139,21 +143,21 @@ class RecordingMetadata:
         try:
             check_ranges(self)
         except DynidentError as error:
-            raise _unusable(error.detail, error.pointer) from None
+            raise _unusable_recording_error(error.detail, error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
-            raise _unusable(
+            raise _unusable_recording_error(
                 f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.", "/rate"
             )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
-                    raise _unusable(
+                    raise _unusable_recording_error(
                         f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
                         f"/{name}/{index}",
                     )
 
 
-def _unusable(detail: str, pointer: str, title: str = "Unusable recording") -> DynidentError:
+def _unusable_recording_error(detail: str, pointer: str, title: str = "Unusable recording") -> DynidentError:
     # Loaded where something is wrong alone: the service and the command line read the fields when they start.
     from dynident.recordings.types import RecordingError
 
@@ -167,16 +171,16 @@ _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
 class PreprocessingChoices:
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
-    position_cutoff: float | Literal["auto"] | None = said(
+    position_cutoff: float | Literal["auto"] | None = declare_field(
         "Of the filter of the positions", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
-    torque_cutoff: float | Literal["auto"] | None = said(
+    torque_cutoff: float | Literal["auto"] | None = declare_field(
         "Of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
-    decimation: int | Literal["auto"] = said(
+    decimation: int | Literal["auto"] = declare_field(
         "Every how many-th row is kept", default="auto", at_least=1, at_most=1_000_000
     )
-    filter_order: int | Literal["auto"] = said(
+    filter_order: int | Literal["auto"] = declare_field(
         "Of one pass of the filter of the positions", default="auto", at_least=1, at_most=12
     )
 
@@ -189,20 +193,20 @@ class Revision:
     `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
     """
 
-    windows: Windows | None = anew(RecordingMetadata, "windows", default=None)
-    exclude: Windows | None = anew(RecordingMetadata, "exclude", default=None)
-    columns: Mapping[str, str] = anew(RecordingMetadata, "columns", made_by=dict)
-    units: Mapping[str, str] = anew(RecordingMetadata, "units", made_by=dict)
-    permutation: Mapping[Axis, tuple[int, ...]] = anew(RecordingMetadata, "permutation", made_by=dict)
-    signs: Mapping[str, float] = anew(RecordingMetadata, "signs", made_by=dict)
-    scale: Mapping[str, float] = anew(RecordingMetadata, "scale", made_by=dict)
-    torque_delay: float | None = anew(RecordingMetadata, DELAY, default=None)
-    role: Role | None = anew(RecordingMetadata, "role", default=None)
-    skip: tuple[ConditioningStep, ...] | None = anew(RecordingMetadata, "skip", default=None)
-    name: str | None = anew(RecordingMetadata, "name", default=None)
-    rate: float | None = anew(RecordingMetadata, "rate", default=None)
+    windows: Windows | None = redeclare_field(RecordingMetadata, "windows", default=None)
+    exclude: Windows | None = redeclare_field(RecordingMetadata, "exclude", default=None)
+    columns: Mapping[str, str] = redeclare_field(RecordingMetadata, "columns", made_by=dict)
+    units: Mapping[str, str] = redeclare_field(RecordingMetadata, "units", made_by=dict)
+    permutation: Mapping[Axis, tuple[int, ...]] = redeclare_field(RecordingMetadata, "permutation", made_by=dict)
+    signs: Mapping[str, float] = redeclare_field(RecordingMetadata, "signs", made_by=dict)
+    scale: Mapping[str, float] = redeclare_field(RecordingMetadata, "scale", made_by=dict)
+    torque_delay: float | None = redeclare_field(RecordingMetadata, DELAY, default=None)
+    role: Role | None = redeclare_field(RecordingMetadata, "role", default=None)
+    skip: tuple[ConditioningStep, ...] | None = redeclare_field(RecordingMetadata, "skip", default=None)
+    name: str | None = redeclare_field(RecordingMetadata, "name", default=None)
+    rate: float | None = redeclare_field(RecordingMetadata, "rate", default=None)
 
-    def of(self, metadata: RecordingMetadata) -> RecordingMetadata:
+    def apply_to(self, metadata: RecordingMetadata) -> RecordingMetadata:
         """Return the metadata after this revision.
 
         Parameters
@@ -233,7 +237,7 @@ class Revision:
         return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
 
     def __str__(self) -> str:
-        return ", ".join(f"{name} {_written(getattr(self, name))}" for name in self.changes) or "nothing"
+        return ", ".join(f"{name} {_format_value(getattr(self, name))}" for name in self.changes) or "nothing"
 
 
 class RevisionFields(TypedDict, total=False):
@@ -253,9 +257,9 @@ class RevisionFields(TypedDict, total=False):
     rate: float | None
 
 
-def _written(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key}: {_written(entry)}" for key, entry in value.items())
+        return ", ".join(f"{key}: {_format_value(entry)}" for key, entry in value.items())
     if isinstance(value, tuple):
         return (
             " ".join(f"{entry[0]:g}:{entry[1]:g}" if isinstance(entry, tuple) else str(entry) for entry in value)

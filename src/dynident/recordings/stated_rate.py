@@ -13,7 +13,7 @@ from dynident.recordings.raw import FileSource
 _TIME = "t"
 
 
-class RatedSource(FileSource):
+class StatedRateSource(FileSource):
     """A file whose rows are evenly spaced in time: `t` in s, from 0; it replaces a column of that name."""
 
     def __init__(self, source: FileSource, rate: float) -> None:
@@ -34,6 +34,6 @@ class RatedSource(FileSource):
             first += batch.num_rows
 
 
-def with_rate(source: FileSource, rate: float | None) -> FileSource:
+def add_stated_time(source: FileSource, rate: float | None) -> FileSource:
     """Return the file with the time that a stated rate in Hz gives its rows; the same object without a rate."""
-    return source if rate is None else RatedSource(source, rate)
+    return source if rate is None else StatedRateSource(source, rate)

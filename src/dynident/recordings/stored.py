@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import to_numbers
-from dynident.recordings.sources import ParquetSource, stored_columns
+from dynident.recordings.arrow import table_column_to_numbers
+from dynident.recordings.sources import ParquetSource, name_stored_columns
 from dynident.recordings.types import WRENCH_NAMES, JointKind, Recording
-from dynident.recordings.units import STORED_KINDS, our_unit
+from dynident.recordings.units import STORED_KINDS, find_our_unit
 
 _TURNS: JointKind = "revolute"
 
@@ -26,7 +26,7 @@ class StoredSamples:
     units: Mapping[str, str]
 
 
-def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
+def load_stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> StoredSamples:
     """Return the stored samples of a recording, unfiltered and evenly sampled, all of them in memory.
 
     Columns, (m,) each: t in s, segment (the label of the run), q_<joint> in rad or m, tau_<joint> in N m or N, and
@@ -46,13 +46,15 @@ def stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -> Sto
     source = recording.source
     if isinstance(source, ParquetSource):
         table = pq.read_table(source.path)
-        columns: dict[str, NDArray[np.generic]] = {name: to_numbers(table.column(name)) for name in table.column_names}
+        columns: dict[str, NDArray[np.generic]] = {
+            name: table_column_to_numbers(table.column(name)) for name in table.column_names
+        }
     else:
-        columns = _from_rows(recording)
-    return StoredSamples(columns, signal_units(columns, recording.joint_names, kinds))
+        columns = _read_columns(recording)
+    return StoredSamples(columns, list_signal_units(columns, recording.joint_names, kinds))
 
 
-def signal_units(
+def list_signal_units(
     columns: Mapping[str, object], joints: Sequence[str], kinds: Sequence[JointKind] = ()
 ) -> dict[str, str]:
     """Return the units of those columns that have one.
@@ -69,17 +71,17 @@ def signal_units(
     -------
     dict
     """
-    units = {"t": our_unit("t", None)}
-    units |= dict.fromkeys(WRENCH_NAMES[:3], our_unit("base_force", None))
-    units |= dict.fromkeys(WRENCH_NAMES[3:], our_unit("base_moment", None))
+    units = {"t": find_our_unit("t", None)}
+    units |= dict.fromkeys(WRENCH_NAMES[:3], find_our_unit("base_force", None))
+    units |= dict.fromkeys(WRENCH_NAMES[3:], find_our_unit("base_moment", None))
     joint_kinds = kinds or (_TURNS,) * len(joints)
     for kind in STORED_KINDS:
-        names = stored_columns(kind, joints)
-        units |= {name: our_unit(kind, joint) for name, joint in zip(names, joint_kinds, strict=True)}
+        names = name_stored_columns(kind, joints)
+        units |= {name: find_our_unit(kind, joint) for name, joint in zip(names, joint_kinds, strict=True)}
     return {name: units[name] for name in columns if name in units}
 
 
-def _from_rows(recording: Recording) -> dict[str, NDArray[np.generic]]:
+def _read_columns(recording: Recording) -> dict[str, NDArray[np.generic]]:
     parts = [
         rows
         for segment in recording.segments
@@ -101,5 +103,5 @@ def _from_rows(recording: Recording) -> dict[str, NDArray[np.generic]]:
         measured = [values for values in blocks if values is not None]
         if len(measured) == len(blocks):
             whole = np.concatenate(measured)
-            columns |= {name: whole[:, k] for k, name in enumerate(stored_columns(kind, recording.joint_names))}
+            columns |= {name: whole[:, k] for k, name in enumerate(name_stored_columns(kind, recording.joint_names))}
     return columns

@@ -66,7 +66,7 @@ class TimeBase:
     even: EvenClock | None = None
 
     @property
-    def gap(self) -> float:
+    def longest_step(self) -> float:
         """The longest step of t in s that is no gap."""
         return GAP_PERIODS * self.typical
 
@@ -135,7 +135,7 @@ class TimeScan:
         self._n_waiting += int(forward.sum())
         # The typical step is the median of the first many: until then steps wait.
         if self._typical or self._n_waiting >= _MEDIAN_ROWS:
-            self._count()
+            self._sort_steps()
 
     def result(self) -> TimeBase:
         """Return what was found.
@@ -145,7 +145,7 @@ class TimeScan:
         RecordingError
             If there are too few rows to tell a rate.
         """
-        self._count()
+        self._sort_steps()
         total, n, squares = self._sums
         if self._n_rows < 2 or n < 1:
             raise RecordingError(
@@ -192,7 +192,7 @@ class TimeScan:
             time=float(t[at + 1]),
         )
 
-    def _count(self) -> None:
+    def _sort_steps(self) -> None:
         """Sort the waiting steps into ordinary ones and gaps."""
         if not self._waiting:
             return
@@ -222,12 +222,12 @@ class TimeScan:
             self._worst = float(off.max()), int(ends[off.argmax()])
 
 
-def time_checks(base: TimeBase, column: str) -> list[Check]:
+def check_time(base: TimeBase, column: str) -> list[Check]:
     """Report jitter, gaps and repeated stamps of the time column."""
-    return [_jitter(base, column), _gap(base, column), _repeated(base, column)]
+    return [_check_jitter(base, column), _check_gaps(base, column), _check_repeated(base, column)]
 
 
-def _jitter(base: TimeBase, column: str) -> Check:
+def _check_jitter(base: TimeBase, column: str) -> Check:
     rate = 1.0 / base.period
     spread = base.deviation / base.period
     if base.period > LONGEST_PERIOD:
@@ -274,7 +274,7 @@ def _jitter(base: TimeBase, column: str) -> Check:
     )
 
 
-def _gap(base: TimeBase, column: str) -> Check:
+def _check_gaps(base: TimeBase, column: str) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
@@ -302,7 +302,7 @@ def _gap(base: TimeBase, column: str) -> Check:
     )
 
 
-def _repeated(base: TimeBase, column: str) -> Check:
+def _check_repeated(base: TimeBase, column: str) -> Check:
     if not base.n_repeated:
         return Check("repeated_time", "ok", "No time stamp stands twice.")
     return Check(

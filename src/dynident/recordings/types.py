@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.encoding import encodable
+from dynident.encoding import escape_surrogates
 from dynident.errors import DynidentError
 from dynident.recordings.stated import Windows
 
@@ -138,10 +138,10 @@ class RecordingError(DynidentError):
         self.checks = checks
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
+        return (_rebuild_error, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
 
 
-def _rebuild(
+def _rebuild_error(
     detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
 ) -> RecordingError:
     """Return the error again after pickling, which keeps no keyword arguments."""
@@ -212,8 +212,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.
-        object.__setattr__(self, "name", encodable(self.name))
-        object.__setattr__(self, "joint_names", tuple(encodable(name) for name in self.joint_names))
+        object.__setattr__(self, "name", escape_surrogates(self.name))
+        object.__setattr__(self, "joint_names", tuple(escape_surrogates(name) for name in self.joint_names))
 
     def __repr__(self) -> str:
         runs = f" in {len(self.segments)} runs" if len(self.segments) > 1 else ""
@@ -242,15 +242,15 @@ class Recording:
         """Sampling period T in s."""
         return 1.0 / self.sampling_rate
 
-    def run_label(self, segment: int) -> str:
+    def name_segment(self, segment: int) -> str:
         """Return the name of a segment: the recording's, with the segment's label if there are several labels."""
         several = len({item.label for item in self.segments}) > 1
         return f"{self.name}#{self.segments[segment].label}" if several else self.name
 
     @property
-    def run_labels(self) -> tuple[str, ...]:
+    def segment_names(self) -> tuple[str, ...]:
         """The names of its runs, each once."""
-        return tuple(dict.fromkeys(self.run_label(k) for k in range(len(self.segments))))
+        return tuple(dict.fromkeys(self.name_segment(k) for k in range(len(self.segments))))
 
     def with_windows(self, windows: Windows) -> Recording:
         """Return the same recording with other seconds of t to use."""
@@ -258,7 +258,7 @@ class Recording:
 
     def inside_windows(self, t: FloatArray) -> BoolArray:
         """Return which of the times t (m,) lie in a window; all of them if there is none."""
-        return inside(t, self.windows, tolerance=1e-6 * self.period)
+        return is_inside_windows(t, self.windows, tolerance=1e-6 * self.period)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +291,7 @@ def are_readings(values: FloatArray) -> BoolArray:
     return readings
 
 
-def inside(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
+def is_inside_windows(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
     """Return which times lie in one of the windows, ends included; all of them if there is none.
 
     Parameters

@@ -52,12 +52,12 @@ COUNTS = "counts:N (N counts a turn, or a metre; counts:N@Z where Z counts are z
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
 
 
-def our_unit(kind: str, joint: JointKind | None) -> str:
+def find_our_unit(kind: str, joint: JointKind | None) -> str:
     """Return our unit of a kind of signal, one of `KINDS`, for a kind of joint: SI, and degC."""
     return next(iter(FACTORS[kind, joint]))
 
 
-def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:
+def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where: str) -> tuple[float, float]:
     """Return factor and offset from a unit to ours.
 
     Parameters
@@ -87,9 +87,9 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     if kind in ("q", "q_command") and (counted := _COUNTS.fullmatch(unit.replace(" ", ""))) and float(counted[1]) > 0:
         factor = (2.0 * pi if joint == "revolute" else 1.0) / float(counted[1])
         return factor, -factor * float(counted[2] or 0.0)
-    plain_unit = _plain(unit)
+    plain_unit = _normalise_unit(unit)
     for name, factor in factors.items():
-        if _plain(name) == plain_unit:
+        if _normalise_unit(name) == plain_unit:
             return factor, OFFSETS.get(name, 0.0)
     of = "" if joint is None else f" of a {joint} joint"
     counts = [COUNTS] if kind in ("q", "q_command") else []
@@ -100,7 +100,7 @@ def conversion(kind: str, joint: JointKind | None, unit: str | None, where: str)
     )
 
 
-def unit_for(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
+def find_unit(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
     """Return the unit of a column with the key that gave it: one of its names, else its kind of signal."""
     for key in (*columns, kind):
         if key in units:
@@ -108,7 +108,7 @@ def unit_for(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> t
     return None, kind
 
 
-def _plain(unit: str) -> str:
+def _normalise_unit(unit: str) -> str:
     """Return the unit without the differences in writing that do not matter."""
     unit = unit.replace("°C", "degC").replace("°", "deg")
     for sign in (" ", "*", "·", "⋅", ".", "_"):

@@ -31,7 +31,7 @@ _SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 
-def is_called_time(name: str) -> bool:
+def is_time_name(name: str) -> bool:
     """Return whether a column's name is that of a time."""
     return _NAME.search(name) is not None
 
@@ -42,15 +42,15 @@ def are_times(cells: Sequence[str]) -> bool:
     return bool(filled) and any(all(re.match(form, cell) for cell in filled) for form in (_CLOCK, _DURATION))
 
 
-def to_seconds(column: pa.Array) -> pa.Array:
+def parse_seconds(column: pa.Array) -> pa.Array:
     """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
     clock = pc.extract_regex(column, _CLOCK)
     if clock.null_count == len(clock):
-        return _durations(pc.extract_regex(column, _DURATION))
-    hours, minutes, days = (_numbers(clock, name) for name in ("hours", "minutes", "days"))
-    total = 3600.0 * hours + 60.0 * minutes + _numbers(clock, "seconds") + _DAY * days
-    total += _each(clock, "date", _seconds_of_date) - _each(clock, "zone", _seconds_of_zone)
-    half = _each(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
+        return _parse_durations(pc.extract_regex(column, _DURATION))
+    hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
+    total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + _DAY * days
+    total += _map_texts(clock, "date", _convert_date) - _map_texts(clock, "zone", _convert_zone)
+    half = _map_texts(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
     # 12 AM is midnight, and 12 PM noon.
     total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where(
         (half == 2.0) & (hours == 12), 43_200.0, 0
@@ -59,18 +59,20 @@ def to_seconds(column: pa.Array) -> pa.Array:
     return from_numbers(total)
 
 
-def _durations(parts: pa.Array) -> pa.Array:
-    return from_numbers(_numbers(parts, "value", np.nan) * _each(parts, "unit", lambda unit: _SECONDS.get(unit, 1.0)))
+def _parse_durations(parts: pa.Array) -> pa.Array:
+    return from_numbers(
+        _parse_numbers(parts, "value", np.nan) * _map_texts(parts, "unit", lambda unit: _SECONDS.get(unit, 1.0))
+    )
 
 
-def _numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
+def _parse_numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
     """Return (m,): a part of the texts as numbers, `absent` where it is not there."""
     text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
     numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
     return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
 
 
-def _each(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
+def _map_texts(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatArray:
     """Return (m,): what a part of the texts means, computed once for each of the few different texts."""
     column = pc.struct_field(parts, name).fill_null("")
     encoded = pc.dictionary_encode(column)
@@ -78,7 +80,7 @@ def _each(parts: pa.Array, name: str, seconds: Callable[[str], float]) -> FloatA
     return np.asarray(values[encoded.indices.to_numpy(zero_copy_only=False)], dtype=np.float64)
 
 
-def _seconds_of_date(text: str) -> float:
+def _convert_date(text: str) -> float:
     parts = re.split(r"[-/. ]", text)
     if len(parts[0]) == 4:
         year, month, day = (int(part) for part in parts)
@@ -98,7 +100,7 @@ def _seconds_of_date(text: str) -> float:
         return np.nan
 
 
-def _seconds_of_zone(text: str) -> float:
+def _convert_zone(text: str) -> float:
     if text[0] not in "+-":
         return 0.0
     minutes = 60 * int(text[1:3]) + int(text[-2:])

@@ -89,17 +89,17 @@ class ZeroPhase:
                 end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
                 if pad:
                     waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
-                yield self._backward(waiting)[:n_waiting]
+                yield self._filter_backward(waiting)[:n_waiting]
                 return
             # The backward pass starts anew for each block, `ahead` samples further on, by which its unknown start has
             # died away: those samples are filtered again with the next block.
             if n_waiting >= 2 * ahead:
                 joined = np.concatenate(waiting)
-                yield self._backward([joined])[: n_waiting - ahead]
+                yield self._filter_backward([joined])[: n_waiting - ahead]
                 waiting = [joined[-ahead:].copy()]
                 n_waiting = ahead
 
-    def _backward(self, parts: list[FloatArray]) -> FloatArray:
+    def _filter_backward(self, parts: list[FloatArray]) -> FloatArray:
         """Filter the joined parts backward in time, from a steady state at their last sample."""
         forward = parts[0] if len(parts) == 1 else np.concatenate(parts)
         reverse: FloatArray = signal.sosfilt(self._sos, forward[::-1], axis=0, zi=self._zi * forward[-1])[0]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.effects import Column, ReferenceParameters, Signals, reference_size
+from dynident.effects import Column, ReferenceParameters, Signals, count_reference_parameters
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -60,12 +60,14 @@ class BaseParameters:
     def groupings(self) -> tuple[str, ...]:
         """Each base parameter written out in standard parameters: "ZZ1 + Ia1 + 0.5 MX2"."""
         return tuple(
-            _written([self.names[k] for k in _order(is_written, lead)], row[_order(is_written, lead)])
+            _format_grouping(
+                [self.names[k] for k in _order_terms(is_written, lead)], row[_order_terms(is_written, lead)]
+            )
             for row, is_written, lead in zip(self.grouping, self.written, self.kept, strict=True)
         )
 
 
-def base_parameters(
+def find_base_parameters(
     robot: Robot,
     columns: Sequence[Column],
     signals: Signals,
@@ -94,13 +96,13 @@ def base_parameters(
     -------
     BaseParameters
     """
-    observation = Observation.of(robot, columns, signals)
+    observation = Observation.from_columns(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
-    w = random_observation(observation, n_states, seed, at_rest=at_rest)
+    w = evaluate_at_random_states(observation, n_states, seed, at_rest=at_rest)
     return select_base(w, tuple(column.name for column in columns), tolerance)
 
 
-def base_parameters_among(
+def find_base_parameters_among(
     base: BaseParameters, observation: Observation, column_indices: Sequence[int], tolerance: float = DEFAULT_TOLERANCE
 ) -> BaseParameters:
     """Choose the base parameters of some of the columns of a model, from the model's own base parameters.
@@ -121,7 +123,7 @@ def base_parameters_among(
     BaseParameters
     """
     n_states = _STATES_PER_COLUMN * len(base.names) // observation.robot.n + 20
-    w = random_observation(observation, n_states) @ base.grouping[:, list(column_indices)]
+    w = evaluate_at_random_states(observation, n_states) @ base.grouping[:, list(column_indices)]
     return select_base(w, tuple(base.names[k] for k in column_indices), tolerance)
 
 
@@ -181,11 +183,11 @@ def select_base(
         grouping=grouping,
         written=written,
         without_effect=tuple(int(k) for k in np.flatnonzero(null)),
-        rank=_pivoted_rank(scaled, tolerance),
+        rank=_compute_pivoted_rank(scaled, tolerance),
     )
 
 
-def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
+def _compute_pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
     """Return the numerical rank by QR with column pivoting, as a check of the number of base parameters."""
     if scaled.shape[1] == 0:
         return 0
@@ -193,7 +195,9 @@ def _pivoted_rank(scaled: FloatArray, tolerance: float) -> int:
     return int(np.count_nonzero(diagonal > tolerance * diagonal[0])) if diagonal[0] > 0 else 0
 
 
-def random_observation(observation: Observation, n_states: int, seed: int = 0, *, at_rest: bool = False) -> FloatArray:
+def evaluate_at_random_states(
+    observation: Observation, n_states: int, seed: int = 0, *, at_rest: bool = False
+) -> FloatArray:
     """Evaluate the observation matrix at random states, as a dense matrix: small, for its structure alone.
 
     Parameters
@@ -218,7 +222,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
             low[j], high[j] = joint.reach or (-1.0, 1.0)
     # With closed loops not every joint position is possible: random ones have to close the loops.
     closure = None if robot.linkage is None else robot.linkage.closure
-    q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.postures(rng, n_states)
+    q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.draw_postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
     dddq, ddddq = rng.uniform(-20, 20, (n_states, n)), rng.uniform(-80, 80, (n_states, n))
     # Half the states at rest: what depends on position alone must not hide behind large accelerations.
@@ -226,13 +230,13 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
     ddq[::4] = 0.0
     if at_rest:
         dq, ddq, dddq, ddddq = (np.zeros((n_states, n)) for _ in range(4))
-    times, temperature = _times(observation, n_states, rng), rng.uniform(15, 45, (n_states, n))
+    times, temperature = _draw_times(observation, n_states, rng), rng.uniform(15, 45, (n_states, n))
     entries = observation.evaluate(
         q,
         dq,
         ddq,
         memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
-        reference=ReferenceParameters.of_vector(rng.uniform(0.5, 1.5, reference_size(robot)), robot),
+        reference=ReferenceParameters.from_vector(rng.uniform(0.5, 1.5, count_reference_parameters(robot)), robot),
         further=FurtherSignals(
             dddq=dddq,
             ddddq=ddddq,
@@ -249,7 +253,7 @@ def random_observation(observation: Observation, n_states: int, seed: int = 0, *
     return dense.reshape(n_states * observation.n_rows, observation.n_columns)
 
 
-def _times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
+def _draw_times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
     """Return times (n_states,) of the session; half of them inside the windows that columns are limited to."""
     times = rng.uniform(0, 3600, n_states)
     windows = [dict(column.shape) for column in observation.columns if {"t0", "t1"} <= dict(column.shape).keys()]
@@ -259,12 +263,12 @@ def _times(observation: Observation, n_states: int, rng: np.random.Generator) ->
     return times
 
 
-def _order(is_written: BoolArray, lead: int) -> list[int]:
+def _order_terms(is_written: BoolArray, lead: int) -> list[int]:
     """Return the parameters of a grouping, the leading one first."""
     return [lead, *(int(k) for k in np.flatnonzero(is_written) if k != lead)]
 
 
-def _written(names: list[str], weights: FloatArray) -> str:
+def _format_grouping(names: list[str], weights: FloatArray) -> str:
     """Return a grouping as a formula."""
     text = names[0]
     for name, weight in zip(names[1:], weights[1:], strict=True):

@@ -15,8 +15,8 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import Column
 from dynident.recordings.types import WRENCH_NAMES
-from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, random_observation, select_base
-from dynident.regressors.forms import Form, wrench_form
+from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, evaluate_at_random_states, select_base
+from dynident.regressors.forms import EquationForm, build_wrench_form
 from dynident.regressors.model import Model
 
 _STATES_PER_COLUMN = 2
@@ -33,13 +33,13 @@ class WrenchModel:
     does not show.
     """
 
-    form: Form
+    form: EquationForm
     coordinates: FloatArray
     n_extra: int
     unseen: tuple[str, ...]
 
 
-def wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) -> WrenchModel:
+def build_wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) -> WrenchModel:
     """Build the equations of the base's wrench for a model.
 
     The wrench is that of all links of the model, of the base link and of the sensor's offsets.
@@ -54,26 +54,26 @@ def wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) -> Wrenc
     -------
     WrenchModel
     """
-    columns = (*model.columns, *_constants(model.robot.n))
-    whole = wrench_form(model.robot, columns, model.signals)
+    columns = (*model.columns, *_build_constant_columns(model.robot.n))
+    whole = build_wrench_form(model.robot, columns, model.signals)
     names = tuple(column.name for column in columns)
-    w = random_observation(whole.observation, _STATES_PER_COLUMN * len(columns) // 6 + 40)
+    w = evaluate_at_random_states(whole.observation, _STATES_PER_COLUMN * len(columns) // 6 + 40)
     base = select_base(w, names, tolerance)
     independent = list(base.kept)
     grouping = np.hstack([model.base.grouping, np.zeros((model.n_parameters, 6))])
     visible = grouping[:, independent]
     norms = np.linalg.norm(w, axis=0)
-    unseen = _unseen(grouping, visible @ base.grouping, norms)
+    unseen = _find_invisible_parameters(grouping, visible @ base.grouping, norms)
     # In columns of equal size, what is at right angles to the base parameters completes them.
     scaled = visible / norms[independent]
     q, _ = np.linalg.qr(scaled.T, mode="complete")
     extra = q[:, model.n_parameters :].T * norms[independent]
     coordinates = np.linalg.pinv(np.vstack([extra, visible]) / norms[independent]) / norms[independent][:, None]
-    form = wrench_form(model.robot, [columns[k] for k in independent], model.signals)
+    form = build_wrench_form(model.robot, [columns[k] for k in independent], model.signals)
     return WrenchModel(form, coordinates, len(extra), tuple(model.base.kept_names[k] for k in unseen))
 
 
-def _unseen(grouping: FloatArray, reproduced: FloatArray, norms: FloatArray) -> list[int]:
+def _find_invisible_parameters(grouping: FloatArray, reproduced: FloatArray, norms: FloatArray) -> list[int]:
     """Return the base parameters that are no combination of what the wrench shows, weighed by effect on it."""
     # A standard parameter without any effect on the wrench has infinite weight: if a base parameter holds one, the
     # wrench cannot determine it.
@@ -86,16 +86,16 @@ def _unseen(grouping: FloatArray, reproduced: FloatArray, norms: FloatArray) -> 
     return [int(k) for k in np.flatnonzero(missing.max(axis=1, initial=0.0) > _LEFT_OPEN * finite)]
 
 
-def _constants(n: int) -> list[Column]:
+def _build_constant_columns(n: int) -> list[Column]:
     """Return one constant column for each component: the weight of the base link and the offsets of the sensor."""
     units = ("N",) * 3 + ("N m",) * 3
     return [
-        Column("", name, name, "", unit, ca.SX(n, 1), wrench=partial(_unit, k))
+        Column("", name, name, "", unit, ca.SX(n, 1), wrench=partial(_build_unit_wrench, k))
         for k, (name, unit) in enumerate(zip(WRENCH_NAMES, units, strict=True))
     ]
 
 
-def _unit(component: int) -> ca.SX:
+def _build_unit_wrench(component: int) -> ca.SX:
     rows = ca.SX(6, 1)
     rows[component] = 1.0
     return rows

@@ -6,15 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.effects import EffectChoice, columns_of
+from dynident.effects import EffectChoice, build_columns
 from dynident.errors import DynidentError
-from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, random_observation, select_base
+from dynident.regressors.base_parameters import (
+    DEFAULT_TOLERANCE,
+    BaseParameters,
+    evaluate_at_random_states,
+    select_base,
+)
 from dynident.regressors.model import Model, check_columns
 
 _STATES_PER_COLUMN = 2
 
 
-def extended_model(model: Model, added: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
+def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: float = DEFAULT_TOLERANCE) -> Model:
     """Return a model with more effects.
 
     Its base parameters are those of the given model and, behind them, those of the new columns that are independent:
@@ -39,24 +44,26 @@ def extended_model(model: Model, added: Sequence[EffectChoice], *, tolerance: fl
     """
     if not added:
         raise DynidentError("choose at least one effect to add", pointer="/effects")
-    new = columns_of(added, model.signals)
+    new = build_columns(added, model.signals)
     columns = (*model.columns, *new)
     check_columns(columns)
-    whole = model.observation.extended(new, model.signals)
+    whole = model.observation.extend(new, model.signals)
     n_states = _STATES_PER_COLUMN * whole.n_columns // model.robot.n + 20
     names = tuple(column.name for column in whole.columns)
     # At other states a column that is nearly dependent may pass for a dependent one: those of the model stay.
-    selection = select_base(random_observation(whole, n_states), names, tolerance, model.n_parameters)
+    selection = select_base(evaluate_at_random_states(whole, n_states), names, tolerance, model.n_parameters)
     fresh = [k - model.n_parameters for k in selection.kept if k >= model.n_parameters]
     observation = whole
     # The first extension has dependent columns among the new ones: another one without them is needed.
     if len(fresh) < len(new):
-        observation = model.observation.extended([new[k] for k in fresh], model.signals)
+        observation = model.observation.extend([new[k] for k in fresh], model.signals)
     effects = (*model.effects, *added)
-    return Model(model.robot, effects, model.signals, columns, _grown(model, selection, names), observation)
+    return Model(
+        model.robot, effects, model.signals, columns, _extend_base_parameters(model, selection, names), observation
+    )
 
 
-def _grown(model: Model, selection: BaseParameters, names: tuple[str, ...]) -> BaseParameters:
+def _extend_base_parameters(model: Model, selection: BaseParameters, names: tuple[str, ...]) -> BaseParameters:
     """Return base parameters of all columns, from those of the model and the new ones behind its kept columns."""
     before, b, c = model.base, model.n_parameters, len(model.columns)
     shape = (selection.count, c + len(names) - b)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.estimation import BesideAccumulator, FactorAccumulator, Reduction, concatenate
-from dynident.progress import Progress, silent
+from dynident.estimation import FactorAccumulator, Reduction, RestRowAccumulator, concatenate_reductions
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.side_by_side import one_by_one, side_by_side
+from dynident.side_by_side import map_in_threads, map_sequentially
 
 # Blocks of time: at least and at most so many seconds long, about so many of a recording, and never more than so
 # many.
@@ -19,7 +19,7 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 
 @dataclass(frozen=True, eq=False)
-class BesideRows:
+class RestRows:
     """[W | Y] of motion near a halt; W (k, p) in either direction and Y (k,) where a joint stands."""
 
     partial: FloatArray
@@ -39,10 +39,10 @@ class EquationRows:
     rows: list[FloatArray]
     segment: int
     used: BoolArray | None = None
-    beside: list[BesideRows] | None = None
+    beside: list[RestRows] | None = None
 
 
-def stretch_length(recordings: Sequence[Recording]) -> float:
+def choose_block_length(recordings: Sequence[Recording]) -> float:
     """Return the length in s of the blocks of time that factors are kept for.
 
     A twentieth of the data, but long against the correlation of filtered rows and short against the motion, and never
@@ -56,11 +56,11 @@ def stretch_length(recordings: Sequence[Recording]) -> float:
     -------
     float
     """
-    duration = sum(used_duration(recording) for recording in recordings)
+    duration = sum(compute_used_duration(recording) for recording in recordings)
     return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
 
 
-def used_duration(recording: Recording) -> float:
+def compute_used_duration(recording: Recording) -> float:
     """Return the seconds of a recording that are inside its windows."""
     total = 0.0
     for segment in recording.segments:
@@ -72,12 +72,12 @@ def used_duration(recording: Recording) -> float:
     return total
 
 
-def folded(
+def accumulate_equations(
     rows_of: Callable[[Recording], Iterable[EquationRows]],
     columns: Sequence[IndexArray],
     n_columns: int,
     recordings: Sequence[Recording],
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     beside: bool = False,
     *,
     in_turn: bool = False,
@@ -103,14 +103,16 @@ def folded(
     -------
     Reduction
     """
-    fold_recording = Folding(rows_of, tuple(columns), n_columns, stretch_length(recordings), beside)
+    fold_recording = EquationAccumulator(rows_of, tuple(columns), n_columns, choose_block_length(recordings), beside)
     sizes = [recording.n_samples for recording in recordings]
     # Recordings are independent of each other, so that large ones run side by side.
-    return concatenate((one_by_one if in_turn else side_by_side)(fold_recording, recordings, sizes, progress))
+    return concatenate_reductions(
+        (map_sequentially if in_turn else map_in_threads)(fold_recording, recordings, sizes, progress)
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Folding:
+class EquationAccumulator:
     """Accumulates the equations of one recording, as `folded` does; can be sent to another process if `rows_of` can.
 
     `stretch`: length in s of the blocks of time that have a factor each.
@@ -125,27 +127,27 @@ class Folding:
     def __call__(self, recording: Recording, progress: Progress) -> Reduction:
         """Return the factors of a recording."""
         accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
-        rest_accumulators = [BesideAccumulator(len(own)) for own in self.columns] if self.beside else []
+        rest_accumulators = [RestRowAccumulator(len(own)) for own in self.columns] if self.beside else []
         segment, start = -1, recording.segments[0].start_time
         duration = recording.n_samples * recording.period
         for part in self.rows_of(recording):
             if part.segment != segment:
                 # A block of time never spans two segments: between them time is missing.
-                accumulator.end_stretch()
+                accumulator.end_block()
                 segment = part.segment
             accumulator.push(part.t, part.rows, part.used)
             for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
                 rest_accumulator.push_partial(rows.partial)
                 rest_accumulator.push_standing(rows.upper, rows.lower, rows.y)
             progress(min(1.0, float(part.t[-1] - start) / duration), recording.name)
-        return _with(accumulator.finish(), rest_accumulators)
+        return _attach_rest_rows(accumulator.finish(), rest_accumulators)
 
 
-def _with(reduction: Reduction, rest_accumulators: Sequence[BesideAccumulator]) -> Reduction:
+def _attach_rest_rows(reduction: Reduction, rest_accumulators: Sequence[RestRowAccumulator]) -> Reduction:
     """Return the reduction with the rows near halts and at rest of every equation."""
     if not rest_accumulators:
         return reduction
     equations = tuple(
-        replace(e, beside=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
+        replace(e, rest_rows=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
     )
     return replace(reduction, equations=equations)

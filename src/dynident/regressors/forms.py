@@ -30,7 +30,7 @@ Measured = Callable[[SampleBlock], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class EquationForm:
     """d/dt(S χ) + D χ = y of one set of columns.
 
     `observation` has the rows of S, then those of D, `n_equations` each; `measured` gives y.
@@ -53,10 +53,10 @@ class Form:
     @property
     def n_entries(self) -> int:
         """Number of entries of dS/dt + D: those of S in their order, then those that D alone has."""
-        return len(self._places) - len(self.shared[0])
+        return len(self._places) - len(self.shared_entries[0])
 
     @cached_property
-    def shared(self) -> tuple[IndexArray, IndexArray]:
+    def shared_entries(self) -> tuple[IndexArray, IndexArray]:
         """Entries of an evaluation that belong to D where S has one as well, and their places in dS/dt + D."""
         stored = self._places[: self.n_stored]
         # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
@@ -65,14 +65,14 @@ class Form:
         return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
 
     @cached_property
-    def alone(self) -> IndexArray:
+    def separate_entries(self) -> IndexArray:
         """Entries of an evaluation that belong to D where S has none."""
-        return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared[0])
+        return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared_entries[0])
 
     @property
     def layout(self) -> list[tuple[IndexArray, IndexArray]]:
         """For every equation: where its entries stand, and their columns, in ascending order."""
-        places = np.concatenate([self._places[: self.n_stored], self._places[self.alone]])
+        places = np.concatenate([self._places[: self.n_stored], self._places[self.separate_entries]])
         order = np.argsort(places)
         rows, columns = places[order] // self._width, places[order] % self._width
         borders = np.searchsorted(rows, np.arange(self.n_equations + 1))
@@ -89,7 +89,7 @@ class Form:
         return np.asarray(places, dtype=np.intp)
 
 
-def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+def build_filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
     """Build the dynamic model without accelerations, [12.27] and [12.35]-[12.37]: one equation a joint.
 
     Parameters
@@ -103,20 +103,20 @@ def filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> 
     -------
     Form
     """
-    with_energy = _with_energy(columns)
-    h = _energies(columns)
+    with_energy = _have_energy(columns)
+    h = _stack_energies(columns)
     # The potential energy is what is left of h without velocities: ∂u/∂q - ∂e/∂q = ∂(2u - h)/∂q.
     # Kinetic energy vanishes without velocities.
     u = ca.substitute(h, signals.dq, ca.SX.zeros(robot.n))
     momentum = ca.jacobian(h, signals.dq).T
     force = ca.jacobian(2 * u - h, signals.q).T
     others = [ca.SX(robot.n, 1) if with_energy[k] else column.torque for k, column in enumerate(columns)]
-    stored = _wide(momentum, with_energy, robot.n)
-    direct = _wide(force, with_energy, robot.n) + ca.horzcat(*others)
-    return _form(robot, columns, signals, stored, direct, lambda block: block.tau)
+    stored = _insert_empty_columns(momentum, with_energy, robot.n)
+    direct = _insert_empty_columns(force, with_energy, robot.n) + ca.horzcat(*others)
+    return _build_form(robot, columns, signals, stored, direct, lambda block: block.tau)
 
 
-def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+def build_power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
     """Build the power model [12.50]-[12.51], which is the integrand of the energy model [12.43] too: one equation.
 
     Parameters
@@ -129,15 +129,15 @@ def power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> For
     -------
     Form
     """
-    with_energy = _with_energy(columns)
+    with_energy = _have_energy(columns)
     others = [
         ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
     ]
-    stored = _wide(_energies(columns), with_energy, 1)
-    return _form(robot, columns, signals, stored, ca.horzcat(*others), _power)
+    stored = _insert_empty_columns(_stack_energies(columns), with_energy, 1)
+    return _build_form(robot, columns, signals, stored, ca.horzcat(*others), _measured_power)
 
 
-def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Form:
+def build_wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
     """Build the reaction of the base (§12.8): force and moment at the base frame's origin, along its axes.
 
     Parameters
@@ -161,31 +161,31 @@ def wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> Fo
         if column.wrench is None:
             raise ValueError(f"{column.name} has no wrench")
         reactions.append(column.wrench())
-    return _form(robot, columns, signals, ca.SX(6, len(columns)), ca.horzcat(*reactions), _wrench)
+    return _build_form(robot, columns, signals, ca.SX(6, len(columns)), ca.horzcat(*reactions), _measured_wrench)
 
 
-def _wrench(block: SampleBlock) -> FloatArray:
+def _measured_wrench(block: SampleBlock) -> FloatArray:
     """Return the measured wrench (m, 6)."""
     if block.wrench is None:
         raise ValueError("the samples have no wrench")
     return block.wrench
 
 
-def _power(block: SampleBlock) -> FloatArray:
+def _measured_power(block: SampleBlock) -> FloatArray:
     """Return the power Γᵀq̇ (m, 1)."""
     return np.asarray(np.einsum("ij,ij->i", block.tau, block.dq)[:, None])
 
 
-def _with_energy(columns: Sequence[Column]) -> list[bool]:
+def _have_energy(columns: Sequence[Column]) -> list[bool]:
     return [column.energy is not None for column in columns]
 
 
-def _energies(columns: Sequence[Column]) -> ca.SX:
+def _stack_energies(columns: Sequence[Column]) -> ca.SX:
     """Return the energies, SX (1, number of columns with an energy)."""
     return ca.horzcat(ca.SX(1, 0), *(column.energy() for column in columns if column.energy is not None))
 
 
-def _wide(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
+def _insert_empty_columns(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
     """Return the rows (k, number of columns with an energy) with empty columns for those without one."""
     numbers = np.cumsum(with_energy) - 1
     return ca.horzcat(
@@ -193,11 +193,11 @@ def _wide(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
     )
 
 
-def _form(
+def _build_form(
     robot: Robot, columns: Sequence[Column], signals: Signals, stored: ca.SX, direct: ca.SX, measured: Measured
-) -> Form:
+) -> EquationForm:
     # Side by side, so that the entries of S come first; then the rows of D are put under those of S.
-    both = Observation.of_matrix(robot, columns, ca.sparsify(ca.horzcat(stored, direct)), signals)
+    both = Observation.from_matrix(robot, columns, ca.sparsify(ca.horzcat(stored, direct)), signals)
     k, width = stored.shape
     below = both.entry_columns >= width
     observation = replace(
@@ -206,4 +206,4 @@ def _form(
         entry_columns=both.entry_columns - width * below,
         n_rows=2 * k,
     )
-    return Form(observation, k, measured)
+    return EquationForm(observation, k, measured)

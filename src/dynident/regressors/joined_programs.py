@@ -11,7 +11,7 @@ from dynident.arrays import FloatArray
 from dynident.expressions import Program
 
 
-class JoinedPrograms:
+class ConcatenatedPrograms:
     """Two programs evaluated together: the entries of the first, then those of the second.
 
     Parameters
@@ -24,8 +24,8 @@ class JoinedPrograms:
 
     def __init__(
         self,
-        first: Program | JoinedPrograms,
-        second: Program | JoinedPrograms,
+        first: Program | ConcatenatedPrograms,
+        second: Program | ConcatenatedPrograms,
         widths: Sequence[int],
         picks: Sequence[NDArray[np.intp] | slice],
     ) -> None:

@@ -17,16 +17,16 @@ from dynident.effects import (
     ReferenceParameters,
     Role,
     Signals,
-    columns_of,
-    effect_by_id,
-    role_of,
+    build_columns,
+    get_effect,
+    get_role,
 )
 from dynident.errors import DynidentError
-from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, base_parameters
+from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, BaseParameters, find_base_parameters
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import observation_at_rest
+from dynident.regressors.row_phases import build_rest_observation
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
+from dynident.robot.usual_errors import estimate_inertia_errors, estimate_rotor_inertias
 
 # Where parameters of the motors' torque stand in `ReferenceParameters`; the rotors' are found with the links'.
 _DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES) if role != "rotor"}
@@ -59,7 +59,7 @@ class Model:
     @cached_property
     def at_rest(self) -> Observation:
         """The friction of the kept columns where each joint is about to move, in either direction: (2 n, b)."""
-        return observation_at_rest(self.robot, self.kept, self.signals)
+        return build_rest_observation(self.robot, self.kept, self.signals)
 
     @property
     def n_parameters(self) -> int:
@@ -69,34 +69,34 @@ class Model:
     @property
     def is_at_rest(self) -> bool:
         """Whether it has links, but none of their moments of inertia: only what shows while the robot stands."""
-        links = [column for column in self.columns if role_of(column) == "link"]
+        links = [column for column in self.columns if get_role(column) == "link"]
         return bool(links) and not any(
-            role_of(column) == "link" and column.parameter in INERTIAL_NAMES[:6] for column in self.kept
+            get_role(column) == "link" and column.parameter in INERTIAL_NAMES[:6] for column in self.kept
         )
 
     @property
     def needs_load(self) -> bool:
         """Whether a column depends on the load torque that the rigid body predicts."""
-        return any(effect_by_id(choice.effect).needs_load for choice in self.effects)
+        return any(get_effect(choice.effect).needs_load for choice in self.effects)
 
     @property
-    def absorbed(self) -> tuple[Column, ...]:
+    def absorbed_columns(self) -> tuple[Column, ...]:
         """Columns of effects other than the links' and rotors' inertia that dissolve in the base parameters."""
-        return self._left_out(hidden=False)
+        return self._find_dropped_columns(hidden=False)
 
     @property
-    def hidden(self) -> tuple[Column, ...]:
+    def hidden_columns(self) -> tuple[Column, ...]:
         """Columns of effects, rotors among them, that only the equations of joints without torque would show."""
-        return self._left_out(hidden=True)
+        return self._find_dropped_columns(hidden=True)
 
-    def _left_out(self, *, hidden: bool) -> tuple[Column, ...]:
+    def _find_dropped_columns(self, *, hidden: bool) -> tuple[Column, ...]:
         base_columns, silent = set(self.base.kept), self.robot.joints_without_torque
         columns = [column for k, column in enumerate(self.columns) if k not in base_columns]
         if hidden:
-            return tuple(c for c in columns if c.link in silent and role_of(c) != "link")
-        return tuple(c for c in columns if c.link not in silent and not effect_by_id(c.effect).is_inertia)
+            return tuple(c for c in columns if c.link in silent and get_role(c) != "link")
+        return tuple(c for c in columns if c.link not in silent and not get_effect(c.effect).is_inertia)
 
-    def standard_inertia(self, values: FloatArray) -> FloatArray:
+    def compute_standard_inertia(self, values: FloatArray) -> FloatArray:
         """Return standard inertial parameters of all links that have these base parameters, near the description's.
 
         The base parameters determine the torque; of all standard parameters that give them, those nearest to the
@@ -111,12 +111,12 @@ class Model:
         -------
         (10 N,)
         """
-        return self._inertial_solution(values)[0]
+        return self._solve_inertial_parameters(values)[0]
 
-    def _inertial_solution(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _solve_inertial_parameters(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return standard inertial parameters (10 N,) and, if all links are in the model, rotors' inertias."""
         none = np.zeros(0)
-        rigid = [k for k, column in enumerate(self.columns) if role_of(column) == "link"]
+        rigid = [k for k, column in enumerate(self.columns) if get_role(column) == "link"]
         described = self.robot.inertias
         links = np.zeros(10 * self.robot.tree.n) if described is None else described.reshape(-1).astype(np.float64)
         if not rigid:
@@ -127,25 +127,25 @@ class Model:
             full = np.zeros(len(links))
             for k, position in enumerate(self.base.kept):
                 column = self.columns[position]
-                if role_of(column) == "link":
+                if get_role(column) == "link":
                     full[self._standard_index(column)] = values[k]
             return full, none
-        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
-        inertial = [k for k, column in enumerate(self.kept) if effect_by_id(column.effect).is_inertia]
+        rotors = [k for k, column in enumerate(self.columns) if get_role(column) == "rotor"]
+        inertial = [k for k, column in enumerate(self.kept) if get_effect(column.effect).is_inertia]
         everything = rigid + rotors
         # Base parameters of friction are left out, and so are standard parameters of other effects.
         grouping = self.base.grouping[np.ix_(inertial, everything)]
         has_inertia = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([links, np.zeros(len(rotors))])
-        of_rotors = usual_rotor_inertias(self.robot.tree)[[self._joint(k) for k in rotors]]
-        scale = np.concatenate([usual_errors(self.robot.tree).reshape(-1), of_rotors])
+        of_rotors = estimate_rotor_inertias(self.robot.tree)[[self._joint_index(k) for k in rotors]]
+        scale = np.concatenate([estimate_inertia_errors(self.robot.tree).reshape(-1), of_rotors])
         gap = values[inertial][has_inertia] - grouping[has_inertia] @ nominal
         # The minimum-norm correction of the nominal values, in units of their usual errors, that gives the base
         # parameters.
         solution = nominal + scale * (np.linalg.pinv(grouping[has_inertia] * scale, rcond=1e-9) @ gap)
         return solution[: len(links)], solution[len(links) :]
 
-    def reference(self, values: FloatArray) -> ReferenceParameters:
+    def build_reference(self, values: FloatArray) -> ReferenceParameters:
         """Return the parameters that torque is predicted with.
 
         Parameters
@@ -158,19 +158,19 @@ class Model:
             Standard inertial parameters of links; Ia, Fc, Fv and b of driven joints.
         """
         names = self.robot.joint_names
-        links, inertias_of_rotors = self._inertial_solution(values)
+        links, inertias_of_rotors = self._solve_inertial_parameters(values)
         drives = np.zeros((len(DRIVE_ROLES), self.robot.n))
-        rotors = [k for k, column in enumerate(self.columns) if role_of(column) == "rotor"]
+        rotors = [k for k, column in enumerate(self.columns) if get_role(column) == "rotor"]
         for value, k in zip(inertias_of_rotors, rotors, strict=False):
             if self.columns[k].link in names:
                 drives[0, names.index(self.columns[k].link)] = value
         for column, value in zip(self.kept, values, strict=True):
-            row = _DRIVE_ROWS.get(role_of(column))
+            row = _DRIVE_ROWS.get(get_role(column))
             if row is not None and column.link in names:
                 drives[row, names.index(column.link)] += value
         return ReferenceParameters(links.reshape(-1, 10), *drives)
 
-    def _joint(self, column: int) -> int:
+    def _joint_index(self, column: int) -> int:
         return self.robot.tree.joint_names.index(self.columns[column].link)
 
     def _standard_index(self, column: Column) -> int:
@@ -211,10 +211,10 @@ def build_model(
     if not effects:
         raise DynidentError(f"choose at least one effect, for instance {LINKS.effect}", pointer="/effects")
     signals = signals or Signals(robot)
-    columns = columns_of(effects, signals)
+    columns = build_columns(effects, signals)
     check_columns(columns)
-    base = base or base_parameters(robot, columns, signals, tolerance=tolerance)
-    observation = Observation.of(robot, [columns[k] for k in base.kept], signals)
+    base = base or find_base_parameters(robot, columns, signals, tolerance=tolerance)
+    observation = Observation.from_columns(robot, [columns[k] for k in base.kept], signals)
     return Model(robot, tuple(effects), signals, tuple(columns), base, observation)
 
 
@@ -229,7 +229,7 @@ def check_columns(columns: Sequence[Column]) -> None:
         keys.add(column.key)
 
 
-def inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
+def find_inertial_base_parameters(robot: Robot, *, tolerance: float = DEFAULT_TOLERANCE) -> BaseParameters:
     """Return the base inertial parameters of a robot: links alone, without rotors and friction."""
     signals = Signals(robot)
-    return base_parameters(robot, columns_of([LINKS], signals), signals, tolerance=tolerance)
+    return find_base_parameters(robot, build_columns([LINKS], signals), signals, tolerance=tolerance)

@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
 from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
-from dynident.regressors.joined_programs import JoinedPrograms
+from dynident.regressors.joined_programs import ConcatenatedPrograms
 from dynident.robot.model import Robot
 
 # Places of these inputs in a program.
@@ -35,18 +35,18 @@ class Observation:
     entry_rows: IndexArray
     entry_columns: IndexArray
     n_rows: int
-    program: Program | JoinedPrograms
+    program: Program | ConcatenatedPrograms
     parts: tuple[Observation, Observation] | None = None
 
     @classmethod
-    def of(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
+    def from_columns(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
         """Build the observation matrix of columns that were made from `signals`."""
-        return cls.of_matrix(robot, columns, _matrix(robot, columns), signals)
+        return cls.from_matrix(robot, columns, _build_matrix(robot, columns), signals)
 
     @classmethod
-    def of_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
+    def from_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
         """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
-        memory, runs = signals.memory_in(matrix), signals.runs_in(matrix)
+        memory, runs = signals.find_memory_signals(matrix), signals.find_run_signals(matrix)
         # Only structural non-zeros are evaluated and stored: most parameters do not act on most joints.
         rows, cols = matrix.sparsity().get_triplet()
         return cls(
@@ -57,17 +57,17 @@ class Observation:
             entry_rows=np.array(rows, dtype=np.intp),
             entry_columns=np.array(cols, dtype=np.intp),
             n_rows=int(matrix.shape[0]),
-            program=Program(_inputs(signals, memory, runs), matrix),
+            program=Program(_collect_inputs(signals, memory, runs), matrix),
         )
 
-    def extended(self, columns: Sequence[Column], signals: Signals) -> Observation:
+    def extend(self, columns: Sequence[Column], signals: Signals) -> Observation:
         """Return the observation matrix with more columns behind the present ones; compiled programs are reused."""
         if not columns:
             return self
-        tail = Observation.of(self.robot, columns, signals)
+        tail = Observation.from_columns(self.robot, columns, signals)
         memory = self.memory + tuple(item for item in tail.memory if item not in self.memory)
         runs = self.runs + tuple(item for item in tail.runs if item not in self.runs)
-        widths, picks = list(tail.program.widths), _everything(len(tail.program.widths))
+        widths, picks = list(tail.program.widths), _pick_everything(len(tail.program.widths))
         for place, together, own in ((_MEMORY, memory, tail.memory), (_RUNS, runs, tail.runs)):
             # The tail knows only its own hysteresis states and runs: it picks them from those of the whole.
             widths[place] = len(together)
@@ -80,7 +80,7 @@ class Observation:
             entry_rows=np.concatenate([self.entry_rows, tail.entry_rows]),
             entry_columns=np.concatenate([self.entry_columns, self.n_columns + tail.entry_columns]),
             n_rows=self.n_rows,
-            program=JoinedPrograms(self.program, tail.program, widths, picks),
+            program=ConcatenatedPrograms(self.program, tail.program, widths, picks),
             parts=(self, tail),
         )
 
@@ -137,7 +137,7 @@ class Observation:
             nothing if further.temperature is None else further.temperature,
             memory,
             np.zeros(len(self.runs)) if further.runs is None else further.runs,
-            reference.vector_of(self.robot),
+            reference.to_vector(self.robot),
             out=out,
         )
 
@@ -147,7 +147,7 @@ class Observation:
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
 
-    def torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
+    def compute_torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
         """Return W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
         weighted = entries * values[self.entry_columns]
         out = np.zeros((len(entries), self.n_rows))
@@ -157,11 +157,11 @@ class Observation:
         return out
 
 
-def _matrix(robot: Robot, columns: Sequence[Column]) -> ca.SX:
+def _build_matrix(robot: Robot, columns: Sequence[Column]) -> ca.SX:
     return ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
 
 
-def _inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequence[RunSignal]) -> list[ca.SX]:
+def _collect_inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequence[RunSignal]) -> list[ca.SX]:
     return [
         signals.q,
         signals.dq,
@@ -177,5 +177,5 @@ def _inputs(signals: Signals, memory: Sequence[MemorySignal], runs: Sequence[Run
     ]
 
 
-def _everything(count: int) -> list[IndexArray | slice]:
+def _pick_everything(count: int) -> list[IndexArray | slice]:
     return [slice(None)] * count

@@ -14,10 +14,18 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.effects import Column, Signals, effect_by_id
-from dynident.effects.sizes import velocity_scale
+from dynident.effects import Column, Signals, get_effect
+from dynident.effects.sizes import get_velocity_scale
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.phases import SLOW, Phase, PhaseArray, Phases, phases_of, phases_of_others, width_of
+from dynident.recordings.phases import (
+    SLOW,
+    Phase,
+    PhaseArray,
+    Phases,
+    compute_smear_width,
+    find_passive_phases,
+    find_phases,
+)
 from dynident.regressors.observation import Observation
 from dynident.robot.linkage import Linkage
 from dynident.robot.model import Robot
@@ -66,7 +74,7 @@ class RowPhases:
     felt: BoolArray | None = None
 
     @classmethod
-    def of(
+    def from_recording(
         cls,
         observation: Observation,
         recording: Recording,
@@ -87,34 +95,44 @@ class RowPhases:
         -------
         RowPhases
         """
-        frictional = joints_with_friction(observation, first)
-        remembering = _remembering_joints(observation)
-        width = width_of(preprocessing, recording.sampling_rate)
+        frictional = find_joints_with_friction(observation, first)
+        remembering = _find_joints_with_memory(observation)
+        width = compute_smear_width(preprocessing, recording.sampling_rate)
         cutoff = preprocessing.position_cutoff
         # A thousandth of a period more, so that rounding does not decide.
         margin = (0.0 if cutoff is None else _SMEARED / cutoff) + 1e-3 * recording.period
-        phases = phases_of(recording)
-        starting = starting_joints(observation)
-        felt = _passive_friction(observation, first)
-        passive = _passive_phases(recording, observation.robot.linkage) if felt.any() else None
+        phases = find_phases(recording)
+        starting = find_starting_joints(observation)
+        felt = _find_passive_friction(observation, first)
+        passive = _find_passive_phases(recording, observation.robot.linkage) if felt.any() else None
         # A joint with presliding or a sharp start changes its friction more slowly than by a jump at its reversals.
-        jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.free)
+        jumping = frictional & felt.any(axis=1) & ~remembering & ~(starting & phases.freely_reversing)
         no_torque = ~recording.has_torque | ~observation.robot.has_torque
         return cls(
-            phases, width, margin, frictional, remembering, phases.free, starting, jumping, no_torque, passive, felt
+            phases,
+            width,
+            margin,
+            frictional,
+            remembering,
+            phases.freely_reversing,
+            starting,
+            jumping,
+            no_torque,
+            passive,
+            felt,
         )
 
-    def about(self, frictional: BoolArray) -> RowPhases:
+    def with_friction_of(self, frictional: BoolArray) -> RowPhases:
         """Return the same if these joints (n,) have friction, which may then be of any kind."""
         return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
 
     @property
-    def interrupted(self) -> BoolArray:
+    def interrupted_joints(self) -> BoolArray:
         """Joints (n,) out of whose equation instants may be taken before the filter."""
         joints = self.starting | self.jumping
         return joints if self.passive is None or self.felt is None else np.asarray(joints | self.felt.any(axis=1))
 
-    def certain(self, segment: int, t: FloatArray) -> BoolArray:
+    def find_certain_samples(self, segment: int, t: FloatArray) -> BoolArray:
         """Return (m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
 
         With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
@@ -122,18 +140,18 @@ class RowPhases:
         some milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
         """
         unsure = _SMEARED * self.width
-        turns = (self.phases.at(segment, t, unsure) == Phase.REVERSING) & self.jumping
-        return np.asarray(~turns & ~self._followers_halt(segment, t, unsure))
+        turns = (self.phases.phases_at(segment, t, unsure) == Phase.REVERSING) & self.jumping
+        return np.asarray(~turns & ~self._find_follower_halts(segment, t, unsure))
 
-    def holds(self, segment: int, t: FloatArray) -> BoolArray:
+    def find_valid_samples(self, segment: int, t: FloatArray) -> BoolArray:
         """Return (m, n): at which samples, at the full rate, the equation of a joint with friction at its starts holds.
 
         At the others it stands: with them set to zero on both sides, the equation may be filtered like any other.
         """
-        standing = self.phases.at(segment, t, self.margin) == Phase.STANDING
+        standing = self.phases.phases_at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
 
-    def partial(self, segment: int, t: FloatArray, phase: PhaseArray, held: FloatArray | None) -> BoolArray:
+    def find_partial_rows(self, segment: int, t: FloatArray, phase: PhaseArray, held: FloatArray | None) -> BoolArray:
         """Return (m, n): rows near a halt, of the joint or of one that follows it, that still contain motion.
 
         Parameters
@@ -152,7 +170,7 @@ class RowPhases:
         # A row with less motion than this share under its filter would say next to nothing of the motion.
         return np.asarray((near_halt | (phase == Phase.PASSIVE_HALT)) & (held > _TOLD))
 
-    def _followers_halt(self, segment: int, t: FloatArray, before: float, after: float = 0.0) -> BoolArray:
+    def _find_follower_halts(self, segment: int, t: FloatArray, before: float, after: float = 0.0) -> BoolArray:
         """Return (m, n): where a passive joint that has friction and is moved by the joint turns round or stands.
 
         Parameters
@@ -162,10 +180,10 @@ class RowPhases:
         """
         if self.passive is None or self.felt is None:
             return np.zeros((len(t), len(self.frictional)), dtype=bool)
-        halts = self.passive.at(segment, t, before, after) != Phase.MOVING
+        halts = self.passive.phases_at(segment, t, before, after) != Phase.MOVING
         return np.asarray((halts[:, None, :] & self.felt).any(axis=2))
 
-    def at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
+    def phases_at(self, segment: int, t: FloatArray, after: float = 0.0) -> PhaseArray:
         """Return the phases (m, n) at times t (m,) of a segment.
 
         Parameters
@@ -175,20 +193,20 @@ class RowPhases:
         after : float
             Seconds that a halt is felt longer than by the filters, by a treatment with a memory.
         """
-        phase = self.phases.at(segment, t, self.width, after)
+        phase = self.phases.phases_at(segment, t, self.width, after)
         # The order matters: each line overrides the ones before it. Without friction a halt does no harm; without
         # torque nothing else counts.
         phase[:, ~self.frictional] = Phase.MOVING
-        phase[self._followers_halt(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
+        phase[self._find_follower_halts(segment, t, self.width, after) & (phase != Phase.STANDING)] = Phase.PASSIVE_HALT
         phase[:, self.no_torque] = Phase.NO_TORQUE
         return phase
 
-    def used(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
+    def find_used_rows(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
         """Return (m, n): which rows a model is fitted to."""
-        return fitted(self.at(segment, t, after))
+        return is_fitted(self.phases_at(segment, t, after))
 
 
-def fitted(phase: PhaseArray) -> BoolArray:
+def is_fitted(phase: PhaseArray) -> BoolArray:
     """Return which rows a model is fitted to: all but those at which the joint, or a passive one that it moves, stands.
 
     Where it turns round in one sweep, the sign of its friction changes at a known instant, as in W. That of a passive
@@ -201,32 +219,34 @@ def fitted(phase: PhaseArray) -> BoolArray:
 _known: WeakKeyDictionary[Recording, WeakKeyDictionary[Linkage, Phases]] = WeakKeyDictionary()
 
 
-def _passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | None:
+def _find_passive_phases(recording: Recording, linkage: Linkage | None) -> Phases | None:
     """Return the phases of the passive joints, computed once for each recording and linkage."""
     if linkage is None:
         return None
     of_linkages = _known.setdefault(recording, WeakKeyDictionary())
     if linkage not in of_linkages:
         places = list(linkage.passive)
-        of_linkages[linkage] = phases_of_others(recording, lambda q: linkage.positions(q)[:, places], len(places))
+        of_linkages[linkage] = find_passive_phases(
+            recording, lambda q: linkage.compute_positions(q)[:, places], len(places)
+        )
     return of_linkages[linkage]
 
 
-def _passive_friction(observation: Observation, first: int | None = None) -> BoolArray:
+def _find_passive_friction(observation: Observation, first: int | None = None) -> BoolArray:
     """Return (n, p): which joints move which passive joints, if these have friction in the first columns."""
     robot = observation.robot
     if robot.linkage is None:
         return np.zeros((robot.n, 0), dtype=bool)
-    names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
+    names = {c.link for c in observation.columns[:first] if c.effect and get_effect(c.effect).is_friction}
     moves_rubbed = np.zeros((robot.n, len(robot.linkage.passive)), dtype=bool)
     for k, place in enumerate(robot.linkage.passive):
         # One that turns with a single joint halts when that does.
-        if robot.tree.joint_names[place] in names and not robot.linkage.repeats(place):
-            moves_rubbed[list(robot.linkage.movers(place)), k] = True
+        if robot.tree.joint_names[place] in names and not robot.linkage.follows_one_driven_joint(place):
+            moves_rubbed[list(robot.linkage.get_movers(place)), k] = True
     return moves_rubbed
 
 
-def joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:
+def find_joints_with_friction(observation: Observation, first: int | None = None) -> BoolArray:
     """Return (n,): joints whose friction is among the columns.
 
     Parameters
@@ -236,49 +256,49 @@ def joints_with_friction(observation: Observation, first: int | None = None) -> 
         Look at so many leading columns only.
     """
     # Offsets of a base sensor belong to no effect.
-    names = {c.link for c in observation.columns[:first] if c.effect and effect_by_id(c.effect).is_friction}
+    names = {c.link for c in observation.columns[:first] if c.effect and get_effect(c.effect).is_friction}
     has_friction = np.zeros(observation.robot.n, dtype=bool)
     for name in names & set(observation.robot.tree.joint_names):
-        has_friction[list(observation.robot.movers(name))] = True
+        has_friction[list(observation.robot.get_movers(name))] = True
     return has_friction
 
 
-def _remembering_joints(observation: Observation) -> BoolArray:
+def _find_joints_with_memory(observation: Observation) -> BoolArray:
     """Return (n,): joints with friction that remembers the path."""
     has_memory = np.zeros(observation.robot.n, dtype=bool)
     for signal in observation.memory:
-        has_memory[list(observation.robot.position_movers(signal.joint))] = True
+        has_memory[list(observation.robot.get_position_movers(signal.joint))] = True
     return has_memory
 
 
-def same_instants(first: Observation, second: Observation) -> bool:
+def have_same_instants(first: Observation, second: Observation) -> bool:
     """Return whether the same instants are taken out of the equations of two observation matrices of one robot."""
 
-    def alike(*predicates: Callable[[Observation], BoolArray]) -> bool:
+    def are_equal(*predicates: Callable[[Observation], BoolArray]) -> bool:
         return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
 
-    if not alike(starting_joints, _passive_friction):
+    if not are_equal(find_starting_joints, _find_passive_friction):
         return False
     # Where a joint turns round is taken out only beside a rubbed one that follows it.
-    return not _passive_friction(first).any() or alike(joints_with_friction, _remembering_joints)
+    return not _find_passive_friction(first).any() or are_equal(find_joints_with_friction, _find_joints_with_memory)
 
 
-def starting_joints(observation: Observation) -> BoolArray:
+def find_starting_joints(observation: Observation) -> BoolArray:
     """Return (n,): joints with friction that shows where they start."""
-    return np.asarray(lives_at_starts(observation).any(axis=0))
+    return np.asarray(shows_at_starts(observation).any(axis=0))
 
 
-def lives_at_starts(observation: Observation) -> BoolArray:
+def shows_at_starts(observation: Observation) -> BoolArray:
     """Return (columns, n): columns of friction that shows at low speed, or shortly after a halt, by joint."""
     names = observation.robot.tree.joint_names
     shows_at_start = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     for k, column in enumerate(observation.columns):
-        if column.effect and column.link in names and effect_by_id(column.effect).at_starts(dict(column.shape)):
-            shows_at_start[k, list(observation.robot.movers(column.link))] = True
+        if column.effect and column.link in names and get_effect(column.effect).at_starts(dict(column.shape)):
+            shows_at_start[k, list(observation.robot.get_movers(column.link))] = True
     return shows_at_start
 
 
-def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
+def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
     """Build W's columns of friction where each joint is about to move: (2 n, columns), forward, then backward.
 
     Row j is about joint j alone: it has no speed but a direction, and its path lies all in that direction. Of friction
@@ -297,19 +317,19 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
     -------
     Observation
     """
-    jumps = signals.predicted.drive("Fc")
+    jumps = signals.predicted.get_drive_parameter("Fc")
     friction = [
-        (c.effect != "" and effect_by_id(c.effect).is_friction) or ca.depends_on(c.torque, jumps) for c in columns
+        (c.effect != "" and get_effect(c.effect).is_friction) or ca.depends_on(c.torque, jumps) for c in columns
     ]
-    steep = _steep_at_rest(robot, columns)
+    steep = _is_steep_at_rest(robot, columns)
     rows = []
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
             # The hysteresis state is at its end of this direction, as after a long way there.
-            states = [symbol for signal, symbol in memory.items() if j in robot.position_movers(signal.joint)]
+            states = [symbol for signal, symbol in memory.items() if j in robot.get_position_movers(signal.joint)]
             state = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
-            speeds = (_TOUCH, min(_SLOWEST * velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
+            speeds = (_TOUCH, min(_SLOWEST * get_velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)
             still, slow = (ca.vertcat(direction * v, 0.0, *([direction] * len(states))) for v in speeds)
             # What becomes zero at rest is an entry still, so that it is known to have changed.
             rows.append(
@@ -322,15 +342,15 @@ def observation_at_rest(robot: Robot, columns: Sequence[Column], signals: Signal
                     )
                 )
             )
-    return Observation.of_matrix(robot, columns, ca.vertcat(*rows), signals)
+    return Observation.from_matrix(robot, columns, ca.vertcat(*rows), signals)
 
 
-def _steep_at_rest(robot: Robot, columns: Sequence[Column]) -> BoolArray:
+def _is_steep_at_rest(robot: Robot, columns: Sequence[Column]) -> BoolArray:
     """Return (n,): joints with a law of the speed among the columns that is steepest at rest."""
     is_steep = np.zeros(robot.n, dtype=bool)
     for c in columns:
-        if c.effect and c.link in robot.tree.joint_names and effect_by_id(c.effect).steep_at_rest(dict(c.shape)):
-            is_steep[list(robot.movers(c.link))] = True
+        if c.effect and c.link in robot.tree.joint_names and get_effect(c.effect).is_steep_at_rest(dict(c.shape)):
+            is_steep[list(robot.get_movers(c.link))] = True
     return is_steep
 
 
@@ -338,11 +358,11 @@ def _peaks_at_rest(column: Column) -> bool:
     """Return whether a column is friction that is largest where the joint starts, and falls off from there."""
     if not column.effect:
         return False
-    effect, shape = effect_by_id(column.effect), dict(column.shape)
-    return effect.at_starts(shape) and not effect.steep_at_rest(shape)
+    effect, shape = get_effect(column.effect), dict(column.shape)
+    return effect.at_starts(shape) and not effect.is_steep_at_rest(shape)
 
 
-def changed_at_rest(at_rest: Observation) -> BoolArray:
+def changes_at_rest(at_rest: Observation) -> BoolArray:
     """Return (columns,): columns of which something is different where a joint is about to move."""
     changed = np.zeros(at_rest.n_columns, dtype=bool)
     changed[at_rest.entry_columns] = True

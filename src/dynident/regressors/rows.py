@@ -9,20 +9,20 @@ import numpy as np
 
 from dynident.effects import Column, ReferenceParameters
 from dynident.estimation import Reduction
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.folding import used_duration
+from dynident.regressors.folding import compute_used_duration
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, same_instants
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.regressors.row_phases import RowPhases, have_same_instants
+from dynident.regressors.stream import FilteredSamples, reduce_recordings, stream_filtered_samples
 
 MOST_VALUES = 4_000_000
 """Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
 
 
 @dataclass(frozen=True, eq=False)
-class KeptRows:
+class CachedRows:
     """Filtered samples of recordings, as they left the filter, for one observation matrix.
 
     `reference`: what loads were predicted with; None where no column needs a load.
@@ -37,24 +37,24 @@ class KeptRows:
     def __repr__(self) -> str:
         return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
 
-    def of(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
+    def find_samples(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
         """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
         if preprocessing != self.preprocessing:
             return None
         for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
-            if _same(kept_recording, recording):
+            if _is_same_recording(kept_recording, recording):
                 return samples
         return None
 
 
-def reduce_and_keep(
+def reduce_and_cache(
     model: Model,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
-    known: KeptRows | None = None,
-) -> tuple[Reduction, KeptRows | None]:
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> tuple[Reduction, CachedRows | None]:
     """Reduce recordings to a model's columns, and cache their filtered rows where they are few.
 
     Parameters
@@ -75,39 +75,39 @@ def reduce_and_keep(
         None if the rows have more than `MOST_VALUES` entries.
     """
     observation = model.observation
-    usable = known if known is not None and _extends(observation, reference, known) else None
-    if _most_values(observation, recordings, preprocessing) > MOST_VALUES:
-        samples_of = _beside(usable, observation, model.at_rest, preprocessing, reference)
+    usable = known if known is not None and _is_extension(observation, reference, known) else None
+    if _bound_values(observation, recordings, preprocessing) > MOST_VALUES:
+        samples_of = _make_sample_reader(usable, observation, model.at_rest, preprocessing, reference)
         return reduce_recordings(
             observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
         ), None
     samples_by_recording: dict[Recording, tuple[FilteredSamples, ...]] = {}
 
-    def samples_and_keep(recording: Recording) -> Iterator[FilteredSamples]:
+    def cache_samples(recording: Recording) -> Iterator[FilteredSamples]:
         collected = []
-        for samples in _samples(observation, model.at_rest, recording, preprocessing, reference, usable):
+        for samples in _read_samples(observation, model.at_rest, recording, preprocessing, reference, usable):
             # Samples are cached while they pass on to the reduction, so that nothing is read twice.
             collected.append(samples)
             yield samples
         samples_by_recording[recording] = tuple(collected)
 
     reduction = reduce_recordings(
-        observation, recordings, preprocessing, reference, progress, samples_and_keep, model.at_rest
+        observation, recordings, preprocessing, reference, progress, cache_samples, model.at_rest
     )
     load_reference = reference if model.needs_load else None
     # The reduction may have worked through the recordings in another order.
     samples = tuple(samples_by_recording[recording] for recording in recordings)
-    return reduction, KeptRows(observation, load_reference, preprocessing, tuple(recordings), samples)
+    return reduction, CachedRows(observation, load_reference, preprocessing, tuple(recordings), samples)
 
 
-def reduce_with_more(
+def reduce_with_columns(
     model: Model,
     more: Sequence[Column],
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
-    known: KeptRows | None = None,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
 ) -> Reduction:
     """Reduce recordings to a model's columns and further ones, without the rows near halts and at rest.
 
@@ -127,21 +127,21 @@ def reduce_with_more(
     -------
     Reduction
     """
-    observation = model.observation.extended(more, model.signals)
-    usable = known if known is not None and _extends(observation, reference, known) else None
+    observation = model.observation.extend(more, model.signals)
+    usable = known if known is not None and _is_extension(observation, reference, known) else None
 
-    samples_of = _beside(usable, observation, None, preprocessing, reference)
+    samples_of = _make_sample_reader(usable, observation, None, preprocessing, reference)
     return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of, by_phase=True)
 
 
-def _most_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
+def _bound_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
     """Return an upper bound of the number of entries in the filtered rows."""
-    seconds = sum(used_duration(recording) * recording.sampling_rate for recording in recordings)
+    seconds = sum(compute_used_duration(recording) * recording.sampling_rate for recording in recordings)
     return seconds / preprocessing.decimation * (len(observation.entry_rows) + observation.robot.n)
 
 
-def _beside(
-    kept_rows: KeptRows | None,
+def _make_sample_reader(
+    kept_rows: CachedRows | None,
     observation: Observation,
     at_rest: Observation | None,
     preprocessing: Preprocessing,
@@ -150,25 +150,25 @@ def _beside(
     """Return the function that gives a recording's samples, with the help of cached ones; None without any."""
     if kept_rows is None:
         return None
-    return lambda recording: _samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
+    return lambda recording: _read_samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
 
 
-def _samples(
+def _read_samples(
     observation: Observation,
     at_rest: Observation | None,
     recording: Recording,
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    kept_rows: KeptRows | None,
+    kept_rows: CachedRows | None,
 ) -> Iterator[FilteredSamples]:
     # The cached leading columns (head), and the new ones behind them (tail).
-    head = None if kept_rows is None else kept_rows.of(recording, preprocessing)
-    phases = RowPhases.of(observation, recording, preprocessing)
+    head = None if kept_rows is None else kept_rows.find_samples(recording, preprocessing)
+    phases = RowPhases.from_recording(observation, recording, preprocessing)
     if head is None or observation.parts is None:
-        yield from filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
+        yield from stream_filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
         return
     # The filter cuts a recording into the same pieces whatever the columns.
-    tail = filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
+    tail = stream_filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
         whole = tuple(
             None if kept_equation is None or new_equation is None else np.hstack([kept_equation[:, :-1], new_equation])
@@ -177,16 +177,16 @@ def _samples(
         yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
 
 
-def _extends(observation: Observation, reference: ReferenceParameters, kept_rows: KeptRows) -> bool:
+def _is_extension(observation: Observation, reference: ReferenceParameters, kept_rows: CachedRows) -> bool:
     """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
     if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
-    if not same_instants(observation, kept_rows.observation):
+    if not have_same_instants(observation, kept_rows.observation):
         return False
-    return kept_rows.reference is None or reference.is_like(kept_rows.reference)
+    return kept_rows.reference is None or reference.equals(kept_rows.reference)
 
 
-def _same(first: Recording, second: Recording) -> bool:
+def _is_same_recording(first: Recording, second: Recording) -> bool:
     """Return whether two recordings have the same rows, though they may be different objects."""
     if (first.windows, first.segments, first.name, first.payload) != (
         second.windows,

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.regressors.forms import Form
+from dynident.regressors.forms import EquationForm
 from dynident.regressors.stream import Samples
 
 # What is left of a step after (settling) / a seconds behind F(s): (1 + 9.2) exp(-9.2), a thousandth.
@@ -21,7 +21,7 @@ _SETTLED = 9.2
 _REACH = 2
 
 
-def rated(samples: Iterable[Samples], form: Form, rate: float) -> Iterator[Samples]:
+def differentiate_samples(samples: Iterable[Samples], form: EquationForm, rate: float) -> Iterator[Samples]:
     """Differentiate: dS/dt + D with y behind it, from evaluations of a form.
 
     The central difference has five points: that of three (as in [12.16]) would take (ωT)²/6 off a rate, which here,
@@ -40,22 +40,22 @@ def rated(samples: Iterable[Samples], form: Form, rate: float) -> Iterator[Sampl
         Two samples shorter at either end of a segment, if anything is differentiated.
     """
     before, behind = (0, 0) if not form.has_rates else (_REACH, _REACH)
-    for part in _with_neighbours(samples, before, behind):
-        values = _direct(part.values, form, before)
+    for part in _add_neighbours(samples, before, behind):
+        values = _collect_direct_part(part.values, form, before)
         if form.has_rates:
             _add_rates(part.values[:, : form.n_stored], rate, values[:, : form.n_stored])
-        yield _changed(part, before, behind, values)
+        yield _replace_values(part, before, behind, values)
 
 
-def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterator[Samples]:
+def integrate_samples(samples: Iterable[Samples], form: EquationForm, period: float) -> Iterator[Samples]:
     """Integrate: S + ∫D dt, and ∫y dt, from the beginning of the segment; differences of two rows are those of [12.43].
 
     The integral over one period is that of the cubic through four samples, exact to (ωT)⁴ 11/720.
     """
     total = np.zeros(0)
-    for part in _with_neighbours(samples, 2, 1):
+    for part in _add_neighbours(samples, 2, 1):
         inner = slice(2, len(part.t) - 1)
-        rates = _direct(part.values, form, 0)
+        rates = _collect_direct_part(part.values, form, 0)
         # The integral of the cubic through x(k-2) … x(k+1), from k - 1 to k: T / 24 (13 (x(k-1) + x(k)) - x(k-2) -
         # x(k+1)).
         steps = (period / 24.0) * (13.0 * (rates[1:-2] + rates[2:-1]) - rates[:-3] - rates[3:])
@@ -66,10 +66,10 @@ def integrated(samples: Iterable[Samples], form: Form, period: float) -> Iterato
         total = sums[-1]
         values = sums.copy()
         values[:, : form.n_stored] += part.values[inner, : form.n_stored]
-        yield _changed(part, 2, 1, values)
+        yield _replace_values(part, 2, 1, values)
 
 
-def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[Samples]:
+def smooth_samples(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[Samples]:
     """Filter rows by F(s) = a² / (s + a)² [12.29], made discrete by the bilinear transform; settled rows are used.
 
     W and Y pass the same filter, so that no discretisation can bias the estimates. Rows that are not used enter as
@@ -92,12 +92,12 @@ def smoothed(samples: Iterable[Samples], pole: float, rate: float) -> Iterator[S
             # A filter at rest: it needs the settling time before its output means anything.
             state, run = np.zeros((2, part.values.shape[1])), 0
         values, state = signal.lfilter(b, a, part.values * part.used[:, None], axis=0, zi=state)
-        lengths = _run_lengths(part.used, run)
+        lengths = _count_run_lengths(part.used, run)
         run = int(lengths[-1]) if len(lengths) else run
         yield Samples(part.segment, part.starts_segment, part.t, part.used & (lengths > settling), values)
 
 
-def differences(
+def take_differences(
     rows: Iterable[tuple[int, FloatArray, FloatArray]], length: int, step: int, spacing: float
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Take differences over intervals of `length` rows that begin every `step` rows.
@@ -131,7 +131,7 @@ def differences(
         skip, held = following - first_kept, (segment, t[first_kept:], values[first_kept:])
 
 
-def _with_neighbours(samples: Iterable[Samples], before: int, behind: int) -> Iterator[Samples]:
+def _add_neighbours(samples: Iterable[Samples], before: int, behind: int) -> Iterator[Samples]:
     """Add to every block so many neighbours on either side; the outermost samples of a segment are left out."""
     reach = before + behind
     held: Samples | None = None
@@ -155,7 +155,7 @@ def _with_neighbours(samples: Iterable[Samples], before: int, behind: int) -> It
         held = joined
 
 
-def _changed(part: Samples, before: int, behind: int, values: FloatArray) -> Samples:
+def _replace_values(part: Samples, before: int, behind: int, values: FloatArray) -> Samples:
     """Return the inner samples with other values; used where all of their neighbours are."""
     inner = slice(before, len(part.t) - behind)
     # A moving count of used samples by differences of a running one.
@@ -165,13 +165,13 @@ def _changed(part: Samples, before: int, behind: int, values: FloatArray) -> Sam
     return Samples(part.segment, part.starts_segment, part.t[inner], used, values)
 
 
-def _direct(values: FloatArray, form: Form, reach: int) -> FloatArray:
+def _collect_direct_part(values: FloatArray, form: EquationForm, reach: int) -> FloatArray:
     """Return D in the entries of dS/dt + D, with y behind them; the outer `reach` samples are left out."""
     inner = values[reach : len(values) - reach]
     out = np.zeros((len(inner), form.n_entries + form.n_equations))
-    picked, places = form.shared
+    picked, places = form.shared_entries
     out[:, places] = inner[:, picked]
-    out[:, form.n_stored : form.n_entries] = inner[:, form.alone]
+    out[:, form.n_stored : form.n_entries] = inner[:, form.separate_entries]
     out[:, form.n_entries :] = inner[:, len(form.observation.entry_rows) :]
     return out
 
@@ -187,7 +187,7 @@ def _add_rates(stored: FloatArray, rate: float, out: FloatArray) -> None:
     out += rates
 
 
-def _run_lengths(used: BoolArray, before: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+def _count_run_lengths(used: BoolArray, before: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return (m,): the number of used samples in a row up to each one, `before` of them in earlier blocks."""
     # The last unused sample before each one, by a running maximum; what earlier blocks had in a row lies before index
     # 0.

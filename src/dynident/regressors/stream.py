@@ -10,15 +10,15 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.effects.memory import MemoryStates
-from dynident.estimation import Reduction, told_apart
-from dynident.progress import Progress, silent
+from dynident.estimation import Reduction, merge_reversal_equations
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import ParallelFilter, Preprocessing, Recording, SampleBlock, filtered_blocks
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident.regressors.folding import BesideRows, EquationRows, folded
+from dynident.regressors.folding import EquationRows, RestRows, accumulate_equations
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
-from dynident.regressors.row_phases import RowPhases, changed_at_rest, fitted
-from dynident.side_by_side import ahead
+from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
+from dynident.side_by_side import prefetch
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class FilteredSamples:
     held: FloatArray | None = None
     whole: tuple[FloatArray | None, ...] = ()
 
-    def rows(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
+    def stack_equations(self, layout: Sequence[tuple[IndexArray, IndexArray]]) -> list[FloatArray]:
         """Return [W | Y] (m, p_j + 1) of every joint, from the places and columns of its entries."""
         equations = [np.empty((len(self.t), len(places) + 1)) for places, _ in layout]
         for j, own in enumerate(equations):
@@ -79,7 +79,7 @@ class SampleFunction:
         if len(needed):
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
-            runs = [in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
+            runs = [is_in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
             self._observation.evaluate(
                 block.q[part],
                 block.dq[part],
@@ -98,14 +98,14 @@ class SampleFunction:
             )
 
 
-def in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
+def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
     """Return 1 if a segment of a recording is one of the signal's runs, else 0."""
     if not signal.runs:
         return float(recording.payload is not None)
-    return float(bool({recording.name, recording.run_label(segment)} & set(signal.runs)))
+    return float(bool({recording.name, recording.name_segment(segment)} & set(signal.runs)))
 
 
-def filtered_samples(
+def stream_filtered_samples(
     observation: Observation,
     recording: Recording,
     preprocessing: Preprocessing,
@@ -139,13 +139,13 @@ def filtered_samples(
     parts = [SampleFunction(matrix, reference, recording) for matrix in (observation, at_rest) if matrix is not None]
     layout = [observation.joint_entries(joint) for joint in range(recording.n)]
     nowhere = np.zeros(recording.n, dtype=bool)
-    starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted)
+    starting, interrupted = (nowhere, nowhere) if phases is None else (phases.starting, phases.interrupted_joints)
     # What is filtered a second time, with the halts in it: entries of joints that have some, and their torque.
     # Rows at rest need the halts that the filtered equation lacks.
     joints = np.flatnonzero(starting) if at_rest is not None else np.zeros(0, dtype=np.intp)
     again = np.flatnonzero(np.isin(observation.entry_rows, joints))
     # All that is filtered alike lies in one matrix: its columns are these slices.
-    entries, resting, tau, held, whole, torque = _side_by_side(
+    entries, resting, tau, held, whole, torque = _allocate_slices(
         len(observation.entry_rows),
         0 if at_rest is None else len(at_rest.entry_rows),
         recording.n,
@@ -170,18 +170,20 @@ def filtered_samples(
         for part, places in zip(parts, (entries, resting), strict=False):
             part.fill(block, rows[:, places])
         rows[:, tau] = block.tau
-        certain = None if phases is None or not interrupted.any() else phases.certain(block.segment, block.t)
+        certain = (
+            None if phases is None or not interrupted.any() else phases.find_certain_samples(block.segment, block.t)
+        )
         if certain is not None:
-            _take_out(rows, ~certain, equations_and_rest)
+            _zero_equations(rows, ~certain, equations_and_rest)
         # Copied before halts are taken out of the equations: the copy keeps them, for rows at rest.
         rows[:, whole], rows[:, torque] = rows[:, again], rows[:, tau.start + joints]
         if phases is not None and certain is not None:
-            moves = phases.holds(block.segment, block.t)
-            _take_out(rows, ~moves, equations)
+            moves = phases.find_valid_samples(block.segment, block.t)
+            _zero_equations(rows, ~moves, equations)
             rows[:, held] = certain & moves
         return rows
 
-    for segment, t, rows in parallel_filtered(recording, preprocessing, values):
+    for segment, t, rows in filter_in_parallel(recording, preprocessing, values):
         yield FilteredSamples(
             t,
             rows[:, entries],
@@ -189,23 +191,23 @@ def filtered_samples(
             segment,
             at_rest=None if at_rest is None else rows[:, resting],
             held=rows[:, held] if interrupted.any() else None,
-            whole=_whole(rows[:, whole], rows[:, torque], again, joints, layout),
+            whole=_collect_unmasked(rows[:, whole], rows[:, torque], again, joints, layout),
         )
 
 
-def _take_out(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
+def _zero_equations(rows: FloatArray, out: BoolArray, places: Sequence[IndexArray]) -> None:
     """Set an equation, at `places` of `rows` (m, k), to zero at the samples where `out` (m, n) is true."""
     for joint in np.flatnonzero(out.any(axis=0)):
         rows[np.ix_(np.flatnonzero(out[:, joint]), places[int(joint)])] = 0.0
 
 
-def _side_by_side(*widths: int) -> list[slice]:
+def _allocate_slices(*widths: int) -> list[slice]:
     """Return slices of so many columns each, one behind the other."""
     ends = np.cumsum(widths)
     return [slice(int(end) - width, int(end)) for end, width in zip(ends, widths, strict=True)]
 
 
-def _whole(
+def _collect_unmasked(
     rows: FloatArray,
     tau: FloatArray,
     entries: IndexArray,
@@ -219,7 +221,7 @@ def _whole(
     return tuple(equations)
 
 
-def parallel_filtered(
+def filter_in_parallel(
     recording: Recording, preprocessing: Preprocessing, values: _BlockFunction
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Stream `values` of every block through the parallel filter.
@@ -236,7 +238,7 @@ def parallel_filtered(
     segment, t (m,), rows (m, k)
         Used rows alone.
     """
-    return low_passed(sampled(recording, preprocessing, values), recording, preprocessing)
+    return low_pass_samples(stream_samples(recording, preprocessing, values), recording, preprocessing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +252,7 @@ class Samples:
     values: FloatArray
 
 
-def sampled(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
+def stream_samples(recording: Recording, preprocessing: Preprocessing, values: _BlockFunction) -> Iterator[Samples]:
     """Stream `values` of every block of filtered positions; of a large recording the next block is prepared ahead.
 
     Parameters
@@ -268,10 +270,10 @@ def sampled(recording: Recording, preprocessing: Preprocessing, values: _BlockFu
         Samples(block.segment, block.starts_segment, block.t, block.used, values(block))
         for block in filtered_blocks(recording, preprocessing)
     )
-    return ahead(samples, recording.n_samples)
+    return prefetch(samples, recording.n_samples)
 
 
-def low_passed(
+def low_pass_samples(
     samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Stream samples through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
@@ -297,7 +299,7 @@ def reduce_recordings(
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
     at_rest: Observation | None = None,
     *,
@@ -333,8 +335,8 @@ def reduce_recordings(
     columns = [observation.joint_entries(joint)[1] for joint in range(observation.robot.n)] * (
         2 if splits_reversals else 1
     )
-    reduction = folded(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
-    return told_apart(reduction) if splits_reversals else reduction
+    reduction = accumulate_equations(rows_of, columns, observation.n_columns, recordings, progress, keeps_rest_rows)
+    return merge_reversal_equations(reduction) if splits_reversals else reduction
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,22 +357,22 @@ class ObservationRows:
         """Yield the rows of a recording."""
         observation, joints = self.observation, range(self.observation.robot.n)
         layout = [observation.joint_entries(joint) for joint in joints]
-        resting = None if self.at_rest is None else AtRest(observation, self.at_rest)
-        phases = RowPhases.of(observation, recording, self.preprocessing)
+        resting = None if self.at_rest is None else RestRowBuilder(observation, self.at_rest)
+        phases = RowPhases.from_recording(observation, recording, self.preprocessing)
         if self.samples_of is None:
-            sample_blocks: Iterable[FilteredSamples] = filtered_samples(
+            sample_blocks: Iterable[FilteredSamples] = stream_filtered_samples(
                 observation, recording, self.preprocessing, self.reference, self.at_rest, phases
             )
         else:
             sample_blocks = self.samples_of(recording)
         for samples in sample_blocks:
-            rows = samples.rows(layout)
-            phase = phases.at(samples.segment, samples.t)
-            partial = phases.partial(samples.segment, samples.t, phase, samples.held)
+            rows = samples.stack_equations(layout)
+            phase = phases.phases_at(samples.segment, samples.t)
+            partial = phases.find_partial_rows(samples.segment, samples.t, phase, samples.held)
             rest_rows = None
             if resting is not None and samples.at_rest is not None:
-                rest_rows = [resting.rows(joint, rows[joint], samples, phase, partial) for joint in joints]
-            used = fitted(phase) | partial
+                rest_rows = [resting.build_rest_rows(joint, rows[joint], samples, phase, partial) for joint in joints]
+            used = is_fitted(phase) | partial
             if self.by_phase:
                 turns = phase == Phase.REVERSING
                 # The same rows twice: once for all but the reversals, once for the reversals alone.
@@ -378,19 +380,19 @@ class ObservationRows:
             yield EquationRows(samples.t, rows, samples.segment, used, rest_rows)
 
 
-class AtRest:
+class RestRowBuilder:
     """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move."""
 
     def __init__(self, observation: Observation, at_rest: Observation) -> None:
         n = observation.robot.n
-        changed = changed_at_rest(at_rest)
+        changed = changes_at_rest(at_rest)
         self._changed = [changed[observation.joint_entries(j)[1]] for j in range(n)]
         self._columns = [observation.joint_entries(j)[1] for j in range(n)]
         self._entries = [[at_rest.joint_entries(row) for row in (j, n + j)] for j in range(n)]
 
-    def rows(
+    def build_rest_rows(
         self, joint: int, rows: FloatArray, samples: FilteredSamples, phase: PhaseArray, partial: BoolArray
-    ) -> BesideRows:
+    ) -> RestRows:
         """Return the rows near halts and at rest of one joint from its rows [W | Y] (m, p + 1)."""
         standing = phase[:, joint] == Phase.STANDING
         unmasked = samples.whole[joint] if samples.whole else None
@@ -402,4 +404,4 @@ class AtRest:
             if samples.at_rest is not None:
                 w[:, np.searchsorted(self._columns[joint], columns)] = samples.at_rest[standing][:, positions]
             either.append(w)
-        return BesideRows(rows[partial[:, joint]], either[0], either[1], whole[standing, -1])
+        return RestRows(rows[partial[:, joint]], either[0], either[1], whole[standing, -1])

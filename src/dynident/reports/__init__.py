@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.reports.printing.pdf import pdf_of
+    from dynident.reports.printing.pdf import render_pdf
     from dynident.reports.report import html_report
-    from dynident.reports.run import ReportedRun
+    from dynident.reports.run import ReportedRecording
     from dynident.reports.stated import ReportChoices
     from dynident.reports.tables import Cell, ReportedTable
     from dynident.reports.validated import ReportedValidation
 
-__all__ = ["Cell", "ReportChoices", "ReportedRun", "ReportedTable", "ReportedValidation", "html_report", "pdf_of"]
+__all__ = [
+    "Cell",
+    "ReportChoices",
+    "ReportedRecording",
+    "ReportedTable",
+    "ReportedValidation",
+    "html_report",
+    "render_pdf",
+]
 
 if not TYPE_CHECKING:
     # Loading matplotlib takes longer than most commands take to run, so it is imported only when something is drawn.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

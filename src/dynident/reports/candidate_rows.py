@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynident.diagnosis import RankedEffect
-from dynident.reports.numbers import percent
-from dynident.reports.words import place_text, title_of
+from dynident.reports.numbers import format_percent
+from dynident.reports.words import format_joints, get_effect_title
 from dynident.robot import Robot
 
-COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
+CANDIDATE_COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
 
 
-def candidate_rows(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[str, ...]]:
+def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[str, ...]]:
     """Return ranked candidates as rows of text.
 
     Parameters
@@ -30,11 +30,11 @@ def candidate_rows(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[s
     return [
         (
             str(candidate.rank),
-            title_of(candidate.effect),
-            place_text(candidate.joints, robot.joint_names),
-            percent(candidate.error_before),
-            percent(candidate.error_after),
-            percent(candidate.error_drop, 2),
+            get_effect_title(candidate.effect),
+            format_joints(candidate.joints, robot.joint_names),
+            format_percent(candidate.error_before),
+            format_percent(candidate.error_after),
+            format_percent(candidate.error_drop, 2),
             "yes" if candidate.significant else "no",
         )
         for candidate in ranked

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from dynident.diagnosis import Change, FrictionDifference
-from dynident.reports.numbers import number, p_value, percent
-from dynident.reports.words import place_text, title_of
+from dynident.reports.numbers import format_number, format_p_value, format_percent
+from dynident.reports.words import format_joints, get_effect_title
 from dynident.robot import Robot
 
-COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
+CHANGE_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
 
 FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 % interval", "unit", "of what it was")
 
@@ -28,7 +28,7 @@ class ChangeCells(NamedTuple):
     p: str
 
 
-def change_rows(change: Change, robot: Robot) -> Iterator[ChangeCells]:
+def format_change(change: Change, robot: Robot) -> Iterator[ChangeCells]:
     """Yield the numbers of a change as rows of text, the main one first; only the main one has a p-value.
 
     Parameters
@@ -43,15 +43,15 @@ def change_rows(change: Change, robot: Robot) -> Iterator[ChangeCells]:
     """
     for value in (change.main, *change.more):
         yield ChangeCells(
-            title_of(change.choice.effect),
-            place_text(change.choice.joints, robot.joint_names),
+            get_effect_title(change.choice.effect),
+            format_joints(change.choice.joints, robot.joint_names),
             value.parameter,
-            "–" if value.before is None else number(value.before),
-            _signed(value.value),
-            " to ".join(number(end) for end in value.interval),
+            "–" if value.before is None else format_number(value.before),
+            _format_signed(value.value),
+            " to ".join(format_number(end) for end in value.interval),
             "" if value.unit == "-" else value.unit,
             # The test is one of the whole change, not of each of its parameters.
-            p_value(change.p_value) if value is change.main else "",
+            format_p_value(change.p_value) if value is change.main else "",
         )
 
 
@@ -67,7 +67,7 @@ class FrictionCells(NamedTuple):
     share: str
 
 
-def friction_row(difference: FrictionDifference) -> FrictionCells:
+def format_friction_difference(difference: FrictionDifference) -> FrictionCells:
     """Return the difference of one joint's friction as a row of text.
 
     Parameters
@@ -81,16 +81,16 @@ def friction_row(difference: FrictionDifference) -> FrictionCells:
     """
     return FrictionCells(
         difference.joint,
-        f"{number(difference.speed)} {'m/s' if difference.unit == 'N' else 'rad/s'}",
-        number(difference.before),
-        _signed(difference.value),
-        " to ".join(number(end) for end in difference.interval),
+        f"{format_number(difference.speed)} {'m/s' if difference.unit == 'N' else 'rad/s'}",
+        format_number(difference.before),
+        _format_signed(difference.value),
+        " to ".join(format_number(end) for end in difference.interval),
         difference.unit,
-        f"{'+' if difference.value > 0 else ''}{percent(difference.value / difference.before, 2)}"
+        f"{'+' if difference.value > 0 else ''}{format_percent(difference.value / difference.before, 2)}"
         if difference.before > 0.0
         else "–",
     )
 
 
-def _signed(value: float) -> str:
-    return f"{'+' if value > 0 else ''}{number(value)}"
+def _format_signed(value: float) -> str:
+    return f"{'+' if value > 0 else ''}{format_number(value)}"

@@ -9,11 +9,11 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
-from dynident.asking import default_of, said_of
+from dynident.asking import get_default, get_description
 from dynident.effects import EffectChoice
-from dynident.effects.written import effect_text
+from dynident.effects.written import format_effect
 from dynident.identification import Identification, IdentificationChoices
-from dynident.kinds import Kind
+from dynident.kinds import RegistryEntry
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.recordings.stated import Windows
 from dynident.robot import Robot
@@ -24,11 +24,11 @@ ROBOT = "ROBOT"
 _DIGITS = ".9g"
 
 
-Said = Mapping[str, RecordingMetadata]
+StatedMetadata = Mapping[str, RecordingMetadata]
 """The metadata that users stated for the files of recordings, by the recordings' names."""
 
 
-def metadata_files(said: Said) -> dict[str, str]:
+def collect_metadata_files(said: StatedMetadata) -> dict[str, str]:
     """Return the files for the option `--metadata` that the commands name.
 
     Parameters
@@ -40,27 +40,27 @@ def metadata_files(said: Said) -> dict[str, str]:
     dict of file name to JSON text
         One for each recording that cannot be read without stated metadata.
     """
-    values_by_name = {name: _told(metadata) for name, metadata in said.items()}
-    return {_metadata_file(name): json.dumps(values) for name, values in values_by_name.items() if values}
+    values_by_name = {name: _collect_stated_fields(metadata) for name, metadata in said.items()}
+    return {_name_metadata_file(name): json.dumps(values) for name, values in values_by_name.items() if values}
 
 
-_TOLD = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind", "skip")
+_STATED_FIELDS = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind", "skip")
 """Fields of the metadata that a file is read with. Accepted checks and windows have options of their own; excluded
 times are already cut out of the windows."""
 
 
-def _told(metadata: RecordingMetadata) -> dict[str, Any]:
+def _collect_stated_fields(metadata: RecordingMetadata) -> dict[str, Any]:
     """Return the stated fields of a file's metadata as JSON values."""
-    values = {name: getattr(metadata, name) for name in _TOLD}
+    values = {name: getattr(metadata, name) for name in _STATED_FIELDS}
     return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items() if value}
 
 
-def _metadata_file(name: str) -> str:
+def _name_metadata_file(name: str) -> str:
     return f"{name}.columns.json"
 
 
-def commands(
-    identification: Identification, recordings: Sequence[Recording] = (), said: Said = MappingProxyType({})
+def build_commands(
+    identification: Identification, recordings: Sequence[Recording] = (), said: StatedMetadata = MappingProxyType({})
 ) -> tuple[str, ...]:
     """Return the commands that make a model again: one for the first model of the ladder and one for every step.
 
@@ -85,25 +85,29 @@ def commands(
     for number, rung in enumerate(identification.ladder(), 1):
         files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
         names = [*rung.data.measurement_names, *rung.data.validation_names]
-        files += [*_windows(names, windows), *_metadata(names, said)]
+        files += [*_list_window_options(names, windows), *_list_metadata_options(names, said)]
         before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
         # An extension or a removal starts from the model of the step before, so that its file has to be named.
         step = rung.step
         if step.added:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.added)
+            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.added)
             words = ["extend", before, *files, "--effects", texts, *out]
         elif step.removed:
-            texts = ",".join(effect_text(choice, _DIGITS) for choice in step.removed)
+            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.removed)
             words = ["remove", before, "--effects", texts, *out]
         else:
-            options = [*_of_robot(rung.model.robot), *_options(rung.choices), *_filters(rung.preprocessing)]
+            options = [
+                *_list_robot_options(rung.model.robot),
+                *_list_choice_options(rung.choices),
+                *_list_filter_options(rung.preprocessing),
+            ]
             words = ["identify", ROBOT, *files, *options, *out]
         step_effects = step.added or step.removed or rung.choices.effects
-        command_lines.append(shlex.join(["dynident", *words]) + _in_some_runs(step_effects))
+        command_lines.append(shlex.join(["dynident", *words]) + _comment_on_segments(step_effects))
     return tuple(command_lines)
 
 
-def _of_robot(robot: Robot) -> Iterator[str]:
+def _list_robot_options(robot: Robot) -> Iterator[str]:
     """Yield the options for what a robot's description may lack: gravity, locked joints, drive gains."""
     if tuple(robot.gravity) != GRAVITY:
         yield from ("--gravity", ",".join(format(value, _DIGITS) for value in robot.gravity))
@@ -115,43 +119,43 @@ def _of_robot(robot: Robot) -> Iterator[str]:
         yield from ("--drive-gains", ",".join(gain_texts))
 
 
-def _windows(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
+def _list_window_options(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
     intervals = [(name, *window) for name in names for window in windows.get(name, ())]
     if intervals:
         texts = (f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in intervals)
         yield from ("--windows", ",".join(texts))
 
 
-def _metadata(names: Sequence[str], said: Said) -> Iterator[str]:
+def _list_metadata_options(names: Sequence[str], said: StatedMetadata) -> Iterator[str]:
     for name in names:
-        if name in said and _told(said[name]):
-            yield from ("--metadata", f"{name}={_metadata_file(name)}")
+        if name in said and _collect_stated_fields(said[name]):
+            yield from ("--metadata", f"{name}={_name_metadata_file(name)}")
     for check in dict.fromkeys(check for name in names if name in said for check in said[name].accept):
         yield from ("--accept", check)
 
 
-def _in_some_runs(choices: Sequence[EffectChoice]) -> str:
+def _comment_on_segments(choices: Sequence[EffectChoice]) -> str:
     texts = [f"{choice.effect} in {', '.join(choice.runs)} alone" for choice in choices if choice.runs]
     return f"  # {'; '.join(texts)}: give the diagnosis by --diagnosis, or the runs in Python" if texts else ""
 
 
-def _options(choices: IdentificationChoices) -> Iterator[str]:
+def _list_choice_options(choices: IdentificationChoices) -> Iterator[str]:
     """Yield the options for all choices that differ from their defaults."""
-    yield from ("--effects", ",".join(effect_text(choice, _DIGITS) for choice in choices.effects))
+    yield from ("--effects", ",".join(format_effect(choice, _DIGITS) for choice in choices.effects))
     for choice_field in fields(choices):
-        description, value = said_of(choice_field), getattr(choices, choice_field.name)
+        description, value = get_description(choice_field), getattr(choices, choice_field.name)
         # Choices without an option ("-") cannot be made on the command line; the defaults need none.
-        if description.option == "-" or value == default_of(choice_field):
+        if description.option == "-" or value == get_default(choice_field):
             continue
         option = description.option or f"--{choice_field.name.replace('_', '-')}"
         if isinstance(value, bool):
             yield option if value else option.replace("--", "--no-", 1)
         else:
-            yield from (option, _text(value))
+            yield from (option, _format_value(value))
 
 
-def _text(value: object) -> str:
-    if isinstance(value, Kind):
+def _format_value(value: object) -> str:
+    if isinstance(value, RegistryEntry):
         options = [(option_field.name, getattr(value, option_field.name)) for option_field in fields(value)]
         return f"{value.name}:{','.join(f'{name}={option}' for name, option in options)}" if options else value.name
     if isinstance(value, Sequence) and not isinstance(value, str):
@@ -159,7 +163,7 @@ def _text(value: object) -> str:
     return format(value, _DIGITS) if isinstance(value, float) else str(value)
 
 
-def _filters(preprocessing: Preprocessing) -> Iterator[str]:
+def _list_filter_options(preprocessing: Preprocessing) -> Iterator[str]:
     names = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
     values = [(name, getattr(preprocessing, name)) for name in names]
     texts = [f"{name}={'none' if value is None else format(value, _DIGITS)}" for name, value in values]

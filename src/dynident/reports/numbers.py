@@ -8,7 +8,7 @@ NARROW_SPACE = "\u202f"
 MINUS = "\u2212"
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """Format a number with some significant digits.
 
     Parameters
@@ -31,11 +31,11 @@ def number(value: float | None, digits: int = 3) -> str:
         return "0"
     if not 1e-4 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-        return _minus(f"{mantissa}·10") + _superscript(int(exponent))
-    return _minus(f"{value:.{_decimals(value, digits)}f}")
+        return _set_minus_sign(f"{mantissa}·10") + _to_superscript(int(exponent))
+    return _set_minus_sign(f"{value:.{_count_decimals(value, digits)}f}")
 
 
-def estimate(value: float, deviation: float) -> tuple[str, str]:
+def format_estimate(value: float, deviation: float) -> tuple[str, str]:
     """Format a value and its standard deviation with the same number of decimals.
 
     Parameters
@@ -51,12 +51,12 @@ def estimate(value: float, deviation: float) -> tuple[str, str]:
     """
     # Where the deviation says nothing about the decimals, each number gets its own significant digits.
     if not (isfinite(deviation) and deviation > 0 and 1e-4 <= deviation < 1e5 and abs(value) < 1e6):
-        return number(value, 4), number(deviation, 2)
-    decimals = _decimals(deviation, 2)
-    return _minus(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}"
+        return format_number(value, 4), format_number(deviation, 2)
+    decimals = _count_decimals(deviation, 2)
+    return _set_minus_sign(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}"
 
 
-def percent(fraction: float | None, digits: int = 3) -> str:
+def format_percent(fraction: float | None, digits: int = 3) -> str:
     """Format a fraction in per cent.
 
     Parameters
@@ -77,10 +77,10 @@ def percent(fraction: float | None, digits: int = 3) -> str:
     if fraction == 0:
         return f"0{NARROW_SPACE}%"
     scaled = 100 * fraction
-    return _minus(f"{scaled:.{min(3, _decimals(scaled, digits))}f}") + f"{NARROW_SPACE}%"
+    return _set_minus_sign(f"{scaled:.{min(3, _count_decimals(scaled, digits))}f}") + f"{NARROW_SPACE}%"
 
 
-def p_value(p: float) -> str:
+def format_p_value(p: float) -> str:
     """Format a p-value; below one in a million only as "< 10⁻⁶".
 
     Such small values rest on tails of distributions that no data confirm.
@@ -93,10 +93,10 @@ def p_value(p: float) -> str:
     -------
     str
     """
-    return f"< 10{_superscript(-6)}" if p < 1e-6 else number(p, 2)
+    return f"< 10{_to_superscript(-6)}" if p < 1e-6 else format_number(p, 2)
 
 
-def span(low: float, high: float, unit: str, digits: int = 3) -> str:
+def format_range(low: float, high: float, unit: str, digits: int = 3) -> str:
     """Format a range with its unit.
 
     Parameters
@@ -110,10 +110,10 @@ def span(low: float, high: float, unit: str, digits: int = 3) -> str:
     -------
     str
     """
-    return f"{number(low, digits)} … {number(high, digits)} {unit}"
+    return f"{format_number(low, digits)} … {format_number(high, digits)} {unit}"
 
 
-def counted(count: int, noun: str, plural: str | None = None) -> str:
+def format_count(count: int, noun: str, plural: str | None = None) -> str:
     """Format a count with its noun in the singular or the plural.
 
     Parameters
@@ -130,14 +130,14 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}".replace(",", NARROW_SPACE)
 
 
-def _decimals(value: float, digits: int) -> int:
+def _count_decimals(value: float, digits: int) -> int:
     """Return how many decimals show a value with so many significant digits."""
     return max(0, digits - 1 - floor(log10(abs(value))))
 
 
-def _minus(text: str) -> str:
+def _set_minus_sign(text: str) -> str:
     return text.replace("-", MINUS)
 
 
-def _superscript(exponent: int) -> str:
+def _to_superscript(exponent: int) -> str:
     return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -5,18 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.essential import EssentialPath
-from dynident.reports.numbers import estimate, number
-from dynident.reports.tables import Cell, ReportedTable, figure, share, words
-from dynident.reports.words import JUDGED, SHAPES_JUDGED, interval_text, place_text, shape_text
+from dynident.reports.numbers import format_estimate, format_number
+from dynident.reports.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.reports.words import (
+    PARAMETER_JUDGEMENTS,
+    SHAPE_JUDGEMENTS,
+    format_joints,
+    format_shape_constants,
+    format_shape_interval,
+)
 
 GROUPING, TIMES_SMALLEST = "in standard parameters", "times smallest"
 
 
-def parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> ReportedTable:
+def build_parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> ReportedTable:
     """Return a table of parameters, grouped by effect; parameters that are not essential are left out.
 
     Parameters
@@ -31,8 +37,8 @@ def parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> Re
     essential = [parameter for parameter in parameters if parameter.essential]
     groups = {(parameter.effect, parameter.shape): "" for parameter in essential}
     for effect, shape in groups:
-        constants = shape_text(EffectChoice(effect, (), shape))
-        groups[effect, shape] = ", ".join(filter(None, (effect_by_id(effect).title, constants)))
+        constants = format_shape_constants(EffectChoice(effect, (), shape))
+        groups[effect, shape] = ", ".join(filter(None, (get_effect(effect).title, constants)))
     # Groups are in the order of their first parameter, and so are the parameters within each.
     ordered = [parameter for group in groups for parameter in essential if (parameter.effect, parameter.shape) == group]
     return ReportedTable(
@@ -41,31 +47,31 @@ def parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> Re
             *("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative"),
             *(TIMES_SMALLEST, "determined", GROUPING),
         ),
-        tuple(_parameter(parameter) for parameter in ordered),
+        tuple(_build_parameter_row(parameter) for parameter in ordered),
         numbers_from=2,
         groups=tuple(groups[parameter.effect, parameter.shape] for parameter in ordered),
     )
 
 
-def _parameter(parameter: IdentifiedParameter) -> tuple[Cell, ...]:
-    value, deviation = estimate(parameter.value, parameter.standard_deviation)
+def _build_parameter_row(parameter: IdentifiedParameter) -> tuple[Cell, ...]:
+    value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
     # A parameter that the data do not determine has an infinite interval, which is shown as "–".
-    ends = [estimate(end, parameter.standard_deviation)[0] for end in parameter.interval if isfinite(end)]
-    judgement = JUDGED[parameter.judgement]
+    ends = [format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval if isfinite(end)]
+    judgement = PARAMETER_JUDGEMENTS[parameter.judgement]
     return (
-        *words(parameter.name, parameter.link or "whole robot"),
+        *make_text_cells(parameter.name, parameter.link or "whole robot"),
         Cell(value, parameter.value),
         Cell(deviation, parameter.standard_deviation),
         Cell(" to ".join(ends) or "–", is_figures=True),
         Cell(parameter.unit),
-        share(parameter.relative_standard_deviation, 2),
-        Cell(number(parameter.times_smallest, 2), is_figures=True),
+        make_percent_cell(parameter.relative_standard_deviation, 2),
+        Cell(format_number(parameter.times_smallest, 2), is_figures=True),
         Cell(judgement.words, mark=judgement.mark),
         Cell(parameter.grouping),
     )
 
 
-def shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> ReportedTable:
+def build_shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> ReportedTable:
     """Return a table of shape constants.
 
     Parameters
@@ -79,27 +85,27 @@ def shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> Re
     ReportedTable
     """
     columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
-    rows = tuple(_constant(constant, joints) for constant in constants)
+    rows = tuple(_build_constant_row(constant, joints) for constant in constants)
     return ReportedTable("Shape constants: inside the columns, found by search", columns, rows, numbers_from=3)
 
 
-def _constant(constant: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
-    value, deviation = constant.word or number(constant.value, 4), "–"
+def _build_constant_row(constant: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
+    value, deviation = constant.word or format_number(constant.value, 4), "–"
     if constant.interval is not None:
-        value, deviation = estimate(constant.value, constant.standard_deviation)
-    judgement = SHAPES_JUDGED[constant.judgement]
+        value, deviation = format_estimate(constant.value, constant.standard_deviation)
+    judgement = SHAPE_JUDGEMENTS[constant.judgement]
     return (
-        *words(effect_by_id(constant.effect).title, place_text(constant.joints, joints)),
+        *make_text_cells(get_effect(constant.effect).title, format_joints(constant.joints, joints)),
         Cell(constant.name, note=constant.description),
         Cell(value, constant.value),
         Cell(deviation, constant.standard_deviation if constant.interval is not None else None),
-        Cell(interval_text(constant), is_figures=True),
+        Cell(format_shape_interval(constant), is_figures=True),
         Cell("–" if constant.unit == "-" else constant.unit),
         Cell(judgement.words, mark=judgement.mark, note=constant.note),
     )
 
 
-def essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
+def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
     """Yield the steps of a backward elimination and the remaining parameters as tables.
 
     Parameters
@@ -114,13 +120,13 @@ def essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
     rows = tuple(
         (
             Cell(step.name),
-            share(step.relative_deviation, 2),
-            figure(step.p_value, 2),
-            share(step.fit.relative_total),
-            share(None if step.held_out is None else step.held_out.relative_total),
+            make_percent_cell(step.relative_deviation, 2),
+            make_number_cell(step.p_value, 2),
+            make_percent_cell(step.fit.relative_total),
+            make_percent_cell(None if step.held_out is None else step.held_out.relative_total),
         )
         for step in path.steps
     )
     if rows:
         yield ReportedTable("Backward elimination", ("taken out", "relative deviation", "p", "fit", "held out"), rows)
-    yield parameter_table("Essential parameters", path.identification.parameters)
+    yield build_parameter_table("Essential parameters", path.identification.parameters)

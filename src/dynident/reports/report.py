@@ -13,27 +13,27 @@ from dynident.diagnosis import Diagnosis
 from dynident.errors import DynidentError
 from dynident.excitation import Design
 from dynident.identification import Identification
-from dynident.reports.run import ReportedRun
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
-from dynident.reports.sections.data import data_section
-from dynident.reports.sections.design import design_section
-from dynident.reports.sections.diagnosis import diagnosis_section
-from dynident.reports.sections.errors import errors_section
-from dynident.reports.sections.ladder import ladder_section
-from dynident.reports.sections.model import model_section
-from dynident.reports.sections.parameters import parameters_section
-from dynident.reports.sections.promises import promises_section
-from dynident.reports.sections.provenance import provenance_section
-from dynident.reports.sections.residuals import residuals_section
-from dynident.reports.sections.robot import robot_section
-from dynident.reports.sections.summary import summary_section
-from dynident.reports.sections.validation import validation_section
+from dynident.reports.sections.data import build_data_section
+from dynident.reports.sections.design import build_design_section
+from dynident.reports.sections.diagnosis import build_diagnosis_section
+from dynident.reports.sections.errors import build_errors_section
+from dynident.reports.sections.ladder import build_ladder_section
+from dynident.reports.sections.model import build_model_section
+from dynident.reports.sections.parameters import build_parameters_section
+from dynident.reports.sections.promises import build_promises_section
+from dynident.reports.sections.provenance import build_provenance_section
+from dynident.reports.sections.residuals import build_residuals_section
+from dynident.reports.sections.robot import build_robot_section
+from dynident.reports.sections.summary import build_summary_section
+from dynident.reports.sections.validation import build_validation_section
 from dynident.reports.validated import ReportedValidation
 
 
 def html_report(
     identification: Identification,
-    runs: Sequence[ReportedRun],
+    runs: Sequence[ReportedRecording],
     *,
     diagnosis: Diagnosis | None = None,
     design: Design | None = None,
@@ -75,18 +75,18 @@ def html_report(
     if not runs:
         raise DynidentError("give at least one recording to show in the report", pointer="/measurement_ids")
     report_time = created or datetime.now(UTC)
-    sections = sections_of(identification, runs, diagnosis, design, report_time, validations, address)
+    sections = build_sections(identification, runs, diagnosis, design, report_time, validations, address)
     robot = identification.model.robot.name
     return (
-        _environment()
+        _load_environment()
         .get_template("report.html")
-        .render(title=title or f"Identification of {robot}", sections=[(s, _filled(s)) for s in sections])
+        .render(title=title or f"Identification of {robot}", sections=[(s, _render_section(s)) for s in sections])
     )
 
 
-def sections_of(
+def build_sections(
     identification: Identification,
-    runs: Sequence[ReportedRun],
+    runs: Sequence[ReportedRecording],
     diagnosis: Diagnosis | None,
     design: Design | None,
     created: datetime,
@@ -114,34 +114,34 @@ def sections_of(
     """
     fitted_recordings = [run.recording for run in runs if not run.held_out]
     return [
-        summary_section(identification, runs, diagnosis, validations),
-        ladder_section(identification, diagnosis),
-        errors_section(identification, runs, diagnosis),
-        residuals_section(runs),
-        *([diagnosis_section(identification, diagnosis, fitted_recordings)] if diagnosis is not None else []),
-        *([validation_section(validations)] if validations else []),
-        parameters_section(identification),
-        model_section(identification),
-        robot_section(identification),
-        *_design_sections(design, identification),
-        data_section(identification, runs),
-        provenance_section(identification, runs, created, address),
+        build_summary_section(identification, runs, diagnosis, validations),
+        build_ladder_section(identification, diagnosis),
+        build_errors_section(identification, runs, diagnosis),
+        build_residuals_section(runs),
+        *([build_diagnosis_section(identification, diagnosis, fitted_recordings)] if diagnosis is not None else []),
+        *([build_validation_section(validations)] if validations else []),
+        build_parameters_section(identification),
+        build_model_section(identification),
+        build_robot_section(identification),
+        *_build_design_sections(design, identification),
+        build_data_section(identification, runs),
+        build_provenance_section(identification, runs, created, address),
     ]
 
 
-def _design_sections(design: Design | None, identification: Identification) -> list[Section]:
+def _build_design_sections(design: Design | None, identification: Identification) -> list[Section]:
     if design is None:
         return []
-    promises = promises_section(design, identification)
-    return [design_section(design, identification.model.robot), *([promises] if promises is not None else [])]
+    promises = build_promises_section(design, identification)
+    return [build_design_section(design, identification.model.robot), *([promises] if promises is not None else [])]
 
 
-def _filled(section: Section) -> Markup:
-    return Markup(_environment().get_template(f"{section.template}.html").render(it=section.content))
+def _render_section(section: Section) -> Markup:
+    return Markup(_load_environment().get_template(f"{section.template}.html").render(it=section.content))
 
 
 @lru_cache(maxsize=1)
-def _environment() -> Environment:
+def _load_environment() -> Environment:
     return Environment(
         loader=PackageLoader("dynident.reports"),
         # Names of robots, joints and files are the user's and may hold markup; a misspelt variable is an error.

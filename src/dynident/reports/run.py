@@ -9,7 +9,7 @@ from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 
 
 @dataclass(frozen=True, eq=False)
-class ReportedRun:
+class ReportedRecording:
     """One recording with its checks and the model's prediction.
 
     Attributes
@@ -34,7 +34,7 @@ class ReportedRun:
     checks: tuple[Check, ...] = ()
     edits: tuple[Revision, ...] = ()
     sha256: str = ""
-    said: RecordingMetadata | None = None
+    stated_metadata: RecordingMetadata | None = None
 
     @property
     def name(self) -> str:

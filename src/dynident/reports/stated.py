@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import said
+from dynident.asking import declare_field
 
 ReportFormat = Literal["html", "pdf", "json"]
 MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
@@ -15,5 +15,5 @@ MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application
 class ReportChoices:
     """What a report is written as, and its heading."""
 
-    format: ReportFormat = said("What it is written as", default="html", option="-")
-    name: str = said("The heading; the robot's name by default", default="", option="--title")
+    format: ReportFormat = declare_field("What it is written as", default="html", option="-")
+    name: str = declare_field("The heading; the robot's name by default", default="", option="--title")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Literal
 
-from dynident.reports.numbers import number, percent
+from dynident.reports.numbers import format_number, format_percent
 
 Mark = Literal["ok", "warning", "error", "plain"]
 
@@ -59,7 +59,7 @@ class ReportedTable:
     numbers_from: int = 1
     groups: tuple[str, ...] = ()
 
-    def without(self, *columns: str) -> ReportedTable:
+    def drop_columns(self, *columns: str) -> ReportedTable:
         """Return the table without some of its columns.
 
         Parameters
@@ -85,28 +85,28 @@ class ReportedTable:
         return [[cell.text for cell in row] for row in self.rows]
 
 
-def words(*texts: str) -> list[Cell]:
+def make_text_cells(*texts: str) -> list[Cell]:
     """Return a cell for each text."""
     return [Cell(text) for text in texts]
 
 
-def figure(value: float | None, digits: int = 3, unit: str = "") -> Cell:
+def make_number_cell(value: float | None, digits: int = 3, unit: str = "") -> Cell:
     """Return a cell for a number with its unit; "–" for None."""
-    text = number(value, digits)
+    text = format_number(value, digits)
     return Cell(f"{text} {unit}" if unit and value is not None else text, value)
 
 
-def share(value: float | None, digits: int = 3) -> Cell:
+def make_percent_cell(value: float | None, digits: int = 3) -> Cell:
     """Return a cell for a fraction, in per cent."""
-    return Cell(percent(value, digits), value)
+    return Cell(format_percent(value, digits), value)
 
 
-def shares(values: Iterable[float | None]) -> list[Cell]:
+def make_percent_cells(values: Iterable[float | None]) -> list[Cell]:
     """Return a cell for each fraction, in per cent."""
-    return [share(value) for value in values]
+    return [make_percent_cell(value) for value in values]
 
 
-def interval(ends: tuple[float | None, float | None] | None, absent: str = "–") -> Cell:
+def make_interval_cell(ends: tuple[float | None, float | None] | None, absent: str = "–") -> Cell:
     """Return a cell for the ends of an interval.
 
     Parameters
@@ -122,4 +122,4 @@ def interval(ends: tuple[float | None, float | None] | None, absent: str = "–"
     """
     if ends is None or any(end is None or not isfinite(end) for end in ends):
         return Cell(absent)
-    return Cell(" to ".join(number(end) for end in ends), is_figures=True)
+    return Cell(" to ".join(format_number(end) for end in ends), is_figures=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynident.reports.tables import ReportedTable
-from dynident.validation import Judged
+from dynident.validation import ValidationOutcome
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,6 @@ class ReportedValidation:
     """
 
     title: str
-    judged: Judged
+    judged: ValidationOutcome
     tables: tuple[ReportedTable, ...] = ()
     kind: str = ""

@@ -8,14 +8,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from dynident.arrays import FloatArray
-from dynident.effects import CATALOGUE, EffectChoice, effect_by_id
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.identification.parameters.judgement import ParameterJudgement
 from dynident.identification.shapes.shape_constants import ShapeConstant, ShapeJudgement
-from dynident.identification.study.gain import BestRung
-from dynident.reports.numbers import estimate
+from dynident.identification.study.gain import BestStep
+from dynident.reports.numbers import format_estimate
 from dynident.reports.tables import Mark
 from dynident.robot import Robot
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 if TYPE_CHECKING:
     # For type checkers alone: most users of this module need no diagnosis, which takes long to load.
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _MANY_JOINTS = 8
 
 
-def place_text(joints: Sequence[str], all_joints: Sequence[str]) -> str:
+def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
     """Return the names of some joints as text.
 
     Parameters
@@ -43,7 +43,7 @@ def place_text(joints: Sequence[str], all_joints: Sequence[str]) -> str:
     return ", ".join(joints) or "the whole robot"
 
 
-def hidden_text(diagnosis: Diagnosis, robot: Robot) -> str:
+def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
     """Return the effects that the data could not have shown: each once, with its joints where not all are meant.
 
     Parameters
@@ -61,12 +61,12 @@ def hidden_text(diagnosis: Diagnosis, robot: Robot) -> str:
         joints.setdefault(item.effect, set()).update(item.joints or robot.joint_names)
     texts = []
     for effect, names in joints.items():
-        where = f" on {listed(name for name in robot.joint_names if name in names)}" if len(names) < robot.n else ""
-        texts.append(f"{effect_by_id(effect).title}{where}")
+        where = f" on {join_names(name for name in robot.joint_names if name in names)}" if len(names) < robot.n else ""
+        texts.append(f"{get_effect(effect).title}{where}")
     return "; ".join(texts)
 
 
-def shape_text(choice: EffectChoice) -> str:
+def format_shape_constants(choice: EffectChoice) -> str:
     """Return the shape constants of an effect with their units; a constant that is a choice appears as its word.
 
     Parameters
@@ -77,11 +77,11 @@ def shape_text(choice: EffectChoice) -> str:
     -------
     str
     """
-    specs = {spec.name: spec for spec in effect_by_id(choice.effect).shapes}
-    return ", ".join(specs[name].told(value) for name, value in choice.shape)
+    specs = {spec.name: spec for spec in get_effect(choice.effect).shapes}
+    return ", ".join(specs[name].format_value(value) for name, value in choice.shape)
 
 
-def interval_text(constant: ShapeConstant) -> str:
+def format_shape_interval(constant: ShapeConstant) -> str:
     """Return the 95 % interval of a shape constant; "–" where it has none.
 
     Parameters
@@ -94,10 +94,10 @@ def interval_text(constant: ShapeConstant) -> str:
     """
     if constant.interval is None:
         return "–"
-    return " to ".join(estimate(end, constant.standard_deviation)[0] for end in constant.interval)
+    return " to ".join(format_estimate(end, constant.standard_deviation)[0] for end in constant.interval)
 
 
-def standing_text(shares: FloatArray) -> str:
+def format_standstill_shares(shares: FloatArray) -> str:
     """Return the shares of time in which joints stand still, in per cent; of many joints the least and the largest.
 
     Parameters
@@ -114,7 +114,7 @@ def standing_text(shares: FloatArray) -> str:
     return f"{', '.join(f'{100 * share:.0f}' for share in shares)} %"
 
 
-def title_of(identifier: str) -> str:
+def get_effect_title(identifier: str) -> str:
     """Return an effect's title, or its id in words where it is not in the catalogue.
 
     An effect that is equivalent to a finding need not be in the catalogue: some effects are the same function.
@@ -131,7 +131,7 @@ def title_of(identifier: str) -> str:
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
 
-def rung_mark(best_rung: BestRung | None, index: int, count: int) -> str:
+def get_step_mark(best_rung: BestStep | None, index: int, count: int) -> str:
     """Return the mark of one step of a ladder on held-out data: best, or with an error that rises again.
 
     Parameters
@@ -152,7 +152,7 @@ def rung_mark(best_rung: BestRung | None, index: int, count: int) -> str:
     return "✓ best" if index == best_rung.best else "↑ rises" if index in best_rung.rises else ""
 
 
-def best_rung_text(best_rung: BestRung | None, count: int) -> str:
+def describe_best_step(best_rung: BestStep | None, count: int) -> str:
     """Return the sentence that says which model of a ladder predicts held-out data best.
 
     Parameters
@@ -176,32 +176,32 @@ def best_rung_text(best_rung: BestRung | None, count: int) -> str:
 
 
 @dataclass(frozen=True)
-class Marked:
+class MarkedText:
     """Words with a mark that says whether they are good news."""
 
     words: str
     mark: Mark
 
 
-JUDGED: Mapping[ParameterJudgement, Marked] = MappingProxyType(
+PARAMETER_JUDGEMENTS: Mapping[ParameterJudgement, MarkedText] = MappingProxyType(
     {
-        "determined": Marked("✓ determined", "ok"),
-        "uncertain": Marked("! uncertain", "warning"),
-        "zero_in_interval": Marked("0 in interval", "plain"),
+        "determined": MarkedText("✓ determined", "ok"),
+        "uncertain": MarkedText("! uncertain", "warning"),
+        "zero_in_interval": MarkedText("0 in interval", "plain"),
     }
 )
 """Words and mark for the judgement of a parameter by its interval."""
 
 
-SHAPES_JUDGED: Mapping[ShapeJudgement, Marked] = MappingProxyType(
+SHAPE_JUDGEMENTS: Mapping[ShapeJudgement, MarkedText] = MappingProxyType(
     {
-        "determined": Marked("✓ determined", "ok"),
-        "uncertain": Marked("! uncertain", "warning"),
-        "not_determined": Marked("✕ not determined", "warning"),
-        "at_edge": Marked("! at the edge", "warning"),
-        "elsewhere": Marked("! elsewhere in the data", "warning"),
-        "chosen": Marked("chosen", "plain"),
-        "not_looked_at": Marked("not looked at", "plain"),
+        "determined": MarkedText("✓ determined", "ok"),
+        "uncertain": MarkedText("! uncertain", "warning"),
+        "not_determined": MarkedText("✕ not determined", "warning"),
+        "at_edge": MarkedText("! at the edge", "warning"),
+        "elsewhere": MarkedText("! elsewhere in the data", "warning"),
+        "chosen": MarkedText("chosen", "plain"),
+        "not_looked_at": MarkedText("not looked at", "plain"),
     }
 )
 """Words and mark for the judgement of a shape constant."""

@@ -20,7 +20,7 @@ _MOST_CORNERS = 10_000_000
 _PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
 
-def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
+def read_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return all triangles of the scene, each geometry placed where the scene's nodes put it.
 
     The `up_axis` of the file is ignored, as by other readers of robot meshes: a link's axes are those of its mesh.
@@ -42,7 +42,7 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     ValueError
         The text is no COLLADA, is damaged, or asks for more than a mesh of a robot has.
     """
-    _check(content)
+    check_document(content)
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
@@ -54,8 +54,8 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     points: list[FloatArray] = []
     triangles: list[NDArray[np.intp]] = []
     corners = 0
-    for count, (placement, geometry) in enumerate(scene.instances(), start=1):
-        own_points, own_triangles = scene.triangles(geometry)
+    for count, (placement, geometry) in enumerate(scene.iter_instances(), start=1):
+        own_points, own_triangles = scene.read_triangles(geometry)
         points.append(own_points @ placement[:3, :3].T + placement[:3, 3])
         triangles.append(own_triangles + corners)
         corners += len(own_points)
@@ -67,7 +67,7 @@ def triangles_of_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     return np.concatenate(points) * scene.metre, np.concatenate(triangles)
 
 
-def _check(content: bytes) -> None:
+def check_document(content: bytes) -> None:
     """Refuse what is not COLLADA, has a document type (entities could grow without end), or is too deep."""
     depth = 0
     parser = expat.ParserCreate()
@@ -106,12 +106,12 @@ class _Scene:
         self._named = {element.attrib["id"]: element for element in root.iter() if "id" in element.attrib}
         self._read: dict[str, tuple[FloatArray, NDArray[np.intp]]] = {}
         unit = root.find("asset/unit")
-        metre = _floats("1" if unit is None else unit.attrib.get("meter", "1"))
+        metre = _parse_floats("1" if unit is None else unit.attrib.get("meter", "1"))
         self.metre = float(metre[0]) if len(metre) == 1 else np.nan
         if not 0.0 < self.metre < np.inf:
             raise ValueError("its unit is no length")
 
-    def instances(self) -> Iterator[tuple[FloatArray, Element]]:
+    def iter_instances(self) -> Iterator[tuple[FloatArray, Element]]:
         """Yield the placement (4, 4) and element of each geometry; without a scene all are at the origin."""
         begin = self._root.find("scene/instance_visual_scene")
         if begin is None:
@@ -119,7 +119,7 @@ class _Scene:
             return
         # Walk the tree of nodes with a stack of our own: recursion would follow a cycle of instances to the end of
         # Python's stack, while the limits on depth and count stop it here.
-        waiting = [(self._target(begin, "url", "visual_scene"), np.eye(4), 0)]
+        waiting = [(self._resolve_reference(begin, "url", "visual_scene"), np.eye(4), 0)]
         count = 0
         while waiting:
             node, placement, depth = waiting.pop()
@@ -127,21 +127,21 @@ class _Scene:
             if depth > DEEPEST or count > _MOST_INSTANCES:
                 raise ValueError(f"its scene has more than {_MOST_INSTANCES} nodes, or nodes more than {DEEPEST} deep")
             for child in node:
-                placement = placement @ _transform(child)
+                placement = placement @ _read_transform(child)
             for child in node:
                 if child.tag == "node":
                     waiting.append((child, placement, depth + 1))
                 elif child.tag == "instance_node":
-                    waiting.append((self._target(child, "url", "node"), placement, depth + 1))
+                    waiting.append((self._resolve_reference(child, "url", "node"), placement, depth + 1))
                 elif child.tag == "instance_geometry":
-                    yield placement, self._target(child, "url", "geometry")
+                    yield placement, self._resolve_reference(child, "url", "geometry")
 
-    def triangles(self, geometry: Element) -> tuple[FloatArray, NDArray[np.intp]]:
+    def read_triangles(self, geometry: Element) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return points and triangles of a geometry in its own coordinates; each geometry is read once."""
         name = geometry.attrib.get("id", "")
         if name not in self._read:
             parts = [
-                self._primitive(primitive)
+                self._read_primitive(primitive)
                 for mesh in geometry.findall("mesh")
                 for primitive in mesh
                 if primitive.tag in _PRIMITIVES
@@ -158,41 +158,43 @@ class _Scene:
             )
         return self._read[name]
 
-    def _primitive(self, element: Element) -> tuple[FloatArray, NDArray[np.intp]]:
+    def _read_primitive(self, element: Element) -> tuple[FloatArray, NDArray[np.intp]]:
         inputs = element.findall("input")
         vertex_input = next((candidate for candidate in inputs if candidate.attrib.get("semantic") == "VERTEX"), None)
         if vertex_input is None:
             raise ValueError(f"its <{element.tag}> names no corners")
         # All inputs of a primitive share one list of indices: each corner takes `width` numbers, one for every offset.
-        offsets = [int(_integers(entry.attrib.get("offset", "0"))[0]) for entry in inputs]
+        offsets = [int(_parse_integers(entry.attrib.get("offset", "0"))[0]) for entry in inputs]
         width, offset = max(offsets) + 1, offsets[inputs.index(vertex_input)]
         if not 0 <= offset < width <= len(inputs) + 16:
             raise ValueError(f"its <{element.tag}> has an input with the offset {max(offsets)}")
-        points = self._positions(vertex_input)
-        lists = [_integers(index_list.text or "")[offset::width] for index_list in element.findall("p")]
-        triangles = _triangles(element, lists)
+        points = self._read_positions(vertex_input)
+        lists = [_parse_integers(index_list.text or "")[offset::width] for index_list in element.findall("p")]
+        triangles = _split_into_triangles(element, lists)
         if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
             raise ValueError(f"its <{element.tag}> names corner {int(triangles.max())} of {len(points)}")
         return points, triangles
 
-    def _positions(self, vertex_input: Element) -> FloatArray:
-        vertices = self._target(vertex_input, "source", "vertices")
+    def _read_positions(self, vertex_input: Element) -> FloatArray:
+        vertices = self._resolve_reference(vertex_input, "source", "vertices")
         position = next((candidate for candidate in vertices if candidate.attrib.get("semantic") == "POSITION"), None)
         if position is None:
             raise ValueError("its corners have no positions")
-        source = self._target(position, "source", "source")
+        source = self._resolve_reference(position, "source", "source")
         accessor, array = source.find("technique_common/accessor"), source.find("float_array")
         if array is None:
             raise ValueError("its corners have no numbers")
-        numbers = _floats(array.text or "")
+        numbers = _parse_floats(array.text or "")
         named = {} if accessor is None else accessor.attrib
-        stride, first = (int(_integers(named.get(key, usual))[0]) for key, usual in (("stride", "3"), ("offset", "0")))
+        stride, first = (
+            int(_parse_integers(named.get(key, usual))[0]) for key, usual in (("stride", "3"), ("offset", "0"))
+        )
         if not (3 <= stride <= 64 and 0 <= first <= len(numbers)):
             raise ValueError(f"its corners stand {stride} numbers apart")
         count = (len(numbers) - first) // stride
         return numbers[first : first + count * stride].reshape(count, stride)[:, :3]
 
-    def _target(self, element: Element, attribute: str, tag: str) -> Element:
+    def _resolve_reference(self, element: Element, attribute: str, tag: str) -> Element:
         """Return the element of this file that another element refers to by its id."""
         name = element.attrib.get(attribute, "")
         target = self._named.get(name[1:]) if name.startswith("#") else None
@@ -201,13 +203,13 @@ class _Scene:
         return target
 
 
-def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.intp]:
+def _split_into_triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.intp]:
     """Return the triangles (k, 3) of the corners that the <p> elements of a primitive list."""
     empty = np.empty((0, 3), dtype=np.intp)
     if element.tag == "triangles":
         return np.concatenate([empty, *(indices[: len(indices) // 3 * 3].reshape(-1, 3) for indices in lists)])
     if element.tag == "polylist":
-        counts = _integers(element.findtext("vcount") or "")
+        counts = _parse_integers(element.findtext("vcount") or "")
         corners = np.concatenate([np.empty(0, np.intp), *lists])
         if len(counts) and (counts.min() < 0 or counts.max() > len(corners) or counts.sum() != len(corners)):
             raise ValueError("its <polylist> has not as many corners as its <vcount> says")
@@ -222,13 +224,13 @@ def _triangles(element: Element, lists: list[NDArray[np.intp]]) -> NDArray[np.in
     return np.concatenate([empty, *fans])
 
 
-def _transform(element: Element) -> FloatArray:
+def _read_transform(element: Element) -> FloatArray:
     """Return the transform (4, 4) of a <matrix>, <translate>, <rotate> or <scale>; of others the identity."""
     transform = np.eye(4)
     sizes = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
     if element.tag not in sizes:
         return transform
-    values = _floats(element.text or "")
+    values = _parse_floats(element.text or "")
     if len(values) != sizes[element.tag]:
         raise ValueError(f"its <{element.tag}> has {len(values)} numbers")
     if element.tag == "matrix":
@@ -245,14 +247,14 @@ def _transform(element: Element) -> FloatArray:
     return transform
 
 
-def _floats(text: str) -> FloatArray:
+def _parse_floats(text: str) -> FloatArray:
     try:
         return np.array(text.split(), dtype=np.str_).astype(np.float64)
     except ValueError:
         raise ValueError(f"it has {text.strip()[:40]!a}, where numbers are expected") from None
 
 
-def _integers(text: str) -> NDArray[np.intp]:
+def _parse_integers(text: str) -> NDArray[np.intp]:
     try:
         return np.array(text.split(), dtype=np.str_).astype(np.intp)
     except (ValueError, OverflowError):

@@ -12,15 +12,15 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import parse_json
 from dynident.robot.kinematics import joint_motion
-from dynident.robot.mesh_files import mesh_file
+from dynident.robot.mesh_files import find_mesh_file
 from dynident.robot.model import Joint, JointKind, Robot
-from dynident.robot.modified_dh import TITLE, table_capsules
-from dynident.robot.packages import package_folders
-from dynident.robot.pointers import listed
+from dynident.robot.modified_dh import TITLE, read_capsules_and_rows
+from dynident.robot.packages import list_package_folders
+from dynident.robot.pointers import join_names
 from dynident.robot.shapes import Capsule, Shape
 from dynident.robot.surfaces import Surface
-from dynident.robot.urdf_collision import CollisionReader, LinkParts, mesh_names, origin_of
-from dynident.robot.urdf_xml import parse
+from dynident.robot.urdf_collision import CollisionReader, LinkShapes, list_mesh_names, read_origin
+from dynident.robot.urdf_xml import parse_urdf
 from dynident.robot.xml_text import Element
 
 BASE = -1
@@ -102,20 +102,20 @@ def collision_geometry(
     surfaces: dict[int, list[Surface]] = {index: [] for index in range(BASE, robot.n)}
     names = {BASE: "base"}
     unread: list[str] = []
-    for link, joint, parts in _described(robot, mesh_folders, unread):
+    for link, joint, parts in _iter_links(robot, mesh_folders, unread):
         if joint == BASE and link and parts.shapes and not shapes[BASE]:
             names[BASE] = link
         shapes[joint].extend(parts.shapes)
         surfaces[joint].extend(parts.surfaces)
     names |= {index: joint.link or joint.name for index, joint in enumerate(robot.joints)}
-    notes = [_unchecked_note(unread, mesh_folders)] if unread else []
+    notes = [_describe_unread_meshes(unread, mesh_folders)] if unread else []
     bare = [index for index in range(robot.n) if not shapes[index]]
     if link_radius is not None and bare:
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
-            shapes[index].extend(_between_origins(robot, index, link_radius))
+            shapes[index].extend(_connect_origins(robot, index, link_radius))
         notes.append(
             f"Capsules of radius {link_radius:g} m between the joints' origins stand for "
-            f"{listed(names[index] for index in bare)}."
+            f"{join_names(names[index] for index in bare)}."
         )
         bare = []
     bodies = tuple(
@@ -126,12 +126,12 @@ def collision_geometry(
     return CollisionGeometry(bodies, tuple(names[index] for index in bare), tuple(notes))
 
 
-def collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
+def list_collision_meshes(robot: Robot) -> dict[str, tuple[str, ...]]:
     """Return the collision meshes that a robot's description names, in its order, each with the links that use it."""
-    return mesh_names(parse(robot.description.content)) if robot.description.format == "urdf" else {}
+    return list_mesh_names(parse_urdf(robot.description.content)) if robot.description.format == "urdf" else {}
 
 
-def mesh_folders_above(robot: Robot, file: Path) -> tuple[Path, ...]:
+def find_mesh_folders(robot: Robot, file: Path) -> tuple[Path, ...]:
     """Return the folders above a description's file, or of the ROS environment, that hold any collision mesh of it.
 
     Parameters
@@ -145,33 +145,38 @@ def mesh_folders_above(robot: Robot, file: Path) -> tuple[Path, ...]:
     tuple of Path
         Nearest first, none twice.
     """
-    folders = package_folders(file)
+    folders = list_package_folders(file)
     return tuple(
         dict.fromkeys(
-            folder for uri in collision_meshes(robot) for folder in folders if mesh_file(uri, [folder]) is not None
+            folder
+            for uri in list_collision_meshes(robot)
+            for folder in folders
+            if find_mesh_file(uri, [folder]) is not None
         )
     )
 
 
-def _described(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
+def _iter_links(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkShapes]]:
     """Yield the name, joint and shapes of every link of a description; none for an MJCF."""
     if robot.description.format == "urdf":
-        yield from _of_urdf(robot, mesh_folders, unread)
+        yield from _iter_urdf_links(robot, mesh_folders, unread)
     elif robot.description.format == "modified_dh":
-        yield from _of_table(robot)
+        yield from _iter_table_links(robot)
 
 
-def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> Iterator[tuple[str, int, LinkParts]]:
-    root = parse(robot.description.content)
+def _iter_urdf_links(
+    robot: Robot, mesh_folders: Sequence[Path], unread: list[str]
+) -> Iterator[tuple[str, int, LinkShapes]]:
+    root = parse_urdf(robot.description.content)
     reader = CollisionReader(mesh_folders, unread)
-    places = _places(robot, root)
-    for link in root.all("link"):
+    places = _place_links(robot, root)
+    for link in root.iter_children("link"):
         name = link.attributes["name"]
         joint, placement = places[name]
-        yield name, joint, reader.parts_of(link, placement)
+        yield name, joint, reader.read_link(link, placement)
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
-            f"none of the {len(unread)} collision meshes of the URDF is in {listed(map(str, mesh_folders))}, so that "
+            f"none of the {len(unread)} collision meshes of the URDF is in {join_names(map(str, mesh_folders))}, so that "
             f"no collision could be checked. The first: {unread[0]}. Name the folder that holds the package of "
             "package://…, or the folder of a relative name.",
             pointer="/surroundings/mesh_folders",
@@ -179,18 +184,18 @@ def _of_urdf(robot: Robot, mesh_folders: Sequence[Path], unread: list[str]) -> I
         )
 
 
-def _unchecked_note(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
+def _describe_unread_meshes(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
     """Return a sentence on the meshes that could not be read and on what to do about it."""
     cure = "" if mesh_folders else " Name the folders of the meshes (mesh_folders, --meshes FOLDER)."
     rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
     return f"{UNCHECKED} for {len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
 
 
-def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
+def _place_links(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
     """Return for every link of a URDF the moving joint that carries it and its placement (4, 4) in its frame."""
-    joints = list(root.all("joint"))
-    child_of = {joint.attributes["name"]: _end(joint, "child") for joint in joints}
-    roots = {link.attributes["name"] for link in root.all("link")} - set(child_of.values())
+    joints = list(root.iter_children("joint"))
+    child_of = {joint.attributes["name"]: _get_link_name(joint, "child") for joint in joints}
+    roots = {link.attributes["name"] for link in root.iter_children("link")} - set(child_of.values())
     places: dict[str, tuple[int, FloatArray]] = {name: (BASE, np.eye(4)) for name in roots}
     # Joints of a URDF stand in any order. Those whose parent link has no place yet wait for the next round; the text
     # was checked to be a tree when the robot was read, so every round places at least one link.
@@ -198,7 +203,7 @@ def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
     while waiting:
         later = []
         for joint in waiting:
-            parent = places.get(_end(joint, "parent"))
+            parent = places.get(_get_link_name(joint, "parent"))
             if parent is None:
                 later.append(joint)
                 continue
@@ -208,18 +213,20 @@ def _places(robot: Robot, root: Element) -> dict[str, tuple[int, FloatArray]]:
             else:
                 # Fixed and locked joints are not in the robot: their link belongs to the moving joint before.
                 fixed = (
-                    parent[1] @ origin_of(joint, f"joint '{name}'") @ _held(joint, robot.locked_joints.get(name, 0.0))
+                    parent[1]
+                    @ read_origin(joint, f"joint '{name}'")
+                    @ _get_held_transform(joint, robot.locked_joints.get(name, 0.0))
                 )
                 places[child_of[name]] = (parent[0], fixed)
         waiting = later
     return places
 
 
-def _held(joint: Element, value: float) -> FloatArray:
+def _get_held_transform(joint: Element, value: float) -> FloatArray:
     """Return the transform (4, 4) that a joint held at a position adds behind its placement."""
     if value == 0.0:
         return np.eye(4)
-    axis_element = joint.first("axis")
+    axis_element = joint.find_child("axis")
     axis = np.array([1.0, 0.0, 0.0])  # the default of URDF
     if axis_element is not None:
         axis = np.array([float(word) for word in axis_element.attributes["xyz"].split()])
@@ -229,14 +236,14 @@ def _held(joint: Element, value: float) -> FloatArray:
     return moved
 
 
-def _end(joint: Element, end: str) -> str:
-    element = joint.first(end)
+def _get_link_name(joint: Element, end: str) -> str:
+    element = joint.find_child(end)
     return "" if element is None else element.attributes["link"]
 
 
-def _of_table(robot: Robot) -> Iterator[tuple[str, int, LinkParts]]:
-    base, rows = table_capsules(parse_json(robot.description.content, "", TITLE))
-    yield "", BASE, LinkParts(base)
+def _iter_table_links(robot: Robot) -> Iterator[tuple[str, int, LinkShapes]]:
+    base, rows = read_capsules_and_rows(parse_json(robot.description.content, "", TITLE))
+    yield "", BASE, LinkShapes(base)
     places: list[tuple[int, FloatArray]] = []
     for row in rows:
         carrier, placement = places[row.antecedent] if row.antecedent >= 0 else (BASE, np.eye(4))
@@ -247,10 +254,10 @@ def _of_table(robot: Robot) -> Iterator[tuple[str, int, LinkParts]]:
             value = np.array([robot.locked_joints.get(row.name, 0.0)])
             placement = placement @ row.placement @ joint_motion(held, value)[0]
         places.append((carrier, placement))
-        yield row.link or row.name, carrier, LinkParts(tuple(capsule.moved(placement) for capsule in row.capsules))
+        yield row.link or row.name, carrier, LinkShapes(tuple(capsule.transform(placement) for capsule in row.capsules))
 
 
-def _between_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:
+def _connect_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:
     origin = np.zeros(3)
     ends = [other.placement[:3, 3] for other in robot.joints if other.parent == joint]
     return [Capsule(origin, end, radius) for end in ends or [origin]]

@@ -18,7 +18,7 @@ EQUATIONS = {"planar": 2, "point": 3, "full": 6}
 
 
 @dataclass(frozen=True, eq=False)
-class End:
+class FrameOnJoint:
     """One side of a cut joint: the joint of the tree that carries it (-1: the base), and its frame (4, 4) there (m)."""
 
     joint: int
@@ -44,7 +44,7 @@ class Loop:
 
     name: str
     kind: LoopKind
-    ends: tuple[End, End]
+    ends: tuple[FrameOnJoint, FrameOnJoint]
     where: str = ""
     line: int = 0
     equations: tuple[int, ...] | None = None
@@ -55,12 +55,12 @@ class Loop:
         return EQUATIONS[self.kind] if self.equations is None else len(self.equations)
 
 
-def sparse(matrix: FloatArray) -> ca.SX:
+def to_sparse_constant(matrix: FloatArray) -> ca.SX:
     """Return a matrix as constants without its zeros, so that no instruction multiplies by them."""
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 
-def gap_of(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
+def build_gap(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
     """Return the gap between the two frames of a loop as an expression of the tree's positions.
 
     Parameters
@@ -78,15 +78,15 @@ def gap_of(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
     """
     # Look at both frames from the last joint that carries both: the joints before it move the two ends alike, so they
     # neither open nor close the loop and would only lengthen the expressions.
-    chains = [_carriers(joints, end.joint) for end in loop.ends]
+    chains = [_list_carriers(joints, end.joint) for end in loop.ends]
     shared = len([a for a, b in zip(*chains, strict=False) if a == b])
     (turned, first), (other, second) = (
-        _frame_of(joints, chain[shared:], end.frame, q) for chain, end in zip(chains, loop.ends, strict=True)
+        _build_frame(joints, chain[shared:], end.frame, q) for chain, end in zip(chains, loop.ends, strict=True)
     )
     distance = second - first
     if loop.kind == "planar":
         # Where the normal is constant, two fixed directions across it span the plane as well as the turning frame does.
-        plane = ca.SX(ca.DM(_across(turned[:, 2]))) if turned[:, 2].is_constant() else turned[:, :2].T
+        plane = ca.SX(ca.DM(_get_plane_directions(turned[:, 2]))) if turned[:, 2].is_constant() else turned[:, :2].T
         whole = ca.mtimes(ca.sparsify(plane), distance)
     elif loop.kind == "point":
         whole = distance
@@ -98,7 +98,7 @@ def gap_of(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
     return whole if loop.equations is None else whole[list(loop.equations)]
 
 
-def _across(normal: ca.SX) -> FloatArray:
+def _get_plane_directions(normal: ca.SX) -> FloatArray:
     """Return two unit vectors (2, 3) at right angles to a constant one and to each other."""
     axis = np.asarray(ca.DM(normal)).ravel()
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
@@ -106,7 +106,7 @@ def _across(normal: ca.SX) -> FloatArray:
     return np.array([np.cross(axis, first), first])
 
 
-def _carriers(joints: Sequence[Joint], joint: int) -> list[int]:
+def _list_carriers(joints: Sequence[Joint], joint: int) -> list[int]:
     """Return the joints that move a frame, from the base outward."""
     chain = []
     while joint >= 0:
@@ -115,19 +115,19 @@ def _carriers(joints: Sequence[Joint], joint: int) -> list[int]:
     return chain[::-1]
 
 
-def _frame_of(joints: Sequence[Joint], chain: Sequence[int], frame: FloatArray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _build_frame(joints: Sequence[Joint], chain: Sequence[int], frame: FloatArray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return rotation (3, 3) and origin (3, 1) of a frame at the end of a chain of joints, seen from its start."""
     rotation, origin = ca.SX.eye(3), ca.SX(3, 1)
     for index in chain:
         joint = joints[index]
-        origin = origin + ca.mtimes(rotation, sparse(joint.placement[:3, 3:]))
-        rotation = ca.mtimes(rotation, sparse(joint.placement[:3, :3]))
-        axis = sparse(joint.axis[:, None])
+        origin = origin + ca.mtimes(rotation, to_sparse_constant(joint.placement[:3, 3:]))
+        rotation = ca.mtimes(rotation, to_sparse_constant(joint.placement[:3, :3]))
+        axis = to_sparse_constant(joint.axis[:, None])
         if joint.kind == "prismatic":
             origin = origin + ca.mtimes(rotation, axis) * q[index]
         else:
             along = ca.mtimes(axis, axis.T)
             turn = ca.cos(q[index]) * (ca.SX.eye(3) - along) + ca.sin(q[index]) * ca.skew(ca.densify(axis)) + along
             rotation = ca.mtimes(rotation, ca.sparsify(turn))
-    place = origin + ca.mtimes(rotation, sparse(frame[:3, 3:]))
-    return ca.mtimes(rotation, sparse(frame[:3, :3])), place
+    place = origin + ca.mtimes(rotation, to_sparse_constant(frame[:3, 3:]))
+    return ca.mtimes(rotation, to_sparse_constant(frame[:3, :3])), place

@@ -11,7 +11,7 @@ from dynident.robot.dh_text import robot_from_dh_text
 from dynident.robot.mjcf import robot_from_mjcf
 from dynident.robot.model import Description, Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 from dynident.robot.stated import Drive, Limits
 from dynident.robot.urdf import robot_from_urdf
 
@@ -78,7 +78,7 @@ def robot_from_description(
     reader = _READERS.get(description.format)
     if reader is None:
         raise DynidentError(
-            f"Unknown format '{description.format}'; expected {listed(FORMATS.names)}.",
+            f"Unknown format '{description.format}'; expected {join_names(FORMATS.names)}.",
             pointer="/description/format",
             title="Unusable robot description",
         )

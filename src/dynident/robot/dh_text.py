@@ -113,7 +113,7 @@ def robot_from_dh_text(
     """
     return robot_from_modified_dh(
         name,
-        json.dumps(table_from_text(text, pointer)),
+        json.dumps(parse_dh_table(text, pointer)),
         limits=limits,
         drives=drives,
         locked_joints=locked_joints,
@@ -122,7 +122,7 @@ def robot_from_dh_text(
     )
 
 
-def table_from_text(text: str, pointer: str = "") -> PastedTable:
+def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     """Return the modified table, as `robot_from_modified_dh` takes it, of a pasted one.
 
     Raises
@@ -130,14 +130,16 @@ def table_from_text(text: str, pointer: str = "") -> PastedTable:
     DynidentError
         As `robot_from_dh_text`.
     """
-    convention, lines = _read(text, pointer)
-    head = next((line for line in lines if _is_head(line)), None)
+    convention, lines = _split_lines(text, pointer)
+    head = next((line for line in lines if _is_header(line)), None)
     if head is None:
-        raise _error("the table has no line with the names of its columns, such as: a alpha d theta.", None, pointer)
-    places, degrees, implied = _columns(head, pointer)
+        raise _make_error(
+            "the table has no line with the names of its columns, such as: a alpha d theta.", None, pointer
+        )
+    places, degrees, implied = _find_columns(head, pointer)
     convention = convention or implied
     if convention is None:
-        raise _error(
+        raise _make_error(
             "is the table classical or modified? Write one or the other above it: classical has "
             "Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) "
             "Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
@@ -147,11 +149,11 @@ def table_from_text(text: str, pointer: str = "") -> PastedTable:
     length, offset = ("d", "r") if convention == "khalil" else ("a", "d")
     for required_column in ("alpha", length, "theta", offset):
         if required_column not in places:
-            raise _error(f"there is no column {required_column}.", head.number, pointer)
+            raise _make_error(f"there is no column {required_column}.", head.number, pointer)
     rows = [line for line in lines if line.number > head.number]
     if not rows:
-        raise _error("the table has no rows.", head.number, pointer)
-    read = [_row(line, places, degrees, length, offset, pointer) for line in rows]
+        raise _make_error("the table has no rows.", head.number, pointer)
+    read = [_read_row(line, places, degrees, length, offset, pointer) for line in rows]
     if convention == "classical":
         # The classical transform ends with Trans(x, a) Rot(x, α), the modified one begins with them: moving a and α one
         # row down turns one into the other. The last row's move the tool alone and no joint, so they are dropped.
@@ -160,7 +162,7 @@ def table_from_text(text: str, pointer: str = "") -> PastedTable:
     return {"joints": read}
 
 
-def _read(text: str, pointer: str) -> tuple[Convention | None, list[_Line]]:
+def _split_lines(text: str, pointer: str) -> tuple[Convention | None, list[_Line]]:
     convention: Convention | None = None
     lines = []
     for number, raw in enumerate(text.splitlines(), start=1):
@@ -176,13 +178,13 @@ def _read(text: str, pointer: str) -> tuple[Convention | None, list[_Line]]:
             continue
         if set(line) <= set("|-:+= \t"):
             continue  # the rule below a head
-        lines.append(_Line(number, _cells(line)))
+        lines.append(_Line(number, _split_cells(line)))
     if not lines:
-        raise _error("it holds no table.", None, pointer)
+        raise _make_error("it holds no table.", None, pointer)
     return convention, lines
 
 
-def _cells(line: str) -> tuple[str, ...]:
+def _split_cells(line: str) -> tuple[str, ...]:
     for separator in ("|", ";", "\t", ","):
         if separator in line.strip("|"):
             return tuple(cell.strip() for cell in line.strip().strip("|").split(separator))
@@ -191,11 +193,11 @@ def _cells(line: str) -> tuple[str, ...]:
     return tuple(joined.split())
 
 
-def _is_head(line: _Line) -> bool:
-    return sum(_named(cell)[0] is not None for cell in line.cells) >= 3
+def _is_header(line: _Line) -> bool:
+    return sum(_parse_column_name(cell)[0] is not None for cell in line.cells) >= 3
 
 
-def _named(cell: str) -> tuple[str | None, bool, bool]:
+def _parse_column_name(cell: str) -> tuple[str | None, bool, bool]:
     """Return the column that a cell of the head names, whether it is in degrees, and whether its index is j - 1."""
     plain = cell.casefold().strip(" $\\")
     degrees = bool(re.search(r"deg|°", plain))
@@ -204,16 +206,16 @@ def _named(cell: str) -> tuple[str | None, bool, bool]:
     return (_COLUMNS.get(word[0]) if word else None), degrees, before
 
 
-def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Convention | None]:
+def _find_columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Convention | None]:
     places: dict[str, int] = {}
     degrees: set[str] = set()
     implied: Convention | None = None
     for place, cell in enumerate(head.cells):
-        column, in_degrees, before = _named(cell)
+        column, in_degrees, before = _parse_column_name(cell)
         if column is None:
             continue
         if column in places:
-            raise _error(f"the column {column} stands twice.", head.number, pointer)
+            raise _make_error(f"the column {column} stands twice.", head.number, pointer)
         places[column] = place
         if in_degrees:
             degrees.add(column)
@@ -225,34 +227,40 @@ def _columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], Conve
     return places, degrees, implied
 
 
-def _row(
+def _read_row(
     line: _Line, places: Mapping[str, int], degrees: set[str], length: str, offset: str, pointer: str
 ) -> PastedRow:
     """Return a row in the notation of Khalil and Kleinfinger, with α and d of its own line."""
     if len(line.cells) <= max(places.values()):
-        raise _error(f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer)
+        raise _make_error(
+            f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer
+        )
 
     def read(column: str, *, angle: bool) -> tuple[float, bool]:
-        return _number(line.cells[places[column]], line, column, pointer, degrees=angle and column in degrees)
+        return _read_cell(line.cells[places[column]], line, column, pointer, degrees=angle and column in degrees)
 
     alpha, _ = read("alpha", angle=True)
     a, _ = read(length, angle=False)
     theta, turns = read("theta", angle=True)
     r, slides = read(offset, angle=False)
     if turns and slides:
-        raise _error("theta and the offset along z are both variable; one of them is the joint.", line.number, pointer)
+        raise _make_error(
+            "theta and the offset along z are both variable; one of them is the joint.", line.number, pointer
+        )
     row: PastedRow = {"alpha": alpha, "d": a, "theta": theta, "r": r, "sigma": int(slides)}
     named = next((cell for cell in line.cells if re.fullmatch(r"[A-Za-z]\w{2,}", cell) and cell not in _LABELS), None)
     return row if named is None or places.get("theta") == line.cells.index(named) else {"name": named, **row}
 
 
-def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
+def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
     """Return the constant of a cell in rad or m, and whether the cell has the joint variable in it."""
     text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
     variable = _VARIABLE.search(text) if column in ("theta", "d", "r") else None
     if variable is not None:
         if variable[0].lstrip().startswith("-"):
-            raise _error(f"{column} has -{variable[0].strip(' -')}: turn the joint's axis round.", line.number, pointer)
+            raise _make_error(
+                f"{column} has -{variable[0].strip(' -')}: turn the joint's axis round.", line.number, pointer
+            )
         text = (text[: variable.start()] + text[variable.end() :]).strip()
     in_degrees = degrees or "°" in text or text.endswith("deg")
     text = re.sub(r"\s+|°|deg$", "", text).lstrip("+") or "0"
@@ -260,17 +268,17 @@ def _number(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool)
     try:
         value = expect_number(text, pointer, TITLE)
     except DynidentError as error:
-        raise _error(
+        raise _make_error(
             f"{column} is '{cell}'; expected a number, pi/2, 90°, or q2 + pi/2.", line.number, pointer
         ) from error
     # No table has constants beyond a full turn: 90 without a unit means degrees, and guessing would hide the mistake.
     if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
-        raise _error(
+        raise _make_error(
             f"{column} is {value:g}, more than a turn in rad: write the column as {column}[deg].", line.number, pointer
         )
     return (math.radians(value) if in_degrees else value), variable is not None
 
 
-def _error(detail: str, line: int | None, pointer: str) -> DynidentError:
+def _make_error(detail: str, line: int | None, pointer: str) -> DynidentError:
     place = f"line {line}: " if line else ""
     return DynidentError(f"{place}{detail[0].upper()}{detail[1:]}", pointer=pointer, title=TITLE)

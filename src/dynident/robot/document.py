@@ -52,14 +52,14 @@ class RobotDocument(TypedDict):
     joints_without_torque: NotRequired[Sequence[str]]
 
 
-def robot_document(robot: Robot) -> RobotDocument:
+def robot_to_document(robot: Robot) -> RobotDocument:
     """Return JSON values from which `robot_from_document` builds the same robot."""
     document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
-        "limits": {joint.name: _limits_document(joint.limits) for joint in robot.tree.joints},
+        "limits": {joint.name: _limits_to_document(joint.limits) for joint in robot.tree.joints},
         "drives": {
-            joint.name: _drive_document(drive)
+            joint.name: _drive_to_document(drive)
             for joint, drive in zip(robot.joints, robot.drives, strict=True)
             if drive != Drive()
         },
@@ -76,7 +76,7 @@ def robot_from_document(document: RobotDocument) -> Robot:
     robot = robot_from_description(
         document["name"],
         Description(**document["description"]),
-        limits={name: _limits(fields) for name, fields in document["limits"].items()},
+        limits={name: _limits_from_document(fields) for name, fields in document["limits"].items()},
         drives={name: Drive(**fields) for name, fields in document["drives"].items()},
         locked_joints=document["locked_joints"],
         gravity=document["gravity"],
@@ -84,7 +84,7 @@ def robot_from_document(document: RobotDocument) -> Robot:
     return replace(robot, joints_without_torque=tuple(document.get("joints_without_torque", ())))
 
 
-def _limits_document(limits: Limits) -> LimitsDocument:
+def _limits_to_document(limits: Limits) -> LimitsDocument:
     return {
         "position": limits.position,
         "velocity": limits.velocity,
@@ -95,13 +95,13 @@ def _limits_document(limits: Limits) -> LimitsDocument:
     }
 
 
-def _limits(fields: LimitsDocument) -> Limits:
+def _limits_from_document(fields: LimitsDocument) -> Limits:
     position = fields["position"]  # a list, where it has been JSON
     values: LimitsDocument = {**fields, "position": (position[0], position[1]) if position else None}
     return Limits(**values)
 
 
-def _drive_document(drive: Drive) -> DriveDocument:
+def _drive_to_document(drive: Drive) -> DriveDocument:
     return {
         "drive_gain": drive.drive_gain,
         "gear_ratio": drive.gear_ratio,

@@ -32,7 +32,7 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
     return matrix
 
 
-def currents_of(robot: Robot, tau: FloatArray) -> FloatArray:
+def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
     """Return the currents (m, n) that give joint torques tau (m, n); NaN where a drive gain is not known."""
     gains = np.array([drive.gain or np.nan for drive in robot.drives])
     matrix = coupling_matrix(robot)

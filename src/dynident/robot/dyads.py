@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.expressions.angles import Turns, turned
+from dynident.expressions.angles import AngleTerms, substitute_angles
 
 if TYPE_CHECKING:
     from dynident.robot.loops import Closure
@@ -31,29 +31,29 @@ _FLAT = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class _Plane:
+class _PlaneVector:
     """A vector or a rotation in the plane, multiplied like a complex number."""
 
     x: ca.SX
     y: ca.SX
 
-    def __add__(self, other: _Plane) -> _Plane:
-        return _Plane(self.x + other.x, self.y + other.y)
+    def __add__(self, other: _PlaneVector) -> _PlaneVector:
+        return _PlaneVector(self.x + other.x, self.y + other.y)
 
-    def __mul__(self, other: _Plane) -> _Plane:
-        return _Plane(self.x * other.x - self.y * other.y, self.x * other.y + self.y * other.x)
+    def __mul__(self, other: _PlaneVector) -> _PlaneVector:
+        return _PlaneVector(self.x * other.x - self.y * other.y, self.x * other.y + self.y * other.x)
 
-    def times(self, factor: ca.SX) -> _Plane:
-        return _Plane(self.x * factor, self.y * factor)
+    def scale(self, factor: ca.SX) -> _PlaneVector:
+        return _PlaneVector(self.x * factor, self.y * factor)
 
-    def back(self) -> _Plane:
-        return _Plane(self.x, -self.y)
+    def conjugate(self) -> _PlaneVector:
+        return _PlaneVector(self.x, -self.y)
 
-    def squared(self) -> ca.SX:
+    def squared_length(self) -> ca.SX:
         return self.x * self.x + self.y * self.y
 
 
-def solved_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | None:
+def solve_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> AngleTerms | None:
     """Return the passive coordinates as closed-form expressions of the driven ones.
 
     Parameters
@@ -68,9 +68,9 @@ def solved_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> Turns
         Angles, cosines and sines SX (p, 1) of the closure's driven symbols; None if any loop is not a triangle. The
         sides of a triangle may depend on triangles that are solved before.
     """
-    solution = Turns(*(ca.SX.zeros(closure.p) for _ in range(3)))
-    for rows, unknowns in _one_after_the_other(closure):
-        part = _solved(closure, rows, unknowns, solution, q, x)
+    solution = AngleTerms(*(ca.SX.zeros(closure.p) for _ in range(3)))
+    for rows, unknowns in _order_blocks(closure):
+        part = _solve_triangle(closure, rows, unknowns, solution, q, x)
         if part is None:
             return None
         solution.angles[unknowns], solution.cosines[unknowns], solution.sines[unknowns] = (
@@ -81,7 +81,7 @@ def solved_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> Turns
     return solution
 
 
-def _one_after_the_other(closure: Closure) -> list[tuple[list[int], list[int]]]:
+def _order_blocks(closure: Closure) -> list[tuple[list[int], list[int]]]:
     """Return blocks of equations with the passive coordinates that each determines, in an order to solve them."""
     # The block triangular form of ∂φ/∂x splits the loops into the smallest systems that can be solved one by one.
     over = np.asarray(ca.DM(closure.slopes[1].sparsity(), 1.0).full() != 0)
@@ -103,14 +103,14 @@ def _one_after_the_other(closure: Closure) -> list[tuple[list[int], list[int]]]:
     return ordered_blocks
 
 
-def _solved(
-    closure: Closure, rows: list[int], unknowns: list[int], solved_before: Turns, q: FloatArray, x: FloatArray
-) -> Turns | None:
+def _solve_triangle(
+    closure: Closure, rows: list[int], unknowns: list[int], solved_before: AngleTerms, q: FloatArray, x: FloatArray
+) -> AngleTerms | None:
     """Solve two equations for two passive coordinates; None if they do not form a triangle."""
     if len(rows) != 2 or len(unknowns) != 2:
         return None
-    turning = _turning(closure, rows, unknowns, q[:_POSTURES], x[:_POSTURES])
-    vectors = None if turning is None else _vectors(closure, rows, unknowns, turning, solved_before)
+    turning = _find_turning(closure, rows, unknowns, q[:_POSTURES], x[:_POSTURES])
+    vectors = None if turning is None else _extract_vectors(closure, rows, unknowns, turning, solved_before)
     if turning is None or vectors is None:
         return None
     passive, driven = x[:, unknowns], closure.symbols[0]
@@ -118,16 +118,16 @@ def _solved(
         return None
     # Three sides make two triangles, mirrored at the base. The sampled postures tell which of them is the start's.
     middle = 0.5 * (passive.min(axis=0) + passive.max(axis=0))
-    squares = [_constant(vector.squared(), driven, q) for vector in vectors[1:]]
+    squares = [_to_constant(vector.squared_length(), driven, q) for vector in vectors[1:]]
     for side in (1.0, -1.0):
-        turns = _third_corner(vectors, squares, side)
-        branch = _angles([_combined(turns, powers) for powers in np.linalg.inv(turning)], middle)
-        if np.abs(_at(branch.angles, driven, q) - passive).max() < _SAME_BRANCH:
+        turns = _close_triangle(vectors, squares, side)
+        branch = _angles_near([_combine_rotations(turns, powers) for powers in np.linalg.inv(turning)], middle)
+        if np.abs(_evaluate(branch.angles, driven, q) - passive).max() < _SAME_BRANCH:
             return branch
     return None
 
 
-def _candidates() -> Iterator[FloatArray]:
+def _iter_turnings() -> Iterator[FloatArray]:
     """Yield T (2, 2): both joints on the same body, or one on the other, about the same axis or the opposite one."""
     for first, second in product((1, -1), repeat=2):
         yield np.array([[first, 0], [0, second]])
@@ -135,32 +135,34 @@ def _candidates() -> Iterator[FloatArray]:
         yield np.array([[0, second], [first, second]])
 
 
-def _turning(closure: Closure, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray) -> FloatArray | None:
+def _find_turning(
+    closure: Closure, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray
+) -> FloatArray | None:
     """Return T of two equations, or None: with it they are linear in u, v and w for any angles of the two joints."""
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TURNS, 2))
     whole = np.repeat(x, _TURNS, axis=0)
     whole[:, unknowns] = np.tile(angles, (len(x), 1))
-    gaps = closure.evaluated(np.repeat(q, _TURNS, axis=0), whole)[0][:, rows].reshape(len(q), -1).T
-    for turning in _candidates():
+    gaps = closure.evaluate(np.repeat(q, _TURNS, axis=0), whole)[0][:, rows].reshape(len(q), -1).T
+    for turning in _iter_turnings():
         y = angles @ turning.T
         matrices = np.array([[np.cos(y), -np.sin(y)], [np.sin(y), np.cos(y)]])
         # For one posture of the others, u, v and w are six numbers. Fit them to the gaps at random angles of the two:
         # an exact fit proves the form, since there are more angles than numbers.
         terms = np.hstack([np.tile(np.eye(2), (_TURNS, 1)), np.einsum("rctk->trkc", matrices).reshape(-1, 4)])
         misfit = gaps - terms @ np.linalg.lstsq(terms, gaps, rcond=None)[0]
-        if np.abs(misfit).max() < _EXACT * closure.size:
+        if np.abs(misfit).max() < _EXACT * closure.largest_length:
             return turning
     return None
 
 
-def _vectors(
-    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: Turns
-) -> list[_Plane] | None:
+def _extract_vectors(
+    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: AngleTerms
+) -> list[_PlaneVector] | None:
     """Return u, v and w: the constant part of the equations, and the factors of the cosines of y₁ and y₂."""
     # Replace cosines and sines by symbols: the gaps are then polynomials in them, and v and w their coefficients.
     x = closure.symbols[1]
-    open_turns = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
-    gaps = turned(ca.densify(closure.gaps[rows]), x, open_turns)
+    open_turns = AngleTerms(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
+    gaps = substitute_angles(ca.densify(closure.gaps[rows]), x, open_turns)
     if ca.depends_on(gaps, x):
         return None
     parts = [gaps, gaps, gaps]
@@ -169,37 +171,37 @@ def _vectors(
             if power:
                 parts[k] = ca.jacobian(parts[k], open_turns.cosines[unknown])
     parts = ca.substitute(parts, [open_turns.cosines, open_turns.sines], [solved_before.cosines, solved_before.sines])
-    return [_Plane(*(ca.densify(part)[k] for k in range(2))) for part in parts]
+    return [_PlaneVector(*(ca.densify(part)[k] for k in range(2))) for part in parts]
 
 
-def _third_corner(vectors: Sequence[_Plane], squares: Sequence[ca.SX], side: float) -> list[_Plane]:
+def _close_triangle(vectors: Sequence[_PlaneVector], squares: Sequence[ca.SX], side: float) -> list[_PlaneVector]:
     """Return the rotations by y₁ and y₂ that close u + R(y₁) v + R(y₂) w = 0, with the corner on one side of u."""
     u, v, w = vectors
-    base_squared = u.squared()
+    base_squared = u.squared_length()
     # The law of cosines gives the corner's coordinate along the base u, Pythagoras the one across it. Multiplying by
     # the squared length of u avoids its square root.
     along = 0.5 * (squares[1] - squares[0] - base_squared)
     largest = squares[0] * base_squared
     across = side * ca.sqrt(ca.fmax(largest - along * along, _FLAT * largest))
-    first = u * _Plane(along / base_squared, across / base_squared)
+    first = u * _PlaneVector(along / base_squared, across / base_squared)
     second = first + u
-    return [first * v.back().times(1 / squares[0]), second * w.back().times(-1 / squares[1])]
+    return [first * v.conjugate().scale(1 / squares[0]), second * w.conjugate().scale(-1 / squares[1])]
 
 
-def _combined(turns: Sequence[_Plane], powers: FloatArray) -> _Plane:
+def _combine_rotations(turns: Sequence[_PlaneVector], powers: FloatArray) -> _PlaneVector:
     """Return the rotation by a sum of angles, each counted with its power in `powers` (2,): 1, -1 or 0."""
-    used = [turn if power > 0 else turn.back() for turn, power in zip(turns, powers, strict=True) if round(power)]
+    used = [turn if power > 0 else turn.conjugate() for turn, power in zip(turns, powers, strict=True) if round(power)]
     return used[0] if len(used) == 1 else used[0] * used[1]
 
 
-def _angles(turns: Sequence[_Plane], middle: FloatArray) -> Turns:
+def _angles_near(turns: Sequence[_PlaneVector], middle: FloatArray) -> AngleTerms:
     """Return angles within half a turn of their middles, with their cosines and sines."""
     away = [
-        rotation * _Plane(ca.SX(np.cos(centre)), ca.SX(-np.sin(centre)))
+        rotation * _PlaneVector(ca.SX(np.cos(centre)), ca.SX(-np.sin(centre)))
         for rotation, centre in zip(turns, middle, strict=True)
     ]
     angles = [centre + ca.atan2(rotation.y, rotation.x) for rotation, centre in zip(away, middle, strict=True)]
-    return Turns(
+    return AngleTerms(
         *(
             ca.vertcat(*rotation)
             for rotation in (angles, [rotation.x for rotation in turns], [rotation.y for rotation in turns])
@@ -207,13 +209,13 @@ def _angles(turns: Sequence[_Plane], middle: FloatArray) -> Turns:
     )
 
 
-def _constant(value: ca.SX, driven: ca.SX, q: FloatArray) -> ca.SX:
+def _to_constant(value: ca.SX, driven: ca.SX, q: FloatArray) -> ca.SX:
     """Return a squared length as a number if the driven joints do not change it, else as it is."""
-    values = _at(value, driven, q)
+    values = _evaluate(value, driven, q)
     return ca.SX(float(values.mean())) if np.ptp(values) < _CONSTANT * values.max() else value
 
 
-def _at(value: ca.SX, driven: ca.SX, q: FloatArray) -> FloatArray:
+def _evaluate(value: ca.SX, driven: ca.SX, q: FloatArray) -> FloatArray:
     """Evaluate an expression SX (k, 1) at driven positions (m, n); returns (m, k)."""
     values = ca.Function("value", [driven], [ca.densify(value)]).map(len(q))(q.T)
     return np.asarray(values.full().T, dtype=np.float64)

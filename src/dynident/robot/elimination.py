@@ -21,7 +21,7 @@ _ZERO = 1e-14
 Pivots = tuple[tuple[int, int], ...]
 
 
-def pivots_of(matrices: FloatArray) -> Pivots:
+def choose_pivots(matrices: FloatArray) -> Pivots:
     """Choose the order of elimination for matrices (m, p, p) of one sparsity pattern.
 
     Each step takes the cheapest safe pivot (Markowitz, 1957): the product of the numbers of other entries in its row
@@ -65,10 +65,10 @@ def pivots_of(matrices: FloatArray) -> Pivots:
     return tuple(pivots)
 
 
-def solved(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
+def solve_sparse(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
     """Return matrix⁻¹ right as SX (p, k), for expressions SX (p, p) and (p, k)."""
-    entries = _entries(matrix)
-    sides = _entries(right)
+    entries = _list_entries(matrix)
+    sides = _list_entries(right)
     done: set[int] = set()
     for row, column in pivots:
         done.add(row)
@@ -77,20 +77,20 @@ def solved(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
             if other in done or column not in entries[other]:
                 continue
             factor = entries[other].pop(column) / pivot
-            _subtract(entries[other], entries[row], factor, skip=column)
-            _subtract(sides[other], sides[row], factor)
+            _subtract_multiple(entries[other], entries[row], factor, skip=column)
+            _subtract_multiple(sides[other], sides[row], factor)
     # Back substitution, in the reverse order of the pivots.
     value = ca.SX(matrix.shape[0], right.shape[1])
     for row, column in reversed(pivots):
         for other, factor in entries[row].items():
             if other != column:
-                _subtract(sides[row], {k: value[other, k] for k in _places(value, other)}, factor)
+                _subtract_multiple(sides[row], {k: value[other, k] for k in _list_columns(value, other)}, factor)
         for k, side in sides[row].items():
             value[column, k] = side / entries[row][column]
     return value
 
 
-def _entries(matrix: ca.SX) -> list[dict[int, ca.SX]]:
+def _list_entries(matrix: ca.SX) -> list[dict[int, ca.SX]]:
     rows_of_entries: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
     rows, columns = ca.sparsify(matrix).sparsity().get_triplet()
     for row, column in zip(rows, columns, strict=True):
@@ -98,11 +98,11 @@ def _entries(matrix: ca.SX) -> list[dict[int, ca.SX]]:
     return rows_of_entries
 
 
-def _subtract(target: dict[int, ca.SX], other: dict[int, ca.SX], factor: ca.SX, skip: int = -1) -> None:
+def _subtract_multiple(target: dict[int, ca.SX], other: dict[int, ca.SX], factor: ca.SX, skip: int = -1) -> None:
     for place, entry in other.items():
         if place != skip:
             target[place] = target[place] - factor * entry if place in target else -factor * entry
 
 
-def _places(matrix: ca.SX, row: int) -> Sequence[int]:
+def _list_columns(matrix: ca.SX, row: int) -> Sequence[int]:
     return [k for k in range(matrix.shape[1]) if matrix.sparsity().has_nz(row, k)]

@@ -9,7 +9,7 @@ import reprlib
 from collections.abc import Iterable, Mapping
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import check_unicode, listed, pointer
+from dynident.robot.pointers import check_unicode, join_names, make_pointer
 
 DEEPEST = 64
 """Largest depth of nested lists and objects; a table of a robot with loops has six."""
@@ -25,7 +25,7 @@ def parse_json(text: str, at: str, title: str) -> object:
         detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
         raise DynidentError(detail, pointer=at, title=title) from None
     except RecursionError:
-        raise _too_deep(at, title) from None
+        raise _make_depth_error(at, title) from None
     except ValueError as error:  # a number of thousands of digits
         raise DynidentError(f"The JSON cannot be read: {error}.", pointer=at, title=title) from None
     _check_value(value, at, title)
@@ -47,10 +47,10 @@ def _check_value(value: object, at: str, title: str) -> None:
                 below += item
         level = below
     if level:
-        raise _too_deep(at, title)
+        raise _make_depth_error(at, title)
 
 
-def _too_deep(at: str, title: str) -> DynidentError:
+def _make_depth_error(at: str, title: str) -> DynidentError:
     detail = f"The JSON is nested too deeply; at most {DEEPEST} levels are read."
     return DynidentError(detail, pointer=at, title=title)
 
@@ -59,11 +59,11 @@ def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -
     """Return `value` as an object that has no other keys than `allowed`."""
     allowed = tuple(allowed)
     if not isinstance(value, Mapping):
-        raise DynidentError(f"Expected an object with {listed(allowed)}.", pointer=at, title=title)
+        raise DynidentError(f"Expected an object with {join_names(allowed)}.", pointer=at, title=title)
     for key in value:
         if key not in allowed:
-            detail = f"Unknown field '{key}'; expected {listed(allowed)}."
-            raise DynidentError(detail, pointer=pointer(key, within=at), title=title)
+            detail = f"Unknown field '{key}'; expected {join_names(allowed)}."
+            raise DynidentError(detail, pointer=make_pointer(key, within=at), title=title)
     return value
 
 
@@ -78,9 +78,9 @@ def expect_number(value: object, at: str, title: str) -> float:
     """Return a finite number, also from texts such as "0.5", "pi/2" and "-3*pi/4"."""
     number = math.nan
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        number = _finite(value)
+        number = _to_float(value)
     elif isinstance(value, str):
-        number = _evaluated(value.strip())
+        number = _evaluate_expression(value.strip())
     if not math.isfinite(number):
         detail = f'{reprlib.repr(value)} is not a number; expected one such as 0.5, "pi/2" or "-3*pi/4".'
         raise DynidentError(detail, pointer=at, title=title)
@@ -91,17 +91,17 @@ def expect_numbers(value: object, count: int, at: str, title: str) -> tuple[floa
     """Return a list of `count` finite numbers."""
     if not isinstance(value, (list, tuple)) or len(value) != count:
         raise DynidentError(f"Expected a list of {count} numbers.", pointer=at, title=title)
-    return tuple(expect_number(item, pointer(index, within=at), title) for index, item in enumerate(value))
+    return tuple(expect_number(item, make_pointer(index, within=at), title) for index, item in enumerate(value))
 
 
-def _finite(value: float) -> float:
+def _to_float(value: float) -> float:
     try:
         return float(value)
     except OverflowError:
         return math.inf
 
 
-def _evaluated(text: str) -> float:
+def _evaluate_expression(text: str) -> float:
     if re.fullmatch(rf"[+-]?{_NUMBER}", text):
         return float(text)
     match = _EXPRESSION.fullmatch(text)

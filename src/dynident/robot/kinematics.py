@@ -26,7 +26,7 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     """
     q = np.asarray(q, dtype=float)
     if robot.linkage is not None:
-        q, robot = robot.linkage.positions(q), robot.tree
+        q, robot = robot.linkage.compute_positions(q), robot.tree
     frames = np.empty((len(q), robot.n, 4, 4))
     for index, joint in enumerate(robot.joints):
         local = joint.placement @ joint_motion(joint, q[:, index])

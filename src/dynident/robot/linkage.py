@@ -16,10 +16,10 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import Loop
-from dynident.robot.loop_equations import without_repeated
-from dynident.robot.loop_errors import TITLE as CLOSURE_TITLE
+from dynident.robot.loop_equations import drop_dependent_equations
+from dynident.robot.loop_errors import LOOP_TITLE as CLOSURE_TITLE
 from dynident.robot.loops import SINGULAR, Closure
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 if TYPE_CHECKING:
     from dynident.robot.model import Robot
@@ -74,26 +74,28 @@ class Linkage:
         """Indices of the joints in the tree that are not driven."""
         return tuple(j for j in range(self.tree.n) if j not in self.driven)
 
-    def positions(self, q: FloatArray) -> FloatArray:
+    def compute_positions(self, q: FloatArray) -> FloatArray:
         """Return the positions of all joints (m, N) at those of the driven ones (m, n)."""
-        free = q if self.closure is None else np.hstack([q, self.closure.passive(q)])
+        free = q if self.closure is None else np.hstack([q, self.closure.solve_passive(q)])
         return np.asarray(free @ self.ratios.T + self.offsets)
 
-    def rates(self, q: FloatArray) -> FloatArray:
+    def compute_jacobian(self, q: FloatArray) -> FloatArray:
         """Return G = ∂q/∂q_a (m, N, n) at driven positions q (m, n)."""
         if self.closure is None:
             return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
-        n, x = q.shape[1], self.closure.passive(q)
-        slopes = self.closure.rates_at(q, x)
+        n, x = q.shape[1], self.closure.solve_passive(q)
+        slopes = self.closure.compute_rates(q, x)
         return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
 
-    def motion(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def compute_motion(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
         if self.closure is None:
-            return self.positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
-        passive = self.closure.accelerations_at(q, self.closure.passive(q), dq, ddq)
-        speed = np.einsum("mij,mj->mi", self.rates(q), dq)
-        return self.positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
+            return self.compute_positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
+        passive = self.closure.compute_accelerations(q, self.closure.solve_passive(q), dq, ddq)
+        speed = np.einsum("mij,mj->mi", self.compute_jacobian(q), dq)
+        return self.compute_positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
 
     def check_closed(self, t: FloatArray, q: FloatArray) -> None:
         """Check at some of the driven positions q (m, n), recorded at times t (m,), that the loops are closed.
@@ -105,38 +107,38 @@ class Linkage:
         """
         if self.closure is None:
             return
-        gaps, conditions = self.closure.conditions(q[::_EVERY])
+        gaps, conditions = self.closure.compute_gaps_and_conditions(q[::_EVERY])
         # Negated comparisons, so that positions that are not a number count as wrong.
         wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
         if len(wrong):
             k = int(wrong[0])
             raise DynidentError(
-                f"At t = {t[::_EVERY][k]:.3f} s the loops ({listed(loop.name for loop in self.closure.loops)}) are "
+                f"At t = {t[::_EVERY][k]:.3f} s the loops ({join_names(loop.name for loop in self.closure.loops)}) are "
                 f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
                 "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
                 "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
                 title=CLOSURE_TITLE,
             )
 
-    def repeats(self, joint: int) -> bool:
+    def follows_one_driven_joint(self, joint: int) -> bool:
         """Return whether a joint of the tree follows at most one driven joint, by a constant ratio."""
         joint_ratios = self.ratios[joint]
         return bool(
             np.count_nonzero(joint_ratios[: len(self.driven)]) < 2 and not joint_ratios[len(self.driven) :].any()
         )
 
-    def movers(self, joint: int) -> tuple[int, ...]:
+    def get_movers(self, joint: int) -> tuple[int, ...]:
         """Return the places, among the driven joints, of those that a joint of the tree moves with."""
         n, driven_joints = len(self.driven), set()
         for place in np.flatnonzero(self.ratios[joint]):
             if place < n:
                 driven_joints.add(int(place))
             elif self.closure is not None:
-                driven_joints |= set(self.closure.movers(int(place) - n))
+                driven_joints |= set(self.closure.get_movers(int(place) - n))
         return tuple(sorted(driven_joints))
 
 
-def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
+def lock_followers(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the locked joints and those that cannot move because all joints that they follow are locked.
 
     Parameters
@@ -162,7 +164,7 @@ def followers_locked(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> di
 
 
 @dataclass(frozen=True)
-class Cuts:
+class LoopCuts:
     """Closed loops of a description: the loops, their passive joints, and start positions of joints (rad or m).
 
     `repeated`: equations may depend on others and are then left out.
@@ -174,8 +176,8 @@ class Cuts:
     repeated: bool = False
 
 
-def linked(
-    tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float], cuts: Cuts | None = None
+def link_joints(
+    tree: Robot, ties: Mapping[str, Tie], *, title: str, locked: Mapping[str, float], cuts: LoopCuts | None = None
 ) -> Robot:
     """Return the machine of a tree some of whose joints follow others, or the tree itself if none does.
 
@@ -196,39 +198,39 @@ def linked(
         A joint follows itself, directly or through others, or one that does not exist; a ratio is zero or not finite;
         or loops do not close, or do not determine the passive joints.
     """
-    cuts = Cuts() if cuts is None else cuts
+    cuts = LoopCuts() if cuts is None else cuts
     ties = {name: tie for name, tie in ties.items() if name in tree.joint_names}
     if not ties and not cuts.loops and not cuts.passive:
         return tree
-    ratios, offsets = _solved(tree, ties, title, locked)
+    ratios, offsets = _solve_ties(tree, ties, title, locked)
     driven = tuple(j for j, name in enumerate(tree.joint_names) if name not in ties and name not in cuts.passive)
     loose = tuple(j for j, name in enumerate(tree.joint_names) if name in cuts.passive)
     if not driven:
         raise DynidentError(
-            f"No joint is driven: all of {listed(tree.joint_names)} follow others or are passive. Drive at least one.",
+            f"No joint is driven: all of {join_names(tree.joint_names)} follow others or are passive. Drive at least one.",
             pointer=cuts.loops[0].where if cuts.loops else "",
             title=title,
         )
     ratios = ratios[:, [*driven, *loose]]
-    closure = _closure(tree, cuts, driven, loose, ratios, offsets)
+    closure = _build_closure(tree, cuts, driven, loose, ratios, offsets)
     linkage = Linkage(tree, driven, ratios, offsets, ties, closure)
     for name in (*ties, *cuts.passive):
         if tree.drives[tree.joint_names.index(name)] != type(tree.drives[0])():
             raise DynidentError(
                 f"Joint '{name}' follows other joints, so it has no drive; driven joints: "
-                f"{listed(tree.joint_names[j] for j in driven)}.",
+                f"{join_names(tree.joint_names[j] for j in driven)}.",
                 pointer=f"/drives/{name}",
                 title=title,
             )
-    return driven_robot(linkage)
+    return build_driven_robot(linkage)
 
 
-def driven_robot(linkage: Linkage) -> Robot:
+def build_driven_robot(linkage: Linkage) -> Robot:
     """Return the robot whose joints are the driven ones; the antecedent of each is the driven joint before it."""
     tree, driven = linkage.tree, linkage.driven
     joints = []
     for j in driven:
-        before = [k for k in tree.ancestors(j)[:-1] if k in driven]
+        before = [k for k in tree.list_ancestors(j)[:-1] if k in driven]
         joints.append(replace(tree.joints[j], parent=driven.index(before[-1]) if before else -1))
     return replace(
         tree,
@@ -239,9 +241,9 @@ def driven_robot(linkage: Linkage) -> Robot:
     )
 
 
-def _closure(
+def _build_closure(
     tree: Robot,
-    cuts: Cuts,
+    cuts: LoopCuts,
     driven: tuple[int, ...],
     loose: tuple[int, ...],
     ratios: FloatArray,
@@ -251,7 +253,7 @@ def _closure(
         return None
     if not cuts.loops:
         raise DynidentError(
-            f"No loop holds the passive joints {listed(cuts.passive)}; drive or tie them, or close a loop with them.",
+            f"No loop holds the passive joints {join_names(cuts.passive)}; drive or tie them, or close a loop with them.",
             pointer="/loops",
             title=CLOSURE_TITLE,
         )
@@ -270,17 +272,17 @@ def _closure(
     names = tuple(joint.name for joint in free)
     closure = Closure(tree.joints, cuts.loops, ratios, offsets, start, low, high, names)
     if cuts.repeated:
-        closure = without_repeated(closure)
+        closure = drop_dependent_equations(closure)
     closure.check()
     return closure
 
 
-def check_ratio(value: float) -> bool:
+def is_usable_ratio(value: float) -> bool:
     """Return whether a joint can follow another by this ratio."""
     return math.isfinite(value) and value != 0
 
 
-def _solved(
+def _solve_ties(
     tree: Robot, ties: Mapping[str, Tie], title: str, locked: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the ratios (N, N) of all joints to those that follow none, and the offsets (N,)."""
@@ -299,21 +301,21 @@ def _solved(
         else:
             if name in path:
                 way = " follows ".join(f"'{joint_name}'" for joint_name in (*path[path.index(name) :], name))
-                raise _error(f"Joint {way}: a joint cannot follow itself. Leave one of them free.", tie, title)
+                raise _make_tie_error(f"Joint {way}: a joint cannot follow itself. Leave one of them free.", tie, title)
             offsets[j] = tie.offset
             for other, ratio in tie.ratios.items():
                 if other in locked:
                     offsets[j] += ratio * locked[other]
                     continue
                 if other not in names:
-                    raise _error(
+                    raise _make_tie_error(
                         f"Joint '{name}' follows '{other}', which is no moving joint; moving joints: "
-                        f"{listed(joint_name for joint_name in names if joint_name != name)}.",
+                        f"{join_names(joint_name for joint_name in names if joint_name != name)}.",
                         tie,
                         title,
                     )
-                if not check_ratio(ratio):
-                    raise _error(
+                if not is_usable_ratio(ratio):
+                    raise _make_tie_error(
                         f"Joint '{name}' follows '{other}' by {ratio}; expected a number other than 0 (make a joint "
                         "that stands still fixed).",
                         tie,
@@ -329,5 +331,5 @@ def _solved(
     return ratios, offsets
 
 
-def _error(detail: str, tie: Tie, title: str) -> DynidentError:
+def _make_tie_error(detail: str, tie: Tie, title: str) -> DynidentError:
     return DynidentError(f"line {tie.line}: {detail}" if tie.line else detail, pointer=tie.where, title=title)

@@ -21,7 +21,7 @@ class Factor(Protocol):
         ...
 
 
-def condition_of(slopes: FloatArray) -> FloatArray:
+def compute_condition(slopes: FloatArray) -> FloatArray:
     """Return the condition numbers (m,) of matrices (m, p, p); infinite for a singular one or one with NaN."""
     finite: BoolArray = np.asarray(np.isfinite(slopes).all(axis=(1, 2)))
     finite_slopes: FloatArray = np.where(finite[:, None, None], slopes, 0.0)
@@ -30,7 +30,7 @@ def condition_of(slopes: FloatArray) -> FloatArray:
     return np.where(smallest > 0, singular[:, 0] / np.where(smallest > 0, smallest, 1.0), np.inf)
 
 
-def products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
+def list_products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
     """Return all products of up to `degree` factors, each computed from one of a degree less."""
     products_by_places: dict[tuple[int, ...], FactorT] = {}
     for count in range(1, degree + 1):
@@ -40,7 +40,7 @@ def products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
     return list(products_by_places.values())
 
 
-def hanging_together(over_driven: BoolArray, over_passive: BoolArray) -> list[tuple[list[int], list[int], list[int]]]:
+def group_equations(over_driven: BoolArray, over_passive: BoolArray) -> list[tuple[list[int], list[int], list[int]]]:
     """Return groups of equations, passive coordinates and driven joints that are coupled with one another.
 
     Parameters

@@ -19,14 +19,20 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
-from dynident.expressions.angles import Turns, turned
-from dynident.robot.cut_joints import Loop, gap_of, sparse
-from dynident.robot.elimination import Pivots, pivots_of, solved
-from dynident.robot.loop_errors import TITLE, hardly_reached, loop_error, nowhere_near, redundant
-from dynident.robot.loop_numbers import condition_of, hanging_together
+from dynident.expressions.angles import AngleTerms, substitute_angles
+from dynident.robot.cut_joints import Loop, build_gap, to_sparse_constant
+from dynident.robot.elimination import Pivots, choose_pivots, solve_sparse
+from dynident.robot.loop_errors import (
+    LOOP_TITLE,
+    make_approximation_error,
+    make_loop_error,
+    make_reach_error,
+    make_redundancy_error,
+)
+from dynident.robot.loop_numbers import compute_condition, group_equations
 from dynident.robot.model import Joint
-from dynident.robot.passive_positions import passive_positions
-from dynident.robot.pointers import listed
+from dynident.robot.passive_positions import build_passive_positions
+from dynident.robot.pointers import join_names
 
 CLOSED = 1e-9
 """Largest gap of a closed loop (m, rad): rounding."""
@@ -80,7 +86,7 @@ class Closure:
         return len(self.start) - self.n
 
     @cached_property
-    def turning(self) -> tuple[bool, ...]:
+    def are_angles(self) -> tuple[bool, ...]:
         """Which of the passive coordinates are angles (p,)."""
         kinds = {joint.name: joint.kind for joint in self.joints}
         return tuple(kinds[name] == "revolute" for name in self.names[self.n :])
@@ -93,8 +99,8 @@ class Closure:
     @cached_property
     def gaps(self) -> ca.SX:
         """φ SX (equations, 1): m, and rad where frames coincide wholly."""
-        q = ca.mtimes(sparse(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
-        return ca.sparsify(ca.vertcat(*(gap_of(loop, self.joints, q) for loop in self.loops)))
+        q = ca.mtimes(to_sparse_constant(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
+        return ca.sparsify(ca.vertcat(*(build_gap(loop, self.joints, q) for loop in self.loops)))
 
     @cached_property
     def slopes(self) -> tuple[ca.SX, ca.SX]:
@@ -125,29 +131,29 @@ class Closure:
     @cached_property
     def solution(self) -> ca.Function:
         """(q_a) -> x, cos x and sin x SX (p, 1)."""
-        function = passive_positions(self)
+        function = build_passive_positions(self)
         if function is None:
-            raise nowhere_near(self.loops[0])
+            raise make_approximation_error(self.loops[0])
         return function
 
-    def closed(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
+    def substitute_passive(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
         """Return an expression of the symbols of x as an expression of the driven positions SX (n, 1)."""
-        return turned(expression, self.symbols[1], Turns(*self.solution(driven)))
+        return substitute_angles(expression, self.symbols[1], AngleTerms(*self.solution(driven)))
 
     def solve(self, right: ca.SX) -> ca.SX:
         """Return (∂φ/∂x)⁻¹ right, SX (p, k), for expressions SX (equations, k)."""
-        return solved(self.slopes[1], right, self._pivots)
+        return solve_sparse(self.slopes[1], right, self._pivots)
 
-    def rates_at(self, q: FloatArray, x: FloatArray) -> FloatArray:
+    def compute_rates(self, q: FloatArray, x: FloatArray) -> FloatArray:
         """Return ∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
         values = self._rates(np.ascontiguousarray(q), np.ascontiguousarray(x))
         return np.swapaxes(values.reshape(len(q), self.n, self.p), 1, 2)
 
-    def accelerations_at(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+    def compute_accelerations(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         """Return ẍ (m, p) for driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
         return self._accelerations(*(np.ascontiguousarray(signal) for signal in (q, x, dq, ddq)))
 
-    def nearness(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_log_condition(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how near postures are to singular ones: ln of the condition of ∂φ/∂x, and its gradient.
 
         Parameters
@@ -162,35 +168,35 @@ class Closure:
         slopes : ndarray (m, n)
             ∂ values / ∂ q; zero where the value is infinite.
         """
-        x = self.passive(q)
-        gap, slopes = self.evaluated(q, x)
-        regular = (np.abs(gap).max(axis=1) < CLOSED) & (condition_of(slopes) < SINGULAR)
+        x = self.solve_passive(q)
+        gap, slopes = self.evaluate(q, x)
+        regular = (np.abs(gap).max(axis=1) < CLOSED) & (compute_condition(slopes) < SINGULAR)
         left_vectors, values, right_vectors = np.linalg.svd(np.where(regular[:, None, None], slopes, np.eye(self.p)))
         # The gradient of a singular value is u_kᵀ (dA) v_k, with the singular vectors u_k and v_k: differentiate the
         # largest and the smallest one.
-        bends = self._bends(np.ascontiguousarray(q), np.ascontiguousarray(x))
+        bends = self._slope_derivatives(np.ascontiguousarray(q), np.ascontiguousarray(x))
         bends = bends.reshape(len(q), self.n, self.p, self.p).swapaxes(2, 3)
 
-        def slope_of(k: int) -> FloatArray:
+        def compute_slope(k: int) -> FloatArray:
             """Return ∂ ln σ_k / ∂q_a (m, n)."""
             along = np.einsum("mi,mjik,mk->mj", left_vectors[:, :, k], bends, right_vectors[:, k])
             return np.asarray(along / values[:, k, None])
 
         log_condition = np.where(regular, np.log(values[:, 0] / values[:, -1]), np.inf)
-        return log_condition, np.where(regular[:, None], slope_of(0) - slope_of(-1), 0.0)
+        return log_condition, np.where(regular[:, None], compute_slope(0) - compute_slope(-1), 0.0)
 
-    def passive(self, q: FloatArray) -> FloatArray:
+    def solve_passive(self, q: FloatArray) -> FloatArray:
         """Return the passive coordinates (m, p) at driven positions (m, n)."""
         return self._passive(np.ascontiguousarray(q, dtype=np.float64))
 
-    def movers(self, passive: int) -> tuple[int, ...]:
+    def get_movers(self, passive: int) -> tuple[int, ...]:
         """Return the driven joints that a passive coordinate moves with."""
         return next((tuple(driven) for _, unknowns, driven in self.groups if passive in unknowns), ())
 
-    def conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_gaps_and_conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest gap (m,) in m or rad and the condition (m,) of ∂φ/∂x at driven positions (m, n)."""
-        gap, slopes = self.evaluated(q, self.passive(q))
-        return np.abs(gap).max(axis=1), condition_of(slopes)
+        gap, slopes = self.evaluate(q, self.solve_passive(q))
+        return np.abs(gap).max(axis=1), compute_condition(slopes)
 
     def check(self) -> FloatArray:
         """Check that the loops are well posed; return the closed posture (n + p,) near the start.
@@ -202,30 +208,30 @@ class Closure:
             singular at the start.
         """
         self._check_counts()
-        posture = self.closed_start()
-        _, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
-        condition = float(condition_of(slopes)[0])
+        posture = self.close_start()
+        _, slopes = self.evaluate(posture[None, : self.n], posture[None, self.n :])
+        condition = float(compute_condition(slopes)[0])
         if condition > SINGULAR:
             self._check_rank(posture)
-            raise loop_error(
+            raise make_loop_error(
                 f"The loops are singular at the start (condition {condition:.3g}): the driven joints do not determine "
                 "the passive ones there. State another `start` of the joints, away from stretched postures.",
                 self.loops[0],
             )
         return posture
 
-    def postures(self, rng: np.random.Generator, count: int) -> FloatArray:
+    def draw_postures(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Return random driven positions (count, n) within the limits, with loops closed and far from singular."""
         accepted: list[FloatArray] = []
         while sum(map(len, accepted)) < count:
             q = rng.uniform(self.low, self.high, (2 * count, self.n))
-            x, fine = self.follow(q)
-            fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
+            x, fine = self.follow_branch(q)
+            fine &= compute_condition(self.evaluate(q, x)[1]) < FAR_FROM_SINGULAR
             self._check_reach(fine)
             accepted.append(q[fine])
         return np.vstack(accepted)[:count]
 
-    def sampled(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def sample_postures(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return driven positions (m, n) and passive ones (m, p) of at most `count` closed postures in the limits.
 
         They are far from singular; some are near the start, some at the limits.
@@ -238,12 +244,12 @@ class Closure:
         q[near] = self._posture[: self.n] + 0.3 * (q[near] - self._posture[: self.n])
         at_low, at_high = rng.uniform(size=(2, *q[edge].shape)) < 0.35
         q[edge] = np.where(at_low, self.low, np.where(at_high, self.high, q[edge]))
-        x, fine = self.follow(q)
-        fine &= condition_of(self.evaluated(q, x)[1]) < FAR_FROM_SINGULAR
+        x, fine = self.follow_branch(q)
+        fine &= compute_condition(self.evaluate(q, x)[1]) < FAR_FROM_SINGULAR
         self._check_reach(fine)
         return q[fine], x[fine]
 
-    def follow(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def follow_branch(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Follow the passive coordinates along straight lines from the start to driven positions q (m, n).
 
         Newton's method goes on from the posture before in small steps, and so stays on the branch of the start.
@@ -263,8 +269,8 @@ class Closure:
             here, before = posture[: self.n] + away * (k / count), x
             # Two steps keep up on the way; the last posture is refined to rounding.
             for _ in range(2 if k < count else 5):
-                gap, slopes = self.evaluated(here, x)
-                good = condition_of(slopes) < SINGULAR
+                gap, slopes = self.evaluate(here, x)
+                good = compute_condition(slopes) < SINGULAR
                 fine &= good
                 # Lost postures get a system that can be solved and moves nothing, so that the others can go on.
                 slopes[~fine] = np.eye(self.p)
@@ -272,11 +278,11 @@ class Closure:
                 x = x - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
             # A posture that leaps has gone over to another branch.
             fine &= np.abs(x - before).max(axis=1) < _LEAP
-        gap, slopes = self.evaluated(q, x)
-        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (condition_of(slopes) < SINGULAR)
+        gap, slopes = self.evaluate(q, x)
+        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (compute_condition(slopes) < SINGULAR)
 
     @cached_property
-    def size(self) -> float:
+    def largest_length(self) -> float:
         """Largest length (m) in the loops: the scale of gaps."""
         lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints]
         lengths += [float(np.linalg.norm(end.frame[:3, 3])) for loop in self.loops for end in loop.ends]
@@ -284,8 +290,8 @@ class Closure:
 
     @cached_property
     def _pivots(self) -> Pivots:
-        q, x = self.sampled(_PIVOT_SAMPLES)
-        return pivots_of(self.evaluated(q, x)[1])
+        q, x = self.sample_postures(_PIVOT_SAMPLES)
+        return choose_pivots(self.evaluate(q, x)[1])
 
     @cached_property
     def _posture(self) -> FloatArray:
@@ -306,7 +312,7 @@ class Closure:
         return Program([*self.symbols, rate, acceleration], ca.densify(value))
 
     @cached_property
-    def _bends(self) -> Program:
+    def _slope_derivatives(self) -> Program:
         """d(∂φ/∂x)/dq_a along the closed loops: one p x p block after another, one for each driven joint."""
         free, rates = ca.vertcat(*self.symbols), self.rates(*self.symbols)
         ways = ca.vertcat(ca.SX.eye(self.n), rates)
@@ -318,7 +324,7 @@ class Closure:
     def _passive(self) -> Program:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])[0]))
 
-    def evaluated(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluate(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return φ (m, e) and ∂φ/∂x (m, e, p) at driven and passive positions q (m, n) and x (m, p)."""
         values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
         # CasADi stores matrices by columns: φ first, then the columns of ∂φ/∂x.
@@ -328,61 +334,61 @@ class Closure:
     def _check_counts(self) -> None:
         touched: set[int] = set()
         for rows, unknowns, driven in self.groups:
-            loop = self.loop_of(rows[0])
+            loop = self.get_loop(rows[0])
             touched |= set(unknowns)
             if not unknowns:
                 self._refuse_without_passive(loop, driven)
-            passive = listed(self.names[self.n + k] for k in unknowns)
+            passive = join_names(self.names[self.n + k] for k in unknowns)
             if not driven:
                 detail = f"No driven joint moves loop '{loop.name}': everything in it would stand still. Drive one of "
-                raise loop_error(f"{detail}{passive}.", loop)
+                raise make_loop_error(f"{detail}{passive}.", loop)
             if len(unknowns) > len(rows):
-                raise loop_error(
+                raise make_loop_error(
                     f"{len(unknowns)} passive joints ({passive}) for {len(rows)} equations of loop '{loop.name}': they "
                     "can move while the driven joints stand. Drive or tie joints, or let more of the frames coincide.",
                     loop,
                 )
             if len(unknowns) < len(rows):
-                raise redundant(loop, len(rows), len(unknowns), passive)
+                raise make_redundancy_error(loop, len(rows), len(unknowns), passive)
         free = [self.names[self.n + k] for k in range(self.p) if k not in touched]
         if free:
             raise DynidentError(
-                f"No loop holds the passive joints {listed(free)}; drive or tie them, or close a loop with them.",
+                f"No loop holds the passive joints {join_names(free)}; drive or tie them, or close a loop with them.",
                 pointer="/loops",
-                title=TITLE,
+                title=LOOP_TITLE,
             )
 
     def _refuse_without_passive(self, loop: Loop, driven: list[int]) -> None:
         """Raise the error of an equation without a passive joint: of driven joints alone, or of no joint at all."""
         if driven:
-            names = listed(self.names[k] for k in driven)
-            raise loop_error(
+            names = join_names(self.names[k] for k in driven)
+            raise make_loop_error(
                 f"No passive joint can keep loop '{loop.name}' closed when the driven joints {names} move. Make as "
                 "many of its joints passive as it has equations.",
                 loop,
             )
-        loop_rows = set(self.rows_of(loop))
+        loop_rows = set(self.get_rows(loop))
         held = sorted({k for rows, unknowns, _ in self.groups if loop_rows & set(rows) for k in unknowns})
-        raise redundant(loop, len(loop_rows), len(held), listed(self.names[self.n + k] for k in held))
+        raise make_redundancy_error(loop, len(loop_rows), len(held), join_names(self.names[self.n + k] for k in held))
 
     def _check_rank(self, posture: FloatArray) -> None:
         """Raise if equations are dependent in all postures nearby, not only at the start."""
         rng = np.random.default_rng(0)
         near = posture + 0.2 * rng.uniform(-1, 1, (20, len(posture)))
-        _, slopes = self.evaluated(near[:, : self.n], near[:, self.n :])
+        _, slopes = self.evaluate(near[:, : self.n], near[:, self.n :])
         for rows, unknowns, _ in self.groups:
             part = slopes[:, rows][:, :, unknowns]
             if np.all(np.linalg.cond(part) > SINGULAR):
-                loop = self.loop_of(rows[0])
-                raise loop_error(
+                loop = self.get_loop(rows[0])
+                raise make_loop_error(
                     f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
                     "any posture nearby, so that they cannot determine "
-                    f"{listed(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
+                    f"{join_names(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
                     "about the z axis of its first frame.",
                     loop,
                 )
 
-    def closed_start(self) -> FloatArray:
+    def close_start(self) -> FloatArray:
         """Return the posture (n + p,) in which the loops are closed with the driven joints at their start.
 
         Raises
@@ -391,20 +397,20 @@ class Closure:
             If there is none near the start; the message has the gap there and the best one.
         """
         posture = self.start.copy()
-        first, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
+        first, _ = self.evaluate(posture[None, : self.n], posture[None, self.n :])
         for _ in range(_ROUNDS):
-            gap, slopes = self.evaluated(posture[None, : self.n], posture[None, self.n :])
-            if np.abs(gap).max() < 1e-14 * max(1.0, self.size):
+            gap, slopes = self.evaluate(posture[None, : self.n], posture[None, self.n :])
+            if np.abs(gap).max() < 1e-14 * max(1.0, self.largest_length):
                 break
             move = np.linalg.lstsq(slopes[0], -gap[0], rcond=1e-10)[0]
             # Newton's step, cut to half a radian (or metre): far from the solution a whole one leads anywhere.
             posture[self.n :] += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        gap, _ = self.evaluated(posture[None, : self.n], posture[None, self.n :])
+        gap, _ = self.evaluate(posture[None, : self.n], posture[None, self.n :])
         if np.abs(gap).max() > CLOSED:
             row = int(np.argmax(np.abs(gap[0])))
-            loop = self.loop_of(row)
-            rows = self.rows_of(loop)
-            raise loop_error(
+            loop = self.get_loop(row)
+            rows = self.get_rows(loop)
+            raise make_loop_error(
                 f"Loop '{loop.name}' does not close: with the driven joints at their start its frames are "
                 f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and {float(np.linalg.norm(gap[0, rows])):.3g} m "
                 "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes (in "
@@ -417,17 +423,17 @@ class Closure:
     def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
         """Groups of equations, passive coordinates and driven joints that are coupled with one another."""
         over_driven, over_passive = (np.asarray(ca.DM(slope.sparsity(), 1.0).full() != 0) for slope in self.slopes)
-        return hanging_together(over_driven, over_passive)
+        return group_equations(over_driven, over_passive)
 
     def _check_reach(self, fine: BoolArray) -> None:
         if np.mean(fine) < _LEAST_REACHED:
-            raise hardly_reached(self.loops[0], int(np.count_nonzero(fine)), len(fine))
+            raise make_reach_error(self.loops[0], int(np.count_nonzero(fine)), len(fine))
 
-    def loop_of(self, row: int) -> Loop:
+    def get_loop(self, row: int) -> Loop:
         """Return the loop that an equation belongs to."""
-        return next(loop for loop in self.loops if row in self.rows_of(loop))
+        return next(loop for loop in self.loops if row in self.get_rows(loop))
 
-    def rows_of(self, loop: Loop) -> list[int]:
+    def get_rows(self, loop: Loop) -> list[int]:
         """Return the places of a loop's equations in φ."""
         first = 0
         for other in self.loops:

@@ -6,14 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 _PREFIXES = ("package://", "model://", "file://")
 
 
-def mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
+def find_mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
     """Return the file that a mesh's name means, below one of the folders; None if there is none."""
-    return next((path for path in sought_files(uri, folders) if _is_file(path)), None)
+    return next((path for path in list_candidate_files(uri, folders) if _is_file(path)), None)
 
 
 def _is_file(path: Path) -> bool:
@@ -23,7 +23,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
+def list_candidate_files(uri: str, folders: Iterable[Path]) -> list[Path]:
     """Return the files that a mesh's name may mean, in the order of the search.
 
     For package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
@@ -33,14 +33,14 @@ def sought_files(uri: str, folders: Iterable[Path]) -> list[Path]:
     for prefix in _PREFIXES:
         name = name.removeprefix(prefix)
     path, search_folders = Path(name), list(folders)
-    candidates = [folder / part for folder in search_folders for part in _tails(path, packaged)]
+    candidates = [folder / part for folder in search_folders for part in _list_tails(path, packaged)]
     # A description may come from anywhere: it opens no file outside of the folders that its user names.
     if path.is_absolute() and any(path.resolve().is_relative_to(folder.resolve()) for folder in search_folders):
         candidates.insert(0, path)
     return candidates
 
 
-def _tails(path: Path, packaged: bool) -> list[Path]:
+def _list_tails(path: Path, packaged: bool) -> list[Path]:
     # Without ".." and the root, a name cannot lead out of the folder that it is looked for in.
     parts = [part for part in path.parts if part not in ("/", "..")]
     if not parts:
@@ -48,7 +48,7 @@ def _tails(path: Path, packaged: bool) -> list[Path]:
     return [Path(*parts), Path(*parts[1:])] if packaged and len(parts) > 1 else [Path(*parts)]
 
 
-def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
+def link_mesh_files(folder: Path, files: Mapping[str, Path]) -> None:
     """Link the files of meshes into a folder, so that `mesh_file` finds them there.
 
     Parameters
@@ -62,7 +62,7 @@ def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
         If no file can have the name of a mesh, or two names exclude each other as files.
     """
     for uri, file in files.items():
-        link = sought_files(uri, [folder])[0]
+        link = list_candidate_files(uri, [folder])[0]
         try:
             link.parent.mkdir(parents=True, exist_ok=True)
             if not link.exists():
@@ -72,7 +72,7 @@ def placed_below(folder: Path, files: Mapping[str, Path]) -> None:
             raise DynidentError(detail, pointer="/files", title="Unusable name of a mesh") from None
 
 
-def matched(uris: Iterable[str], names: Sequence[str]) -> dict[str, str]:
+def match_mesh_files(uris: Iterable[str], names: Sequence[str]) -> dict[str, str]:
     """Match meshes of a description to files by their names.
 
     A file matches if it has the same file name, upper or lower case; of several the one with most folders in common.
@@ -96,43 +96,45 @@ def matched(uris: Iterable[str], names: Sequence[str]) -> dict[str, str]:
     """
     best_match: dict[str, tuple[str, int]] = {}
     for uri in uris:
-        path = sought_files(uri, [Path()])[:1]
+        path = list_candidate_files(uri, [Path()])[:1]
         # Zero means another file name: such a file never matches.
-        likeness = [_in_common(path[0].as_posix(), name) if path else 0 for name in names]
+        likeness = [_count_common_parts(path[0].as_posix(), name) if path else 0 for name in names]
         most = max(likeness, default=0)
         best = [name for name, value in zip(names, likeness, strict=True) if value == most > 0]
         if len(best) > 1:
-            raise _doubtful(f"{listed(best)} may each be {uri}")
+            raise _make_ambiguity_error(f"{join_names(best)} may each be {uri}")
         if best:
             best_match[uri] = best[0], most
-    return {uri: name for uri, (name, likeness) in best_match.items() if _is_meant(uri, name, likeness, best_match)}
+    return {
+        uri: name for uri, (name, likeness) in best_match.items() if _is_best_match(uri, name, likeness, best_match)
+    }
 
 
-def _is_meant(uri: str, name: str, likeness: int, best_match: Mapping[str, tuple[str, int]]) -> bool:
+def _is_best_match(uri: str, name: str, likeness: int, best_match: Mapping[str, tuple[str, int]]) -> bool:
     """Return whether no other mesh matches a file better; raise if another matches it equally well."""
     others = {other: value for other, (file, value) in best_match.items() if file == name and other != uri}
     if any(value > likeness for value in others.values()):
         return False
     alike = [other for other, value in others.items() if value == likeness]
     if alike:
-        raise _doubtful(f"{name} may be {uri} or {listed(alike)}")
+        raise _make_ambiguity_error(f"{name} may be {uri} or {join_names(alike)}")
     return True
 
 
-def _in_common(first: str, second: str) -> int:
+def _count_common_parts(first: str, second: str) -> int:
     """Return how many parts two paths have in common, counted from the end."""
     number = 0
-    for a, b in zip(reversed(_parts(first)), reversed(_parts(second)), strict=False):
+    for a, b in zip(reversed(_split_path(first)), reversed(_split_path(second)), strict=False):
         if a != b:
             break
         number += 1
     return number
 
 
-def _parts(path: str) -> tuple[str, ...]:
+def _split_path(path: str) -> tuple[str, ...]:
     return tuple(part.casefold() for part in PurePosixPath(path.replace("\\", "/")).parts)
 
 
-def _doubtful(problem: str) -> DynidentError:
+def _make_ambiguity_error(problem: str) -> DynidentError:
     detail = f"{problem}; send them with their folders, as the description has them"
     return DynidentError(detail, pointer="/files", title="Ambiguous mesh")

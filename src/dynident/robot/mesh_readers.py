@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.robot.collada import triangles_of_dae
+from dynident.robot.collada import read_dae
 
 MOST_BYTES = 100 * 2**20
 """Largest file: two million triangles of a binary STL. The meshes of arms have some ten thousand at most."""
@@ -96,7 +96,7 @@ def _read_stl(content: bytes) -> Triangles:
         triangles = np.frombuffer(content, dtype=_STL_KIND, count=count, offset=_STL_HEAD)
         points = triangles["corners"].reshape(-1, 3)
     elif is_text:
-        points = _numbers([word for corner in _VERTEX.findall(content.lower()) for word in corner]).reshape(-1, 3)
+        points = _parse_floats([word for corner in _VERTEX.findall(content.lower()) for word in corner]).reshape(-1, 3)
     else:
         raise ValueError(f"it is no STL: neither text nor the {count} triangles that its header names")
     if len(points) % 3:
@@ -117,7 +117,7 @@ def _read_obj(content: bytes) -> Triangles:
             # OBJ counts corners from 1, and from the last one backward where the number is negative.
             places = [int(word.partition(b"/")[0]) for word in words[1:]]
             faces.append([place - 1 if place > 0 else len(points) // 3 + place for place in places])
-    return _numbers(points).reshape(-1, 3), fan(faces)
+    return _parse_floats(points).reshape(-1, 3), split_into_fans(faces)
 
 
 def _read_ply(content: bytes) -> Triangles:
@@ -129,9 +129,9 @@ def _read_ply(content: bytes) -> Triangles:
     if order is None:
         raise ValueError("it is no PLY: its header names no format that is known")
     end = re.match(rb"[ \t]*(\r\n|\n|\r)", body)
-    rows: Any = _TextRows(body) if order == "" else _BinaryRows(body[end.end() if end else 0 :], order)
+    rows: Any = _TextRowReader(body) if order == "" else _BinaryRowReader(body[end.end() if end else 0 :], order)
     points, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.intp)
-    for name, count, properties in _ply_elements(lines):
+    for name, count, properties in _read_ply_header(lines):
         # A row takes at least one byte. Checked before reading, because memory is allocated for what the header claims.
         if count > len(content) or not properties:
             raise ValueError(f"its header names {count} of {name!a}, more than the file can hold")
@@ -144,7 +144,7 @@ def _read_ply(content: bytes) -> Triangles:
             places = columns.get("vertex_indices", columns.get("vertex_index"))
             if not isinstance(places, list):
                 raise ValueError("its faces have no list vertex_indices")
-            faces = fan(places)
+            faces = split_into_fans(places)
     return points, faces
 
 
@@ -152,7 +152,7 @@ _Property = tuple[str, str, str]
 """Name, kind of number, and kind of the number of them where it is a list, else ""."""
 
 
-def _ply_elements(lines: Sequence[Sequence[str]]) -> list[tuple[str, int, list[_Property]]]:
+def _read_ply_header(lines: Sequence[Sequence[str]]) -> list[tuple[str, int, list[_Property]]]:
     elements: list[tuple[str, int, list[_Property]]] = []
     for line in lines:
         if line[:1] == ["element"] and len(line) == 3 and line[2].isdecimal():
@@ -167,7 +167,7 @@ def _ply_elements(lines: Sequence[Sequence[str]]) -> list[tuple[str, int, list[_
     return elements
 
 
-class _TextRows:
+class _TextRowReader:
     """The rows of a PLY file in text form."""
 
     def __init__(self, body: bytes) -> None:
@@ -176,18 +176,18 @@ class _TextRows:
     def read(self, count: int, properties: Sequence[_Property]) -> dict[str, Any]:
         """Give the next rows by their properties; lists as lists of places."""
         if not any(length for _, _, length in properties):
-            words = self._next(count * len(properties))
-            table = _numbers(words).reshape(count, len(properties))
+            words = self._take(count * len(properties))
+            table = _parse_floats(words).reshape(count, len(properties))
             return {name: table[:, k] for k, (name, _, _) in enumerate(properties)}
         columns: dict[str, list[Any]] = {name: [] for name, _, _ in properties}
         for _ in range(count):
             for name, _, length in properties:
-                number = int(self._next(1)[0]) if length else 1
-                words = self._next(number)
+                number = int(self._take(1)[0]) if length else 1
+                words = self._take(number)
                 columns[name].append([int(word) for word in words] if length else float(words[0]))
         return columns
 
-    def _next(self, count: int) -> list[bytes]:
+    def _take(self, count: int) -> list[bytes]:
         words = self._words[self._at : self._at + count] if count >= 0 else []
         if len(words) != count:
             raise ValueError("its last rows are missing")
@@ -195,7 +195,7 @@ class _TextRows:
         return words
 
 
-class _BinaryRows:
+class _BinaryRowReader:
     """The rows of a binary PLY file."""
 
     def __init__(self, body: bytes, order: str) -> None:
@@ -205,17 +205,17 @@ class _BinaryRows:
         """Give the next rows by their properties; lists as lists of places."""
         if not any(length for _, _, length in properties):
             row = np.dtype([(f"{k}", self._order + kind) for k, (_, kind, _) in enumerate(properties)])
-            table = self._next(row, count)
+            table = self._take(row, count)
             return {name: table[f"{k}"] for k, (name, _, _) in enumerate(properties)}
         columns: dict[str, list[Any]] = {name: [] for name, _, _ in properties}
         for _ in range(count):
             for name, kind, length in properties:
-                number = int(self._next(np.dtype(self._order + length), 1)[0]) if length else 1
-                values = self._next(np.dtype(self._order + kind), number)
+                number = int(self._take(np.dtype(self._order + length), 1)[0]) if length else 1
+                values = self._take(np.dtype(self._order + kind), number)
                 columns[name].append(values.astype(np.int64).tolist() if length else float(values[0]))
         return columns
 
-    def _next(self, kind: np.dtype[Any], count: int) -> NDArray[Any]:
+    def _take(self, kind: np.dtype[Any], count: int) -> NDArray[Any]:
         size = kind.itemsize * count
         if count < 0 or self._at + size > len(self._body):
             raise ValueError("its last rows are missing")
@@ -224,13 +224,13 @@ class _BinaryRows:
         return values
 
 
-def fan(faces: Sequence[Sequence[int]]) -> NDArray[np.intp]:
+def split_into_fans(faces: Sequence[Sequence[int]]) -> NDArray[np.intp]:
     """Return the triangles (k, 3) of faces as fans about their first corners; faces below three corners have none."""
     triangles = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
     return np.array(triangles, dtype=np.intp).reshape(-1, 3)
 
 
-def _numbers(words: Sequence[bytes]) -> FloatArray:
+def _parse_floats(words: Sequence[bytes]) -> FloatArray:
     return np.array(words, dtype=np.bytes_).astype(np.float64)
 
 
@@ -238,5 +238,5 @@ _READERS: dict[str, Callable[[bytes], Triangles]] = {
     ".stl": _read_stl,
     ".obj": _read_obj,
     ".ply": _read_ply,
-    ".dae": triangles_of_dae,
+    ".dae": read_dae,
 }

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from dynident.arrays import FloatArray
 from dynident.robot.mesh_readers import read_triangles
-from dynident.robot.shapes import Block, Hull, capsule_around
+from dynident.robot.shapes import Block, Hull, enclose_points
 from dynident.robot.surfaces import Surface
 
 _MOST_SLICES = 3
@@ -23,7 +23,7 @@ _THIN = 1e-4
 """Thickness in m below which a piece counts as flat."""
 
 
-def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Surface:
+def read_surface(file: Path, scale: FloatArray, placement: FloatArray) -> Surface:
     """Read a mesh file (STL, OBJ, PLY or DAE, by the ending of its name) as a surface.
 
     Nothing but the file is read, whatever it names.
@@ -53,12 +53,12 @@ def surface_of_mesh(file: Path, scale: FloatArray, placement: FloatArray) -> Sur
     return Surface(points, triangles)
 
 
-def hulls_of(surface: Surface) -> tuple[Hull | Block, ...]:
+def build_hulls(surface: Surface) -> tuple[Hull | Block, ...]:
     """Return convex pieces that enclose a surface: slices across a principal axis if they fit closer than one hull."""
-    return tuple(_body(piece) for piece in sliced(surface.points, surface.triangles))
+    return tuple(_build_hull(piece) for piece in slice_mesh(surface.points, surface.triangles))
 
 
-def _body(points: FloatArray) -> Hull | Block:
+def _build_hull(points: FloatArray) -> Hull | Block:
     """Return the convex hull of points (m, 3), or the box around them if they are flat: a hull needs a volume."""
     middle = points.mean(axis=0)
     # The three rows of zeros give all three principal axes, however few points there are.
@@ -74,23 +74,23 @@ def _body(points: FloatArray) -> Hull | Block:
     return Block(placement, np.maximum(high - low, _THIN))
 
 
-def sliced(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
+def slice_mesh(points: FloatArray, triangles: NDArray[np.intp]) -> list[FloatArray]:
     """Return the corners of the convex pieces of a mesh with points (m, 3) and triangles (k, 3)."""
     used = np.unique(triangles)
     axes = np.linalg.svd(points[used] - points[used].mean(axis=0), full_matrices=False)[2]
-    best = [_hull(points[used])]
-    least = _volume(best)
+    best = [_hull_corners(points[used])]
+    least = _sum_volumes(best)
     # Compare by the volume of the enclosing capsules, since these are what distances are computed between.
     for count in range(2, _MOST_SLICES + 1):
         for axis in axes:
-            pieces = [_hull(piece) for piece in _slices(points, triangles, axis, count) if len(piece)]
-            volume = _volume(pieces)
+            pieces = [_hull_corners(piece) for piece in _cut_slices(points, triangles, axis, count) if len(piece)]
+            volume = _sum_volumes(pieces)
             if volume < _WORTH_SLICING * least:
                 best, least = pieces, volume
     return best
 
 
-def _slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArray, count: int) -> list[FloatArray]:
+def _cut_slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArray, count: int) -> list[FloatArray]:
     """Return the points of the surface in each of `count` slices: corners inside, and edges cut at the borders."""
     along = points @ axis
     borders = np.linspace(along.min(), along.max(), count + 1)
@@ -101,12 +101,12 @@ def _slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArray, c
     slices = []
     for low, high in itertools.pairwise(borders):
         inside = points[used[(along[used] >= low) & (along[used] <= high)]]
-        crossing = [_crossings(points, along, edges, border) for border in (low, high)]
+        crossing = [_intersect_edges(points, along, edges, border) for border in (low, high)]
         slices.append(np.concatenate([inside, *crossing]))
     return slices
 
 
-def _crossings(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], border: float) -> FloatArray:
+def _intersect_edges(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], border: float) -> FloatArray:
     a, b = edges.T
     crossed = (along[a] - border) * (along[b] - border) < 0
     a, b = a[crossed], b[crossed]
@@ -115,7 +115,7 @@ def _crossings(points: FloatArray, along: FloatArray, edges: NDArray[np.intp], b
     return intersections
 
 
-def _hull(points: FloatArray) -> FloatArray:
+def _hull_corners(points: FloatArray) -> FloatArray:
     """Return the corners of the convex hull, or all points if they are flat."""
     try:
         corners: FloatArray = points[ConvexHull(points).vertices]
@@ -124,5 +124,5 @@ def _hull(points: FloatArray) -> FloatArray:
     return corners
 
 
-def _volume(pieces: list[FloatArray]) -> float:
-    return sum(capsule_around(piece).volume for piece in pieces)
+def _sum_volumes(pieces: list[FloatArray]) -> float:
+    return sum(enclose_points(piece).volume for piece in pieces)

@@ -11,18 +11,18 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.extras import install_hint
-from dynident.robot.cut_joints import End, Loop
-from dynident.robot.linkage import Cuts, followers_locked, linked
+from dynident.extras import format_install_hint
+from dynident.robot.cut_joints import FrameOnJoint, Loop
+from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loops import CLOSED
-from dynident.robot.mjcf_equality import Held, held_by
-from dynident.robot.mjcf_xml import TITLE, mjcf_error, parse_mjcf
+from dynident.robot.mjcf_equality import Equalities, read_equalities
+from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot
-from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, locked
-from dynident.robot.pointers import listed
+from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, lock_joints
+from dynident.robot.pointers import join_names
 from dynident.robot.settings import settings_from
 from dynident.robot.stated import Drive, Limits
-from dynident.robot.xml_text import Element, write_in_place
+from dynident.robot.xml_text import Element, write_with_line_numbers
 
 if TYPE_CHECKING:
     import mujoco
@@ -72,51 +72,53 @@ def robot_from_mjcf(
         fixed base, an equality is not linear, or loops do not close or do not determine the passive joints.
     """
     root, clamped = parse_mjcf(text, pointer, locked_joints or {})
-    compiled = _compiled(root, pointer)
+    compiled = _compile_model(root, pointer)
     user_settings = settings_from(limits, drives, locked_joints, compiled.opt.gravity if gravity is None else gravity)
-    lines = {child.attributes["name"]: child.line for part in root.all("equality") for child in part.children}
-    model, links = _tree(compiled, name, pointer)
-    held = held_by(compiled, lines, pointer)
+    lines = {child.attributes["name"]: child.line for part in root.iter_children("equality") for child in part.children}
+    model, links = _build_tree(compiled, name, pointer)
+    held = read_equalities(compiled, lines, pointer)
     fixed = {
         **held.fixed,
         **{joint: position for joint, position in user_settings.locked_joints.items() if joint not in clamped},
     }
-    settings = replace(user_settings, locked_joints=followers_locked(held.ties, fixed))
+    settings = replace(user_settings, locked_joints=lock_followers(held.ties, fixed))
     tree = from_pinocchio(
         model,
         name,
         Description("mjcf", text),
         settings,
-        DescribedJoints(dict(_limits(compiled)), links),
+        DescribedJoints(dict(_iter_limits(compiled)), links),
         pointer=pointer,
     )
     tree = replace(tree, locked_joints=dict(user_settings.locked_joints))
-    cuts = _cuts(held, locked(model, settings.locked_joints), tree, pointer)
-    return linked(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
+    cuts = _build_cuts(held, lock_joints(model, settings.locked_joints), tree, pointer)
+    return link_joints(tree, held.ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
-def _compiled(root: Element, pointer: str) -> mujoco.MjModel:
+def _compile_model(root: Element, pointer: str) -> mujoco.MjModel:
     """Compile the reduced text with MuJoCo and check the numbers of the result."""
     try:
         import mujoco
     except ModuleNotFoundError as error:
-        detail = f"MJCF files are read by MuJoCo, which is not installed; {install_hint('mujoco')}"
+        detail = f"MJCF files are read by MuJoCo, which is not installed; {format_install_hint('mujoco')}"
         raise DynidentError(detail, pointer=pointer, title=TITLE) from error
     try:
-        compiled = mujoco.MjModel.from_xml_string(write_in_place(root))
+        compiled = mujoco.MjModel.from_xml_string(write_with_line_numbers(root))
     except ValueError as error:
         detail = " ".join(str(error).split())
-        raise mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
+        raise make_mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
     for name in _NUMBERS:
         values = getattr(compiled, name)
         # Negated, so that NaN is refused as well: no comparison with NaN is true.
         if not (np.abs(values) <= LARGEST).all():
             detail = f"MuJoCo makes {values.ravel()[np.argmin(np.abs(values.ravel()) <= LARGEST)]:g} of a number"
-            raise mjcf_error(f"{detail} ({name}); lengths, masses and inertias are in m, kg and kg m².", None, pointer)
+            raise make_mjcf_error(
+                f"{detail} ({name}); lengths, masses and inertias are in m, kg and kg m².", None, pointer
+            )
     return compiled
 
 
-def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:
+def _build_tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model, dict[str, str]]:
     """Return the joints of a compiled model as a Pinocchio model, and the name of the body that each joint moves.
 
     The model has a frame for every body and site, called "body 3" or "site 0".
@@ -129,22 +131,22 @@ def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model,
     kinds = {2: pin.JointModelPrismaticUnaligned, 3: pin.JointModelRevoluteUnaligned}
     for body in range(1, compiled.nbody):
         joint, before = carried[compiled.body_parentid[body]]
-        place = before * _placement(compiled.body_pos[body], compiled.body_quat[body])
+        place = before * _to_placement(compiled.body_pos[body], compiled.body_quat[body])
         for j in range(compiled.body_jntadr[body], compiled.body_jntadr[body] + compiled.body_jntnum[body]):
-            called, axis = compiled.joint(j).name, _unit(compiled.jnt_axis[j])
+            called, axis = compiled.joint(j).name, _normalize(compiled.jnt_axis[j])
             if called in _RESERVED:
-                raise mjcf_error(f"A joint cannot be called '{called}'; that is the fixed base.", None, pointer)
+                raise make_mjcf_error(f"A joint cannot be called '{called}'; that is the fixed base.", None, pointer)
             # A body may have several joints, one behind the other. Each has its own anchor in the body, and the file
             # shows the body at qpos0, so that the frame at q = 0 is turned back by that.
             anchor = pin.SE3(np.eye(3), compiled.jnt_pos[j])
-            turned = _moved(compiled.jnt_type[j], axis, -compiled.qpos0[compiled.jnt_qposadr[j]])
+            turned = _get_joint_motion(compiled.jnt_type[j], axis, -compiled.qpos0[compiled.jnt_qposadr[j]])
             joint = model.addJoint(joint, kinds[int(compiled.jnt_type[j])](axis), place * anchor * turned, called)
             model.addJointFrame(joint)
             place = anchor.inverse()
             links[called] = compiled.body(body).name
         carried.append((joint, place))
         if joint and compiled.body_mass[body] > 0:
-            rotation = _placement(compiled.body_ipos[body], compiled.body_iquat[body]).rotation
+            rotation = _to_placement(compiled.body_ipos[body], compiled.body_iquat[body]).rotation
             # MuJoCo states inertias about the centre of mass along principal axes. Average with the transposed tensor:
             # rounding makes it slightly asymmetric.
             tensor = rotation @ np.diag(compiled.body_inertia[body]) @ rotation.T
@@ -154,28 +156,28 @@ def _tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.Model,
         model.addFrame(pin.Frame(f"body {body}", joint, 0, place, pin.FrameType.OP_FRAME))
     for site in range(compiled.nsite):
         joint, place = carried[compiled.site_bodyid[site]]
-        place = place * _placement(compiled.site_pos[site], compiled.site_quat[site])
+        place = place * _to_placement(compiled.site_pos[site], compiled.site_quat[site])
         model.addFrame(pin.Frame(f"site {site}", joint, 0, place, pin.FrameType.OP_FRAME))
     return model, links
 
 
-def _placement(position: FloatArray, quaternion: FloatArray) -> pin.SE3:
+def _to_placement(position: FloatArray, quaternion: FloatArray) -> pin.SE3:
     w, x, y, z = quaternion
     return pin.SE3(pin.Quaternion(float(w), float(x), float(y), float(z)).normalized().matrix(), np.array(position))
 
 
-def _unit(axis: FloatArray) -> FloatArray:
+def _normalize(axis: FloatArray) -> FloatArray:
     return np.asarray(axis / np.linalg.norm(axis))
 
 
-def _moved(kind: int, axis: FloatArray, distance: float) -> pin.SE3:
+def _get_joint_motion(kind: int, axis: FloatArray, distance: float) -> pin.SE3:
     """Return the motion of a hinge (3) or slide (2) by a distance along or about its axis."""
     if kind == 3:
         return pin.SE3(pin.exp3(distance * axis), np.zeros(3))
     return pin.SE3(np.eye(3), distance * axis)
 
 
-def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
+def _iter_limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
     """Yield the range of every joint, and its largest torque if all actuators that act on it directly have a limit."""
     efforts: dict[int, float] = {}
     unlimited: set[int] = set()
@@ -204,12 +206,12 @@ def _limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
         yield compiled.joint(j).name, Limits((float(low), float(high)) if bounded else None, effort=effort)
 
 
-def _cuts(held: Held, model: pin.Model, tree: Robot, at: str) -> Cuts:
+def _build_cuts(held: Equalities, model: pin.Model, tree: Robot, at: str) -> LoopCuts:
     """Return the loops between joints of the tree, and which of their joints are passive."""
     loops: list[Loop] = []
     inside: set[int] = set()
     for coincidence in held.loops:
-        first, second = (_end(model, frame, place) for frame, place in coincidence.ends)
+        first, second = (_to_end(model, frame, place) for frame, place in coincidence.ends)
         if first.joint == second.joint:
             distance = float(np.abs(first.frame[:3, 3] - second.frame[:3, 3]).max())
             if distance > CLOSED:
@@ -217,22 +219,22 @@ def _cuts(held: Held, model: pin.Model, tree: Robot, at: str) -> Cuts:
                     f"Both frames of '{coincidence.name}' are on the same body, {distance:.3g} m apart; they never "
                     "coincide."
                 )
-                raise mjcf_error(detail, coincidence.line, at)
+                raise make_mjcf_error(detail, coincidence.line, at)
             continue
         loops.append(Loop(coincidence.name, coincidence.kind, (first, second), at, coincidence.line))
         # The joints of a loop are those that move one of its ends but not the other.
-        inside |= set(tree.ancestors(first.joint)) ^ set(tree.ancestors(second.joint))
+        inside |= set(tree.list_ancestors(first.joint)) ^ set(tree.list_ancestors(second.joint))
     names = [tree.joint_names[j] for j in sorted(inside)]
     if loops and not any(name in held.driven or name in held.ties for name in names):
         detail = (
             f"No actuator acts on a joint of loop '{loops[0].name}'; expected a <motor joint=…/> for each of those of "
-            f"{listed(names)} that are driven: the others are passive."
+            f"{join_names(names)} that are driven: the others are passive."
         )
-        raise mjcf_error(detail, loops[0].line, at)
+        raise make_mjcf_error(detail, loops[0].line, at)
     passive = tuple(name for name in names if name not in held.driven and name not in held.ties)
-    return Cuts(tuple(loops), passive, held.starts, repeated=True)
+    return LoopCuts(tuple(loops), passive, held.starts, repeated=True)
 
 
-def _end(model: pin.Model, frame: str, place: pin.SE3) -> End:
+def _to_end(model: pin.Model, frame: str, place: pin.SE3) -> FrameOnJoint:
     model_frame = model.frames[model.getFrameId(frame)]
-    return End(model_frame.parentJoint - 1, (model_frame.placement * place).homogeneous)
+    return FrameOnJoint(model_frame.parentJoint - 1, (model_frame.placement * place).homogeneous)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 from dynident.robot.xml_text import Element, parse_xml
 
 TITLE = "Unusable MJCF"
@@ -45,7 +45,7 @@ _MAKES_MORE = ("include", "replicate", "composite", "flexcomp", "attach")
 _Fail = Callable[[str, int], DynidentError]
 
 
-def mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
+def make_mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
     """Return an error that names the line."""
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
@@ -78,38 +78,40 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     """
 
     def fail(detail: str, line: int | None) -> DynidentError:
-        return mjcf_error(detail, line, pointer)
+        return make_mjcf_error(detail, line, pointer)
 
     if not text.strip():
         raise fail("The MJCF is empty; expected XML whose root is <mujoco>.", None)
     root = parse_xml(text, "An MJCF", pointer, TITLE)
     if root.tag != "mujoco":
         raise fail(f"The root element is <{root.tag}>; an MJCF's is <mujoco>.", root.line)
-    for element in _all(root):
+    for element in _iter_descendants(root):
         if element.tag in _MAKES_MORE:
             raise fail(
                 f"<{element.tag}> brings in what is not in this text; have MuJoCo write the whole model into one file "
                 "(mj_saveLastXML).",
                 element.line,
             )
-    for equality in (child for part in root.all("equality") for child in part.children):
+    for equality in (child for part in root.iter_children("equality") for child in part.children):
         if equality.tag not in _KEPT["equality"] and equality.attributes.get("active") != "false":
             raise fail(
                 f"<{equality.tag}> is no equality that a machine can be held together by here; expected "
-                f"{listed(_KEPT['equality'])}.",
+                f"{join_names(_KEPT['equality'])}.",
                 equality.line,
             )
-    reduced = _reduced(root)
-    bodies = [element for element in _all(reduced) if element.tag == "body"]
+    reduced = _reduce_element(root)
+    bodies = [element for element in _iter_descendants(reduced) if element.tag == "body"]
     if len(bodies) > MOST_BODIES:
         raise fail(f"The model has {len(bodies)} bodies; at most {MOST_BODIES} are supported.", root.line)
     if not bodies:
         raise fail("The model has no <body>.", root.line)
     _name_all(reduced)
-    from_shapes = any(compiler.attributes.get("inertiafromgeom") == "true" for compiler in reduced.all("compiler"))
+    from_shapes = any(
+        compiler.attributes.get("inertiafromgeom") == "true" for compiler in reduced.iter_children("compiler")
+    )
     clamped: frozenset[str] = frozenset()
-    for world in reduced.all("worldbody"):
-        clamped |= _hold_clamped(world, locked, fail)
+    for world in reduced.iter_children("worldbody"):
+        clamped |= _remove_clamped_joints(world, locked, fail)
         _check_bodies(world, False, from_shapes, fail)
     _check_meshes(reduced, fail)
     if clamped:
@@ -118,13 +120,13 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     return reduced, clamped
 
 
-def _all(element: Element) -> Iterator[Element]:
+def _iter_descendants(element: Element) -> Iterator[Element]:
     for child in element.children:
         yield child
-        yield from _all(child)
+        yield from _iter_descendants(child)
 
 
-def _reduced(element: Element) -> Element:
+def _reduce_element(element: Element) -> Element:
     """Return the element with the children and attributes that are kept; rarer actuators become general ones."""
     allowed = _ATTRIBUTES.get("general" if element.tag in _ALIKE else element.tag)
     attributes = element.attributes
@@ -133,12 +135,12 @@ def _reduced(element: Element) -> Element:
     if element.tag in _ALIKE:
         attributes = {name: attributes[name] for name in ("name", "joint", "tendon") if name in attributes}
     tags = _KEPT.get(element.tag, ())
-    children = [_reduced(child) for child in element.children if child.tag in tags or child.tag == "freejoint"]
+    children = [_reduce_element(child) for child in element.children if child.tag in tags or child.tag == "freejoint"]
     return Element("general" if element.tag in _ALIKE else element.tag, dict(attributes), element.line, children)
 
 
 def _name_all(root: Element) -> None:
-    used_names = {element.attributes["name"] for element in _all(root) if "name" in element.attributes}
+    used_names = {element.attributes["name"] for element in _iter_descendants(root) if "name" in element.attributes}
 
     def name(element: Element, base_name: str) -> str:
         if not element.attributes.get("name"):
@@ -159,21 +161,21 @@ def _name_all(root: Element) -> None:
             elif child.tag in ("joint", "freejoint"):
                 name(child, f"{body}_joint")
 
-    for world in root.all("worldbody"):
+    for world in root.iter_children("worldbody"):
         walk(world, "world")
-    for equality in root.all("equality"):
+    for equality in root.iter_children("equality"):
         for number, child in enumerate(equality.children):
             name(child, f"loop{number + 1}")
 
 
-def _is_of_more_freedoms(joint: Element) -> bool:
+def _has_several_freedoms(joint: Element) -> bool:
     return joint.tag == "freejoint" or (joint.tag == "joint" and joint.attributes.get("type") in ("free", "ball"))
 
 
-def _hold_clamped(element: Element, locked: Mapping[str, float], fail: _Fail) -> frozenset[str]:
+def _remove_clamped_joints(element: Element, locked: Mapping[str, float], fail: _Fail) -> frozenset[str]:
     """Remove free and ball joints that are locked at 0, and return their names."""
     clamped = [
-        joint for joint in element.children if _is_of_more_freedoms(joint) and joint.attributes["name"] in locked
+        joint for joint in element.children if _has_several_freedoms(joint) and joint.attributes["name"] in locked
     ]
     for joint in clamped:
         name = joint.attributes["name"]
@@ -181,7 +183,9 @@ def _hold_clamped(element: Element, locked: Mapping[str, float], fail: _Fail) ->
             detail = f"Joint '{name}' is locked at {locked[name]:g}; a free or ball joint can be locked at 0 alone."
             raise fail(detail, joint.line)
         element.children.remove(joint)
-    inner = [_hold_clamped(child, locked, fail) for child in element.children if child.tag in ("body", "frame")]
+    inner = [
+        _remove_clamped_joints(child, locked, fail) for child in element.children if child.tag in ("body", "frame")
+    ]
     return frozenset(joint.attributes["name"] for joint in clamped).union(*inner)
 
 
@@ -189,7 +193,7 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
     """Refuse bodies that float or hang on ball joints; drop geometry that no mass comes from."""
     for child in element.children:
         owner = f"Body '{element.attributes.get('name', '')}'"
-        if _is_of_more_freedoms(child):
+        if _has_several_freedoms(child):
             name = child.attributes["name"]
             if child.attributes.get("type") == "ball":
                 problem, alternative = "hangs on a ball joint", ", or replace it by hinges with axes of their own"
@@ -201,12 +205,14 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
             )
             raise fail(detail, child.line)
         if child.tag == "body":
-            turns = moves or any(element_of_body.tag in ("joint", "freejoint") for element_of_body in _of_body(child))
+            turns = moves or any(
+                element_of_body.tag in ("joint", "freejoint") for element_of_body in _iter_body_elements(child)
+            )
             _check_bodies(child, turns, from_shapes, fail)
         elif child.tag == "frame":
             _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
     has_inertial = element.tag == "body" and any(
-        element_of_body.tag == "inertial" for element_of_body in _of_body(element)
+        element_of_body.tag == "inertial" for element_of_body in _iter_body_elements(element)
     )
     # The mass of a body without <inertial> comes from its shapes, and of all bodies where the compiler is told so.
     # The shapes of bodies that cannot move matter to nothing.
@@ -217,23 +223,23 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
 def _drop_geometry(element: Element) -> None:
     """Remove the shapes of a body, including those in its frames."""
     element.children[:] = [child for child in element.children if child.tag != "geom"]
-    for child in element.all("frame"):
+    for child in element.iter_children("frame"):
         _drop_geometry(child)
 
 
-def _of_body(element: Element) -> Iterator[Element]:
+def _iter_body_elements(element: Element) -> Iterator[Element]:
     """Yield the elements that belong to a body itself, in frames or not."""
     for child in element.children:
         if child.tag == "frame":
-            yield from _of_body(child)
+            yield from _iter_body_elements(child)
         elif child.tag != "body":
             yield child
 
 
 def _check_meshes(reduced: Element, fail: _Fail) -> None:
     """Refuse meshes whose mass counts, and replace massless ones by spheres: their files are not here."""
-    for element in [reduced, *_all(reduced)]:
-        for geom in element.all("geom"):
+    for element in [reduced, *_iter_descendants(reduced)]:
+        for geom in element.iter_children("geom"):
             mesh = geom.attributes.pop("mesh", None)
             massless = "0" in (geom.attributes.get("mass"), geom.attributes.get("density"))
             if element.tag == "default" or mesh is None:

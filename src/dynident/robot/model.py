@@ -11,8 +11,8 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.descriptions import DescriptionFormat
-from dynident.encoding import encodable
-from dynident.html import block, paragraph, table
+from dynident.encoding import escape_surrogates
+from dynident.html import join_html, render_paragraph, render_table
 from dynident.robot.stated import Drive, Limits
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ class Joint:
 
     def __post_init__(self) -> None:
         # Pinocchio, Arrow and matplotlib take no text that has no encoding.
-        object.__setattr__(self, "name", encodable(self.name))
-        object.__setattr__(self, "link", encodable(self.link))
+        object.__setattr__(self, "name", escape_surrogates(self.name))
+        object.__setattr__(self, "link", escape_surrogates(self.link))
 
     @property
     def reach(self) -> tuple[float, float] | None:
@@ -125,7 +125,7 @@ class Robot:
     joints_without_torque: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "name", encodable(self.name))
+        object.__setattr__(self, "name", escape_surrogates(self.name))
 
     def __repr__(self) -> str:
         gains = sum(drive.gain is not None for drive in self.drives)
@@ -139,12 +139,14 @@ class Robot:
                 joint.name,
                 joint.kind,
                 self.joints[joint.parent].name if joint.parent >= 0 else "base",
-                *_limit_texts(joint),
+                *_format_limits(joint),
                 "–" if drive.gain is None else f"{drive.gain:.4g}",
             )
             for joint, drive in zip(self.joints, self.drives, strict=True)
         ]
-        return block(paragraph(f"{self.name}: {self.n} joints", strong=True), table(columns, rows, right_from=3))
+        return join_html(
+            render_paragraph(f"{self.name}: {self.n} joints", strong=True), render_table(columns, rows, right_from=3)
+        )
 
     @property
     def n(self) -> int:
@@ -170,21 +172,21 @@ class Robot:
         """Return positions (m, N): those of the driven joints `q` (m, n), then those of the joints that follow."""
         if self.linkage is None:
             return q
-        return np.hstack([q, self.linkage.positions(q)[:, list(self.linkage.passive)]])
+        return np.hstack([q, self.linkage.compute_positions(q)[:, list(self.linkage.passive)]])
 
-    def movers(self, name: str) -> tuple[int, ...]:
+    def get_movers(self, name: str) -> tuple[int, ...]:
         """Return indices of the driven joints that a joint of the tree moves with: itself, or those that it follows."""
         if name in self.joint_names or self.linkage is None:
             return (self.joint_names.index(name),)
-        return self.linkage.movers(self.tree.joint_names.index(name))
+        return self.linkage.get_movers(self.tree.joint_names.index(name))
 
-    def position_movers(self, place: int) -> tuple[int, ...]:
+    def get_position_movers(self, place: int) -> tuple[int, ...]:
         """Return the same for a joint by its place in `positions`."""
         if place < self.n or self.linkage is None:
             return (place,)
-        return self.linkage.movers(self.linkage.passive[place - self.n])
+        return self.linkage.get_movers(self.linkage.passive[place - self.n])
 
-    def subtree(self, joint: int) -> tuple[int, ...]:
+    def list_subtree(self, joint: int) -> tuple[int, ...]:
         """Return the indices of the joints that move with `joint`, itself first."""
         moved = {joint}
         # One pass is enough, since every antecedent comes before its successors.
@@ -193,7 +195,7 @@ class Robot:
                 moved.add(index)
         return tuple(sorted(moved))
 
-    def ancestors(self, joint: int) -> tuple[int, ...]:
+    def list_ancestors(self, joint: int) -> tuple[int, ...]:
         """Return the indices of the joints that move `joint`, itself last."""
         chain = []
         while joint >= 0:
@@ -202,7 +204,7 @@ class Robot:
         return tuple(reversed(chain))
 
 
-def _limit_texts(joint: Joint) -> tuple[str, str, str]:
+def _format_limits(joint: Joint) -> tuple[str, str, str]:
     """Return limits of position, velocity and effort with their units; "–" where none is known."""
     limits, angle = joint.limits, "rad" if joint.kind == "revolute" else "m"
     position = "–" if limits.position is None else f"{limits.position[0]:.4g} … {limits.position[1]:.4g} {angle}"

@@ -53,7 +53,7 @@ import pinocchio as pin
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.cuts import loops_from
+from dynident.robot.cuts import read_loops
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -61,15 +61,15 @@ from dynident.robot.json_fields import (
     expect_text,
     parse_json,
 )
-from dynident.robot.linkage import Cuts, Tie, followers_locked, linked
+from dynident.robot.linkage import LoopCuts, Tie, link_joints, lock_followers
 from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
 from dynident.robot.pinocchio_model import (
     DescribedJoints,
-    dynamic_parameters,
+    from_dynamic_parameters,
     from_pinocchio,
-    inertial_parameters,
+    to_dynamic_parameters,
 )
-from dynident.robot.pointers import listed, pointer
+from dynident.robot.pointers import join_names, make_pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
 from dynident.robot.shapes import Capsule
@@ -152,7 +152,7 @@ def robot_from_modified_dh(
     settings = settings_from(limits, drives, locked_joints, gravity)
     content = table if isinstance(table, str) else json.dumps(table)
     value = parse_json(content, pointer, TITLE)
-    _, rows = table_capsules(value, pointer)
+    _, rows = read_capsules_and_rows(value, pointer)
     if gravity is None and isinstance(value, Mapping) and "gravity" in value:
         table_gravity = expect_numbers(value["gravity"], 3, f"{pointer}/gravity", TITLE)
         settings = settings_from(limits, drives, locked_joints, gravity_from(table_gravity).tolist())
@@ -160,9 +160,9 @@ def robot_from_modified_dh(
     # the joints that the user locked.
     ties = {row.name: row.tie for row in rows if row.tie is not None}
     locked_by_user = settings.locked_joints
-    settings = replace(settings, locked_joints=followers_locked(ties, locked_by_user))
+    settings = replace(settings, locked_joints=lock_followers(ties, locked_by_user))
     tree = from_pinocchio(
-        _model(name, rows),
+        _build_model(name, rows),
         name,
         Description("modified_dh", content),
         settings,
@@ -173,11 +173,11 @@ def robot_from_modified_dh(
     starts = {row.name: row.start for row in rows if row.start is not None}
     passive = tuple(row.name for row in rows if row.passive and row.name in tree.joint_names)
     loops = value.get("loops", []) if isinstance(value, Mapping) else []
-    cuts = Cuts(loops_from(loops, tree, f"{pointer}/loops", TITLE), passive, starts)
-    return linked(tree, ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
+    cuts = LoopCuts(read_loops(loops, tree, f"{pointer}/loops", TITLE), passive, starts)
+    return link_joints(tree, ties, title=TITLE, locked=settings.locked_joints, cuts=cuts)
 
 
-def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
+def read_rows(value: object, at: str = "") -> tuple[Row, ...]:
     """Check the JSON value of a table and return its rows; every antecedent comes before its successors."""
     if isinstance(value, Mapping):
         value, at = (
@@ -188,18 +188,18 @@ def table_rows(value: object, at: str = "") -> tuple[Row, ...]:
         raise DynidentError("Expected a list of joints, one row each.", pointer=at, title=TITLE)
     rows: list[Row] = []
     for index, item in enumerate(value):
-        rows.append(_row(item, rows, pointer(index, within=at)))
+        rows.append(_read_row(item, rows, make_pointer(index, within=at)))
     return tuple(rows)
 
 
-def table_capsules(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
+def read_capsules_and_rows(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
     """Return the capsules of the base and the rows, which hold their own capsules, of a table's JSON value."""
-    rows = table_rows(value, at)
+    rows = read_rows(value, at)
     base = value.get("base_capsules", []) if isinstance(value, Mapping) else []
-    return _capsules(base, f"{at}/base_capsules"), rows
+    return _read_capsules(base, f"{at}/base_capsules"), rows
 
 
-def placement_from(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> FloatArray:
+def build_placement(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> FloatArray:
     """Return the transform (4, 4) Rot(z, γ) Trans(z, b) Rot(x, α) Trans(x, d) Rot(z, θ) Trans(z, r)."""
     return mend_placement(_screw_z(gamma, b) @ _screw_x(alpha, d) @ _screw_z(theta, r), ROUNDING_TOLERANCE)
 
@@ -214,7 +214,7 @@ def _screw_x(angle: float, distance: float) -> FloatArray:
     return np.array([[1, 0, 0, distance], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
 
 
-def _row(item: object, above: Sequence[Row], at: str) -> Row:
+def _read_row(item: object, above: Sequence[Row], at: str) -> Row:
     fields = expect_mapping(item, _ROW, at, TITLE)
     name = expect_text(fields.get("name", f"joint{len(above) + 1}"), f"{at}/name", TITLE)
     if name in _RESERVED or name in (row.name for row in above):
@@ -227,20 +227,20 @@ def _row(item: object, above: Sequence[Row], at: str) -> Row:
     link = fields.get("link", "")
     return Row(
         name=name,
-        antecedent=_antecedent(fields.get("antecedent"), above, f"{at}/antecedent"),
+        antecedent=_read_antecedent(fields.get("antecedent"), above, f"{at}/antecedent"),
         kind="prismatic" if sigma == 1 else "revolute",
-        placement=placement_from(*constants),
-        limits=_limits(fields.get("limits", {}), name, f"{at}/limits"),
-        inertia=_inertia(fields, at),
+        placement=build_placement(*constants),
+        limits=_read_limits(fields.get("limits", {}), name, f"{at}/limits"),
+        inertia=_read_inertia(fields, at),
         link=expect_text(link, f"{at}/link", TITLE) if link else "",
-        capsules=_capsules(fields.get("capsules", []), f"{at}/capsules"),
-        tie=_tie(fields["tie"], f"{at}/tie") if fields.get("tie") is not None else None,
-        passive=_passive(fields, f"{at}/passive"),
+        capsules=_read_capsules(fields.get("capsules", []), f"{at}/capsules"),
+        tie=_read_tie(fields["tie"], f"{at}/tie") if fields.get("tie") is not None else None,
+        passive=_read_passive(fields, f"{at}/passive"),
         start=expect_number(fields["start"], f"{at}/start", TITLE) if "start" in fields else None,
     )
 
 
-def _passive(fields: Mapping[str, object], at: str) -> bool:
+def _read_passive(fields: Mapping[str, object], at: str) -> bool:
     value = fields.get("passive", False)
     if not isinstance(value, bool):
         raise DynidentError("Expected true or false.", pointer=at, title=TITLE)
@@ -250,15 +250,15 @@ def _passive(fields: Mapping[str, object], at: str) -> bool:
     return value
 
 
-def _tie(value: object, at: str) -> Tie:
+def _read_tie(value: object, at: str) -> Tie:
     if not isinstance(value, Mapping) or not value:
         detail = 'Expected the joints that this one follows, each with its ratio, such as {"joint2": -1}.'
         raise DynidentError(detail, pointer=at, title=TITLE)
-    ratios = {name: expect_number(ratio, pointer(name, within=at), TITLE) for name, ratio in value.items()}
+    ratios = {name: expect_number(ratio, make_pointer(name, within=at), TITLE) for name, ratio in value.items()}
     return Tie(ratios, where=at)
 
 
-def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
+def _read_antecedent(value: object, above: Sequence[Row], at: str) -> int:
     names = [row.name for row in above]
     if value is None:
         return len(above) - 1
@@ -269,11 +269,11 @@ def _antecedent(value: object, above: Sequence[Row], at: str) -> int:
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= len(above):
         return value - 1
     detail = f'The antecedent {reprlib.repr(value)} is not above this row; expected 0 or "base" for the base'
-    detail += f", or a name or number of {listed(names)}." if names else "."
+    detail += f", or a name or number of {join_names(names)}." if names else "."
     raise DynidentError(detail, pointer=at, title=TITLE)
 
 
-def _limits(value: object, joint: str, at: str) -> Limits:
+def _read_limits(value: object, joint: str, at: str) -> Limits:
     fields = expect_mapping(value, _LIMITS, at, TITLE)
     bounds = {key: field for key, field in fields.items() if field is not None}
     position = bounds.pop("position", None)
@@ -284,12 +284,12 @@ def _limits(value: object, joint: str, at: str) -> Limits:
     return limits
 
 
-def _inertia(fields: Mapping[str, object], at: str) -> FloatArray:
+def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     if "inertia" in fields and "mass_properties" in fields:
         detail = "State either inertia or mass_properties, not both."
         raise DynidentError(detail, pointer=f"{at}/mass_properties", title=TITLE)
     if "mass_properties" in fields:
-        return _about_origin(fields["mass_properties"], f"{at}/mass_properties")
+        return _read_mass_properties(fields["mass_properties"], f"{at}/mass_properties")
     at = f"{at}/inertia"
     entries = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
     values = np.array([expect_number(entries.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
@@ -298,12 +298,12 @@ def _inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     return values
 
 
-def _capsules(value: object, at: str) -> tuple[Capsule, ...]:
+def _read_capsules(value: object, at: str) -> tuple[Capsule, ...]:
     if not isinstance(value, (list, tuple)):
         raise DynidentError("Expected a list of capsules.", pointer=at, title=TITLE)
     capsules = []
     for index, item in enumerate(value):
-        place = pointer(index, within=at)
+        place = make_pointer(index, within=at)
         fields = expect_mapping(item, ("from", "to", "radius"), place, TITLE)
         start = np.array(expect_numbers(fields.get("from"), 3, f"{place}/from", TITLE))
         end = np.array(expect_numbers(fields["to"], 3, f"{place}/to", TITLE)) if "to" in fields else start
@@ -315,7 +315,7 @@ def _capsules(value: object, at: str) -> tuple[Capsule, ...]:
     return tuple(capsules)
 
 
-def _about_origin(value: object, at: str) -> FloatArray:
+def _read_mass_properties(value: object, at: str) -> FloatArray:
     properties = expect_mapping(value, _MASS_PROPERTIES, at, TITLE)
     for key in _MASS_PROPERTIES:
         if key not in properties:
@@ -327,13 +327,13 @@ def _about_origin(value: object, at: str) -> FloatArray:
     xx, xy, xz, yy, yz, zz = expect_numbers(properties["inertia"], 6, f"{at}/inertia", TITLE)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     try:
-        return inertial_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
+        return from_dynamic_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
     except RuntimeError:
         detail = "No body has this inertia: its eigenvalues must not be negative."
         raise DynidentError(detail, pointer=f"{at}/inertia", title=TITLE) from None
 
 
-def _model(name: str, rows: Sequence[Row]) -> pin.Model:
+def _build_model(name: str, rows: Sequence[Row]) -> pin.Model:
     model = pin.Model()
     model.name = name
     for row in rows:
@@ -341,6 +341,6 @@ def _model(name: str, rows: Sequence[Row]) -> pin.Model:
         index = model.addJoint(row.antecedent + 1, joint, pin.SE3(row.placement), row.name)
         model.addJointFrame(index)  # locking joints rests on it
         if np.any(row.inertia):
-            inertia = pin.Inertia.FromDynamicParameters(dynamic_parameters(row.inertia))
+            inertia = pin.Inertia.FromDynamicParameters(to_dynamic_parameters(row.inertia))
             model.appendBodyToJoint(index, inertia, pin.SE3.Identity())
     return model

@@ -9,7 +9,7 @@ _ROS_FOLDERS = (("ROS_PACKAGE_PATH", "."), ("AMENT_PREFIX_PATH", "share"), ("CMA
 """Variables of a ROS environment that hold lists of folders, and where the packages are below each."""
 
 
-def package_folders(file: Path) -> tuple[Path, ...]:
+def list_package_folders(file: Path) -> tuple[Path, ...]:
     """Return the folders that may hold the packages which a description's file names, nearest first.
 
     First come the folders above the file, without the root of the file system, since a description lies in its package
@@ -17,15 +17,15 @@ def package_folders(file: Path) -> tuple[Path, ...]:
     """
     above = file.resolve().parents[:-1]
     ros_folders = [
-        Path(folder) / below for name, below in _ROS_FOLDERS for folder in _folders_in(os.environ.get(name, ""))
+        Path(folder) / below for name, below in _ROS_FOLDERS for folder in _split_folders(os.environ.get(name, ""))
     ]
     return tuple(dict.fromkeys([*above, *ros_folders]))
 
 
 def find_package(name: str, file: Path) -> Path | None:
     """Return the folder of a package that a description's file names; None if there is none."""
-    return next((folder / name for folder in package_folders(file) if (folder / name).is_dir()), None)
+    return next((folder / name for folder in list_package_folders(file) if (folder / name).is_dir()), None)
 
 
-def _folders_in(text: str) -> list[str]:
+def _split_folders(text: str) -> list[str]:
     return [folder for folder in text.split(os.pathsep) if folder]

@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.expressions.angles import Turns, turned
-from dynident.robot.dyads import solved_by_triangles
-from dynident.robot.loop_numbers import products
+from dynident.expressions.angles import AngleTerms, substitute_angles
+from dynident.robot.dyads import solve_by_triangles
+from dynident.robot.loop_numbers import list_products
 
 if TYPE_CHECKING:
     from dynident.robot.loops import Closure
@@ -43,48 +43,54 @@ _BEYOND = 4.0
 _Steps = tuple[int, ...]
 
 
-def passive_positions(closure: Closure) -> ca.Function | None:
+def build_passive_positions(closure: Closure) -> ca.Function | None:
     """Return the function (q_a) -> x, cos x, sin x SX (p, 1), exact within the limits of the driven joints.
 
     It is verified on closed postures within the limits that are far from singular ones. None means that no polynomial
     comes near enough.
     """
-    turns = solved_by_triangles(closure, *closure.sampled(_FEW))
+    turns = solve_by_triangles(closure, *closure.sample_postures(_FEW))
     if turns is None:
-        turns = _solved_by_steps(closure, *closure.sampled(_SAMPLES))
+        turns = _solve_by_steps(closure, *closure.sample_postures(_SAMPLES))
     return None if turns is None else ca.Function("solution", [closure.symbols[0]], list(turns.parts))
 
 
-def _solved_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> Turns | None:
-    steps = {order: _step(closure, order) for order in _ORDERS}
-    guesses = {degree: _fitted(closure, q, x, degree) for degree in _DEGREES}
-    positions_after: dict[tuple[int, _Steps], FloatArray] = {(d, ()): _at(guess, q) for d, guess in guesses.items()}
+def _solve_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> AngleTerms | None:
+    steps = {order: _build_step(closure, order) for order in _ORDERS}
+    guesses = {degree: _fit_guess(closure, q, x, degree) for degree in _DEGREES}
+    positions_after: dict[tuple[int, _Steps], FloatArray] = {
+        (d, ()): _evaluate(guess, q) for d, guess in guesses.items()
+    }
 
-    def reached(degree: int, orders: _Steps) -> FloatArray:
+    def compute_positions(degree: int, orders: _Steps) -> FloatArray:
         if (degree, orders) not in positions_after:
-            before = reached(degree, orders[:-1])
-            positions_after[degree, orders] = before + _at(steps[orders[-1]], q, before, np.cos(before), np.sin(before))
+            before = compute_positions(degree, orders[:-1])
+            positions_after[degree, orders] = before + _evaluate(
+                steps[orders[-1]], q, before, np.cos(before), np.sin(before)
+            )
         return positions_after[degree, orders]
 
-    work = {order: work_of(step) for order, step in steps.items()}
-    effort = {degree: work_of(guess) for degree, guess in guesses.items()}
+    work = {order: estimate_work(step) for order, step in steps.items()}
+    effort = {degree: estimate_work(guess) for degree, guess in guesses.items()}
     choices = [
         (effort[degree] + sum(work[order] for order in orders), degree, orders)
-        for degree, orders in product(_DEGREES, _ways())
+        for degree, orders in product(_DEGREES, _iter_step_orders())
     ]
     # Try the cheapest combination first. Numbers of shorter ones are remembered, since longer ones go on from them.
     for _, degree, orders in sorted(choices):
-        if np.abs(reached(degree, orders) - x).max() < _EXACT:
+        if np.abs(compute_positions(degree, orders) - x).max() < _EXACT:
             driven = closure.symbols[0]
-            turns = Turns(*guesses[degree](driven))
+            turns = AngleTerms(*guesses[degree](driven))
             for k, order in enumerate(orders):
-                longest = np.abs(reached(degree, orders[: k + 1]) - reached(degree, orders[:k])).max(axis=0)
-                turns = turns.onward(steps[order](driven, *turns.parts), _BEYOND * longest)
+                longest = np.abs(
+                    compute_positions(degree, orders[: k + 1]) - compute_positions(degree, orders[:k])
+                ).max(axis=0)
+                turns = turns.add_steps(steps[order](driven, *turns.parts), _BEYOND * longest)
             return turns
     return None
 
 
-def work_of(function: ca.Function) -> int:
+def estimate_work(function: ca.Function) -> int:
     """Return the cost of a function's code in products; a number that divides several others is inverted once."""
     work, divisors = 0, set[int]()
     made_by: dict[int, int] = {}
@@ -98,18 +104,18 @@ def work_of(function: ca.Function) -> int:
     return work + _QUOTIENT * len(divisors)
 
 
-def _ways() -> Iterator[_Steps]:
+def _iter_step_orders() -> Iterator[_Steps]:
     for count in range(_MOST_STEPS + 1):
         yield from product(_ORDERS, repeat=count)
 
 
-def _at(function: ca.Function, *inputs: FloatArray) -> FloatArray:
+def _evaluate(function: ca.Function, *inputs: FloatArray) -> FloatArray:
     """Evaluate a function's first result at the rows of arrays (m, …); returns (m, k)."""
     result = function.map(len(inputs[0])).call([values.T for values in inputs])[0]
     return np.asarray(result.full().T, dtype=np.float64)
 
 
-def _step(closure: Closure, order: int) -> ca.Function:
+def _build_step(closure: Closure, order: int) -> ca.Function:
     """Return (q_a, x, cos x, sin x) -> step by `order` terms of the series: the error goes to the power order + 1."""
     driven, x = closure.symbols
     along, further = ca.SX.sym("along", closure.p), ca.SX.sym("further", closure.p)
@@ -125,32 +131,35 @@ def _step(closure: Closure, order: int) -> ca.Function:
         terms.append(-closure.solve(ca.substitute([turn], [along, further], terms)[0]))
     shares = (1.0, 1 / 2, 1 / 6)  # Taylor's 1 / k!
     value = ca.densify(sum(share * term for share, term in zip(shares, terms, strict=False)))
-    current = Turns(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
-    return ca.Function("step", [driven, *current.parts], [ca.cse(turned(value, x, current))])
+    current = AngleTerms(x, ca.SX.sym("cos", closure.p), ca.SX.sym("sin", closure.p))
+    return ca.Function("step", [driven, *current.parts], [ca.cse(substitute_angles(value, x, current))])
 
 
-def _fitted(closure: Closure, q: FloatArray, x: FloatArray, degree: int) -> ca.Function:
+def _fit_guess(closure: Closure, q: FloatArray, x: FloatArray, degree: int) -> ca.Function:
     """Fit the guess (q_a) -> x, cos x, sin x to positions (m, n), (m, p): polynomials, for angles of tan(x/2)."""
     driven = closure.symbols[0]
     # Scale the driven positions to [-1, 1]: high powers would otherwise make the least-squares problem singular.
     middle, half = 0.5 * (closure.low + closure.high), 0.5 * (closure.high - closure.low)
     scaled, symbols = (q - middle) / half, (driven - ca.DM(middle)) * ca.DM(1 / half)
     low, high = x.min(axis=0), x.max(axis=0)
-    centre, halved = 0.5 * (low + high), np.array(closure.turning) & (high - low < _WIDE)
+    centre, halved = 0.5 * (low + high), np.array(closure.are_angles) & (high - low < _WIDE)
     target = np.where(halved, np.tan(0.5 * np.where(halved, x - centre, 0.0)), x)
     guess = ca.SX.zeros(closure.p)
     for _, unknowns, movers in closure.groups:
         own_degree = min(degree, _HIGHEST.get(len(movers), 4))
-        terms = np.stack([np.ones(len(q)), *products(list(scaled[:, movers].T), own_degree)], axis=1)
+        terms = np.stack([np.ones(len(q)), *list_products(list(scaled[:, movers].T), own_degree)], axis=1)
         weights = np.linalg.lstsq(terms, target[:, unknowns], rcond=1e-12)[0]
         far = np.abs(terms @ weights - target[:, unknowns]).max(axis=0)
         weights[np.abs(weights) < np.maximum(1e-13, _NEGLIGIBLE * far)] = 0.0
-        columns = ca.vertcat(1, *products([symbols[j] for j in movers], own_degree))
+        columns = ca.vertcat(1, *list_products([symbols[j] for j in movers], own_degree))
         values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)
         for place, k in enumerate(unknowns):
             guess[k] = values[place]
     guess = ca.densify(guess)
-    turns = [Turns.of_half(guess[k], centre[k]) if halved[k] else Turns.of(guess[k]) for k in range(closure.p)]
+    turns = [
+        AngleTerms.from_half_tangents(guess[k], centre[k]) if halved[k] else AngleTerms.from_angles(guess[k])
+        for k in range(closure.p)
+    ]
     return ca.Function(
         "guess", [driven], [ca.vertcat(*parts) for parts in zip(*(turn.parts for turn in turns), strict=True)]
     )

@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.robot.model import Description, Joint, JointKind, Robot
 from dynident.robot.pointers import check_name
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
-from dynident.robot.settings import Settings, check_names, merged_limits
+from dynident.robot.settings import Settings, check_names, merge_limits
 from dynident.robot.stated import Drive, Limits
 
 MOST_JOINTS = 100
@@ -27,12 +27,12 @@ _FROM_DYNAMIC = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
 _TO_DYNAMIC = np.argsort(_FROM_DYNAMIC)
 
 
-def dynamic_parameters(inertial: FloatArray) -> FloatArray:
+def to_dynamic_parameters(inertial: FloatArray) -> FloatArray:
     """Reorder inertial parameters (…, 10) from `INERTIAL_NAMES` to Pinocchio's dynamic parameters."""
     return inertial[..., _TO_DYNAMIC]
 
 
-def inertial_parameters(dynamic: FloatArray) -> FloatArray:
+def from_dynamic_parameters(dynamic: FloatArray) -> FloatArray:
     """Reorder Pinocchio's dynamic parameters (…, 10) to `INERTIAL_NAMES`."""
     return dynamic[..., _FROM_DYNAMIC]
 
@@ -60,20 +60,20 @@ def to_pinocchio(robot: Robot) -> pin.Model:
         added = model.addJoint(joint.parent + 1, kinds[joint.kind](joint.axis), placement, joint.name)
         model.addJointFrame(added)
         if robot.inertias is not None:
-            model.appendBodyToJoint(added, _body_of(robot.inertias[index]), pin.SE3.Identity())
+            model.appendBodyToJoint(added, _build_body(robot.inertias[index]), pin.SE3.Identity())
     return model
 
 
-def _body_of(inertial: FloatArray) -> pin.Inertia:
+def _build_body(inertial: FloatArray) -> pin.Inertia:
     """Return the body of inertial parameters (10,) in the order of `INERTIAL_NAMES`."""
     xx, xy, xz, yy, yz, zz = inertial[:6]
     if inertial[9] == 0.0:
         # Pinocchio divides by the mass. Links without one, as some descriptions have, have no centre of mass either.
         return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+    return pin.Inertia.FromDynamicParameters(to_dynamic_parameters(inertial))
 
 
-def described_torque(
+def compute_described_torque(
     robot: Robot, q: FloatArray, dq: FloatArray, ddq: FloatArray, rotors: FloatArray | None = None
 ) -> FloatArray:
     """Return the torque that the links of the description need, by the recursion of Newton and Euler.
@@ -93,13 +93,13 @@ def described_torque(
     """
     model = to_pinocchio(robot)
     data = model.createData()
-    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.motion(q, dq, ddq)
+    motion = (q, dq, ddq) if robot.linkage is None else robot.linkage.compute_motion(q, dq, ddq)
     torque = np.array([pin.rnea(model, data, *state) for state in zip(*motion, strict=True)])
     if rotors is not None:
         torque = torque + rotors * motion[2]
     if robot.linkage is None:
         return torque
-    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.rates(q), torque))
+    return np.asarray(np.einsum("mji,mj->mi", robot.linkage.compute_jacobian(q), torque))
 
 
 @dataclass(frozen=True)
@@ -154,16 +154,16 @@ def from_pinocchio(
     for joint_name in (*moving, *described.links.values()):
         check_name(joint_name, pointer, "Unusable robot description")
     check_names(settings, moving, described.fixed)
-    model = locked(model, settings.locked_joints)
+    model = lock_joints(model, settings.locked_joints)
     joints = tuple(
         replace(
             joint,
-            limits=merged_limits(described.limits.get(joint.name, Limits()), settings.limits.get(joint.name)),
+            limits=merge_limits(described.limits.get(joint.name, Limits()), settings.limits.get(joint.name)),
             link=described.links.get(joint.name, ""),
         )
-        for joint in _joints(model, tolerance)
+        for joint in _read_joints(model, tolerance)
     )
-    inertias = inertial_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
+    inertias = from_dynamic_parameters(np.array([body.toDynamicParameters() for body in tuple(model.inertias)[1:]]))
     for joint, inertial in zip(joints, inertias, strict=True):
         if not (np.all(np.abs(joint.placement) <= LARGEST) and np.all(np.abs(inertial) <= LARGEST)):
             raise DynidentError(
@@ -182,7 +182,7 @@ def from_pinocchio(
     )
 
 
-def locked(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
+def lock_joints(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     """Return the model with joints locked at positions (rad, m), by their names; its frames stay."""
     if not values:
         return model
@@ -195,7 +195,7 @@ def locked(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     return pin.buildReducedModel(model, indices, configuration)
 
 
-def _joints(model: pin.Model, tolerance: float) -> list[Joint]:
+def _read_joints(model: pin.Model, tolerance: float) -> list[Joint]:
     neutral = pin.neutral(model)
     joints = []
     for index in range(1, model.njoints):

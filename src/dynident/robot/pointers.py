@@ -11,13 +11,13 @@ _CONTROL = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of characters, and separators of lines and paragraphs."""
 
 
-def pointer(*tokens: object, within: str = "") -> str:
+def make_pointer(*tokens: object, within: str = "") -> str:
     """Join `tokens` to the pointer `within`, escaping what RFC 6901 asks to escape."""
     escaped = (str(token).replace("~", "~0").replace("/", "~1") for token in tokens)
     return within + "".join(f"/{token}" for token in escaped)
 
 
-def listed(names: Iterable[str]) -> str:
+def join_names(names: Iterable[str]) -> str:
     """Return names joined for a sentence: 'a, b, c', or 'none' if there are none."""
     return ", ".join(names) or "none"
 

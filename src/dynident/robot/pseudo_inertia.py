@@ -16,7 +16,7 @@ from dynident.robot.model import INERTIAL_NAMES
 _PLACES = {"X": 0, "Y": 1, "Z": 2}
 
 
-def _basis() -> FloatArray:
+def _build_basis() -> FloatArray:
     """Return the pseudo-inertias (10, 4, 4) of unit inertial parameters, one parameter each."""
     basis = np.zeros((len(INERTIAL_NAMES), 4, 4))
     for k, name in enumerate(INERTIAL_NAMES):
@@ -36,7 +36,7 @@ def _basis() -> FloatArray:
     return basis
 
 
-PSEUDO_INERTIA_PARTS: FloatArray = _basis()
+PSEUDO_INERTIA_PARTS: FloatArray = _build_basis()
 """(10, 4, 4): J = Σ parameter x part, in the order of `INERTIAL_NAMES`."""
 
 

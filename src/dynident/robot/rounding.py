@@ -23,7 +23,7 @@ def mend_placement(placement: FloatArray, tolerance: float = ROUNDING_TOLERANCE)
     Distances are only compared with zero: any other length is as good as 1/2 or 1.
     """
     mended = np.eye(4)
-    mended[:3, :3] = _orthonormal(_snap(placement[:3, :3], tolerance))
+    mended[:3, :3] = _orthonormalize(_snap(placement[:3, :3], tolerance))
     mended[:3, 3] = np.where(np.abs(placement[:3, 3]) <= tolerance, 0.0, placement[:3, 3])
     return mended
 
@@ -42,7 +42,7 @@ def _snap(values: FloatArray, tolerance: float) -> FloatArray:
     return snapped
 
 
-def _orthonormal(rotation: FloatArray) -> FloatArray:
+def _orthonormalize(rotation: FloatArray) -> FloatArray:
     """Return the nearest rotation by two Newton steps: each squares the error, and exact zeros and ones stay."""
     for _ in range(2):
         rotation = rotation - 0.5 * rotation @ (rotation.T @ rotation - np.eye(3))

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.asking import said_of
+from dynident.asking import get_description
 from dynident.errors import DynidentError
-from dynident.robot.pointers import listed, pointer
+from dynident.robot.pointers import join_names, make_pointer
 from dynident.robot.stated import Drive, Limits
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -41,12 +41,14 @@ def settings_from(
     Only values are checked here; names are checked by `check_names` once the joints are known.
     """
     for name, limit in (limits or {}).items():
-        check_limits(limit, name, pointer("limits", name))
+        check_limits(limit, name, make_pointer("limits", name))
     for name, drive in (drives or {}).items():
         _check_drive(drive, name)
     for name, value in (locked_joints or {}).items():
         if not math.isfinite(value):
-            raise _error(f"Joint '{name}' is locked at {value}; expected a number (rad or m).", "locked_joints", name)
+            raise _make_error(
+                f"Joint '{name}' is locked at {value}; expected a number (rad or m).", "locked_joints", name
+            )
     return Settings(
         limits or {}, drives or {}, locked_joints or {}, gravity_from(GRAVITY if gravity is None else gravity)
     )
@@ -67,21 +69,21 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise DynidentError(
                 f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower first.",
-                pointer=pointer("position", within=at),
+                pointer=make_pointer("position", within=at),
                 title=TITLE,
             )
     for item in fields(limits):
         value = getattr(limits, item.name)
-        if item.name != "position" and value is not None and not said_of(item).admits(value):
+        if item.name != "position" and value is not None and not get_description(item).accepts(value):
             raise DynidentError(
                 f"The {item.name} limit of joint '{joint}' is {value}; expected a positive number, "
-                f"{said_of(item).range}.",
-                pointer=pointer(item.name, within=at),
+                f"{get_description(item).range_text}.",
+                pointer=make_pointer(item.name, within=at),
                 title=TITLE,
             )
 
 
-def merged_limits(described: Limits, stated: Limits | None) -> Limits:
+def merge_limits(described: Limits, stated: Limits | None) -> Limits:
     """Return the stated limits, completed by the described ones.
 
     Some descriptions write huge numbers where nothing is limited: these count as not known.
@@ -92,7 +94,7 @@ def merged_limits(described: Limits, stated: Limits | None) -> Limits:
         if value is None:
             value = getattr(described, item.name)
             ends = value if isinstance(value, tuple) else () if value is None else (value,)
-            if not all(said_of(item).admits(end) for end in ends):
+            if not all(get_description(item).accepts(end) for end in ends):
                 value = None
         values[item.name] = value
     return Limits(**values)
@@ -104,30 +106,30 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
     for part in ("locked_joints", "limits", "drives"):
         for name in getattr(settings, part):
             if name in fixed:
-                raise _error(f"Joint '{name}' is fixed in the description; leave it out.", part, name)
+                raise _make_error(f"Joint '{name}' is fixed in the description; leave it out.", part, name)
             if name not in moving_names:
-                raise _error(f"There is no joint '{name}'; joints: {listed(moving)}.", part, name)
+                raise _make_error(f"There is no joint '{name}'; joints: {join_names(moving)}.", part, name)
             if part == "drives" and name in settings.locked_joints:
-                raise _error(f"Joint '{name}' is locked, so it has no drive.", part, name)
+                raise _make_error(f"Joint '{name}' is locked, so it has no drive.", part, name)
     for joint, drive in settings.drives.items():
         for name in drive.coupling:
             if name == joint or name not in moving_names or name in settings.locked_joints:
                 others = [other for other in moving if other != joint and other not in settings.locked_joints]
-                raise _error(
-                    f"The motor of joint '{joint}' cannot be coupled to '{name}'; others: {listed(others)}.",
+                raise _make_error(
+                    f"The motor of joint '{joint}' cannot be coupled to '{name}'; others: {join_names(others)}.",
                     "drives",
                     joint,
                     "coupling",
                     name,
                 )
     if moving and moving_names <= set(settings.locked_joints):
-        raise _error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
+        raise _make_error("Every joint is locked; a robot needs at least one moving joint.", "locked_joints")
 
 
 def _check_drive(drive: Drive, joint: str) -> None:
     for name, share in drive.coupling.items():
         if not math.isfinite(share):
-            raise _error(
+            raise _make_error(
                 f"The motor of joint '{joint}' is coupled to '{name}' by {share}; expected a number.",
                 "drives",
                 joint,
@@ -137,7 +139,7 @@ def _check_drive(drive: Drive, joint: str) -> None:
     for item in fields(drive):
         value = getattr(drive, item.name)
         if item.name != "coupling" and value is not None and not (math.isfinite(value) and value != 0):
-            raise _error(
+            raise _make_error(
                 f"{item.name} of joint '{joint}' is {value}; expected a number other than 0.",
                 "drives",
                 joint,
@@ -146,7 +148,7 @@ def _check_drive(drive: Drive, joint: str) -> None:
     drive_gain = drive.drive_gain
     factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
     if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
-        raise _error(
+        raise _make_error(
             f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain "
             f"give {factors:g} [12.17]; state one of the two.",
             "drives",
@@ -155,5 +157,5 @@ def _check_drive(drive: Drive, joint: str) -> None:
         )
 
 
-def _error(detail: str, *where: str) -> DynidentError:
-    return DynidentError(detail, pointer=pointer(*where), title=TITLE)
+def _make_error(detail: str, *where: str) -> DynidentError:
+    return DynidentError(detail, pointer=make_pointer(*where), title=TITLE)

@@ -32,9 +32,9 @@ class Capsule:
         """Return whether `other` lies inside this capsule."""
         # Both are convex, so it is enough that the end balls of the other one lie inside.
         room = self.radius - other.radius
-        return all(distance_to_segment(point, self.start, self.end) <= room for point in (other.start, other.end))
+        return all(compute_segment_distance(point, self.start, self.end) <= room for point in (other.start, other.end))
 
-    def moved(self, placement: FloatArray) -> Capsule:
+    def transform(self, placement: FloatArray) -> Capsule:
         """Return the capsule in the frame that `placement` (4, 4) takes its coordinates to."""
         start, end = (placement[:3, :3] @ point + placement[:3, 3] for point in (self.start, self.end))
         return Capsule(start, end, self.radius)
@@ -55,7 +55,7 @@ class Cylinder:
         radius = self.radius / np.cos(np.pi / _RIM)
         rim = np.column_stack([radius * np.cos(_AROUND), radius * np.sin(_AROUND), np.zeros(_RIM)])
         half = np.array([0.0, 0.0, 0.5 * self.length])
-        return _placed(self.placement, np.concatenate([rim - half, rim + half]))
+        return _transform_points(self.placement, np.concatenate([rim - half, rim + half]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class Block:
     def corners(self) -> FloatArray:
         """Its corners (8, 3)."""
         signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
-        return _placed(self.placement, signs * self.size)
+        return _transform_points(self.placement, signs * self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,21 +82,23 @@ class Hull:
 Shape = Capsule | Cylinder | Block | Hull
 
 
-def enclosing_capsule(shape: Shape) -> Capsule:
+def enclose_shape(shape: Shape) -> Capsule:
     """Return a small capsule around a shape."""
-    return shape if isinstance(shape, Capsule) else capsule_around(shape.corners)
+    return shape if isinstance(shape, Capsule) else enclose_points(shape.corners)
 
 
-def capsule_around(points: FloatArray) -> Capsule:
+def enclose_points(points: FloatArray) -> Capsule:
     """Return a small capsule that contains points (m, 3): the smallest about a principal axis, or a sphere."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     directions = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
-    centre = _centre_of(points - middle) + middle
+    centre = _find_ball_centre(points - middle) + middle
     ball = Capsule(centre, centre, float(np.linalg.norm(points - centre, axis=1).max()))
-    return min([ball, *(_about(points, direction) for direction in directions)], key=lambda capsule: capsule.volume)
+    return min(
+        [ball, *(_enclose_along(points, direction) for direction in directions)], key=lambda capsule: capsule.volume
+    )
 
 
-def without_contained(capsules: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
+def drop_contained(capsules: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
     """Return the capsules without those that lie inside another one."""
     outer: list[Capsule] = []
     for candidate in sorted(capsules, key=lambda item: -item.volume):
@@ -105,7 +107,7 @@ def without_contained(capsules: tuple[Capsule, ...]) -> tuple[Capsule, ...]:
     return tuple(outer)
 
 
-def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
+def compute_segment_distance(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
     """Return the distance of a point from a segment (all (3,))."""
     way = end - start
     length = float(way @ way)
@@ -113,12 +115,12 @@ def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -
     return float(np.linalg.norm(start + share * way - point))
 
 
-def _about(points: FloatArray, direction: FloatArray) -> Capsule:
+def _enclose_along(points: FloatArray, direction: FloatArray) -> Capsule:
     """Return the capsule around points (m, 3) whose axis has this direction."""
     along = points @ direction
     across = points - np.outer(along, direction)
     middle = 0.5 * (across.min(axis=0) + across.max(axis=0))
-    centre = _centre_of(across - middle) + middle
+    centre = _find_ball_centre(across - middle) + middle
     centre = centre - (centre @ direction) * direction
     off = np.linalg.norm(across - centre, axis=1)
     radius = float(off.max())
@@ -131,7 +133,7 @@ def _about(points: FloatArray, direction: FloatArray) -> Capsule:
     return Capsule(centre + low * direction, centre + high * direction, radius)
 
 
-def _centre_of(points: FloatArray) -> FloatArray:
+def _find_ball_centre(points: FloatArray) -> FloatArray:
     """Return nearly the centre of the smallest ball around points (m, 3).
 
     Bădoiu and Clarkson, Smaller core-sets for balls, 2003: go towards the farthest point in ever shorter steps.
@@ -147,6 +149,6 @@ def _centre_of(points: FloatArray) -> FloatArray:
     return best
 
 
-def _placed(placement: FloatArray, points: FloatArray) -> FloatArray:
+def _transform_points(placement: FloatArray, points: FloatArray) -> FloatArray:
     placed: FloatArray = points @ placement[:3, :3].T + placement[:3, 3]
     return placed

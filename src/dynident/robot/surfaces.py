@@ -23,7 +23,7 @@ class Surface:
     triangles: NDArray[np.intp]
 
 
-def thinned(surface: Surface, most: int) -> Surface:
+def thin_surface(surface: Surface, most: int) -> Surface:
     """Return a surface with at most `most` triangles: all points in a cell of a grid become their mean.
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
@@ -37,12 +37,12 @@ def thinned(surface: Surface, most: int) -> Surface:
     cells = float(_FINEST)
     coarser = surface
     while len(coarser.triangles) > most:
-        coarser = _clustered(surface, cells)
+        coarser = _cluster_points(surface, cells)
         cells *= _COARSER
     return coarser
 
 
-def _clustered(surface: Surface, cells: float) -> Surface:
+def _cluster_points(surface: Surface, cells: float) -> Surface:
     low = surface.points.min(axis=0)
     edge = max(float(np.ptp(surface.points, axis=0).max()) / cells, np.finfo(float).tiny)
     _, cell_of_point = np.unique(np.floor((surface.points - low) / edge).astype(np.int64), axis=0, return_inverse=True)

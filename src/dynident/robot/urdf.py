@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pinocchio as pin
 
-from dynident.robot.linkage import followers_locked, linked
+from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
 from dynident.robot.stated import Drive, Limits
-from dynident.robot.urdf_xml import TITLE, checked, clamped_joints, mimics, parse, urdf_error
-from dynident.robot.xml_text import Element, write
+from dynident.robot.urdf_xml import TITLE, find_clamped_joints, make_urdf_error, parse_urdf, read_mimics, reduce_urdf
+from dynident.robot.xml_text import Element, write_xml
 
 
 def robot_from_urdf(
@@ -61,35 +61,37 @@ def robot_from_urdf(
         joint), or a setting does not fit.
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
-    root = parse(text, pointer)
+    root = parse_urdf(text, pointer)
     locked_by_user = settings.locked_joints
-    clamped = clamped_joints(root, locked_by_user, pointer)
-    tree, ties = checked(root, pointer, clamped), mimics(root, pointer)
+    clamped = find_clamped_joints(root, locked_by_user, pointer)
+    tree, ties = reduce_urdf(root, pointer, clamped), read_mimics(root, pointer)
     locked = {name: position for name, position in locked_by_user.items() if name not in clamped}
-    settings = replace(settings, locked_joints=followers_locked(ties, locked))
+    settings = replace(settings, locked_joints=lock_followers(ties, locked))
     try:
-        model = pin.buildModelFromXML(write(tree))
+        model = pin.buildModelFromXML(write_xml(tree))
     except (ValueError, RuntimeError) as error:
-        raise urdf_error(f"Pinocchio cannot read the URDF: {error}", None, pointer) from error
-    joints = {element.attributes["name"]: element for element in tree.all("joint")}
+        raise make_urdf_error(f"Pinocchio cannot read the URDF: {error}", None, pointer) from error
+    joints = {element.attributes["name"]: element for element in tree.iter_children("joint")}
     robot = from_pinocchio(
         model,
         name,
         Description("urdf", text),
         settings,
         DescribedJoints(
-            limits={joint: _limits(element) for joint, element in joints.items()},
-            links={joint: _child(element) for joint, element in joints.items()},
+            limits={joint: _read_limits(element) for joint, element in joints.items()},
+            links={joint: _get_child_link(element) for joint, element in joints.items()},
             fixed=tuple(joint for joint, element in joints.items() if element.attributes["type"] == "fixed"),
         ),
         tolerance=rounding_tolerance,
         pointer=pointer,
     )
-    return linked(replace(robot, locked_joints=dict(locked_by_user)), ties, title=TITLE, locked=settings.locked_joints)
+    return link_joints(
+        replace(robot, locked_joints=dict(locked_by_user)), ties, title=TITLE, locked=settings.locked_joints
+    )
 
 
-def _limits(joint: Element) -> Limits:
-    limit = joint.first("limit")
+def _read_limits(joint: Element) -> Limits:
+    limit = joint.find_child("limit")
     if limit is None:
         return Limits()
     lower, upper, velocity, effort = (float(limit.attributes[key]) for key in ("lower", "upper", "velocity", "effort"))
@@ -102,6 +104,6 @@ def _limits(joint: Element) -> Limits:
     )
 
 
-def _child(joint: Element) -> str:
-    child = joint.first("child")
+def _get_child_link(joint: Element) -> str:
+    child = joint.find_child("child")
     return "" if child is None else child.attributes["link"]

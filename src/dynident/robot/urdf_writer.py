@@ -9,8 +9,8 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.linkage import Tie
 from dynident.robot.model import Joint, Robot
-from dynident.robot.pinocchio_model import dynamic_parameters
-from dynident.robot.xml_text import Element, number_text, write
+from dynident.robot.pinocchio_model import to_dynamic_parameters
+from dynident.robot.xml_text import Element, format_numbers, write_xml
 
 _BASE = "base"
 
@@ -42,22 +42,22 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
             title="Not expressible in URDF",
         )
     robot = robot.tree
-    links = link_names(robot)
+    links = name_links(robot)
     root = Element("robot", {"name": robot.name}, 0)
     root.children.append(Element("link", {"name": _BASE}, 0))
     for index, joint in enumerate(robot.joints):
         parent = _BASE if joint.parent < 0 else links[joint.parent]
-        root.children.append(_joint(joint, parent, links[index]))
+        root.children.append(_build_joint(joint, parent, links[index]))
         if joint.name in ties:
-            root.children[-1].children.append(_mimic(joint.name, ties[joint.name]))
+            root.children[-1].children.append(_build_mimic(joint.name, ties[joint.name]))
         link = Element("link", {"name": links[index]}, 0)
         if parameters is not None and np.any(parameters[index]):
-            link.children.append(inertial_element(parameters[index], links[index]))
+            link.children.append(build_inertial(parameters[index], links[index]))
         root.children.append(link)
-    return '<?xml version="1.0"?>\n' + write(root, indent=True)
+    return '<?xml version="1.0"?>\n' + write_xml(root, indent=True)
 
 
-def link_names(robot: Robot) -> list[str]:
+def name_links(robot: Robot) -> list[str]:
     """Return a unique name for the link of every joint: its own where it has one."""
     names: list[str] = []
     for index, joint in enumerate(robot.joints):
@@ -68,29 +68,34 @@ def link_names(robot: Robot) -> list[str]:
     return names
 
 
-def _joint(joint: Joint, parent: str, child: str) -> Element:
+def _build_joint(joint: Joint, parent: str, child: str) -> Element:
     bounded = joint.limits.position is not None
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     element = Element("joint", {"name": joint.name, "type": kind}, 0)
     rotation, translation = joint.placement[:3, :3], joint.placement[:3, 3]
-    limit = {"velocity": number_text(joint.limits.velocity or 0.0), "effort": number_text(joint.limits.effort or 0.0)}
+    limit = {
+        "velocity": format_numbers(joint.limits.velocity or 0.0),
+        "effort": format_numbers(joint.limits.effort or 0.0),
+    }
     if joint.limits.position is not None:
-        limit |= {"lower": number_text(joint.limits.position[0]), "upper": number_text(joint.limits.position[1])}
+        limit |= {"lower": format_numbers(joint.limits.position[0]), "upper": format_numbers(joint.limits.position[1])}
     element.children.extend(
         [
             Element(
-                "origin", {"xyz": number_text(*translation), "rpy": number_text(*pin.rpy.matrixToRpy(rotation))}, 0
+                "origin",
+                {"xyz": format_numbers(*translation), "rpy": format_numbers(*pin.rpy.matrixToRpy(rotation))},
+                0,
             ),
             Element("parent", {"link": parent}, 0),
             Element("child", {"link": child}, 0),
-            Element("axis", {"xyz": number_text(*joint.axis)}, 0),
+            Element("axis", {"xyz": format_numbers(*joint.axis)}, 0),
             Element("limit", limit, 0),
         ]
     )
     return element
 
 
-def _mimic(joint: str, tie: Tie) -> Element:
+def _build_mimic(joint: str, tie: Tie) -> Element:
     if len(tie.ratios) != 1:
         raise DynidentError(
             f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, "
@@ -98,10 +103,12 @@ def _mimic(joint: str, tie: Tie) -> Element:
             title="Not expressible in URDF",
         )
     [(other, ratio)] = tie.ratios.items()
-    return Element("mimic", {"joint": other, "multiplier": number_text(ratio), "offset": number_text(tie.offset)}, 0)
+    return Element(
+        "mimic", {"joint": other, "multiplier": format_numbers(ratio), "offset": format_numbers(tie.offset)}, 0
+    )
 
 
-def inertial_element(inertial: FloatArray, link: str) -> Element:
+def build_inertial(inertial: FloatArray, link: str) -> Element:
     """Return the `<inertial>` of a link with these inertial parameters (10,), to the last digit."""
     if inertial[9] <= 0:
         raise DynidentError(
@@ -110,17 +117,17 @@ def inertial_element(inertial: FloatArray, link: str) -> Element:
             title="Not expressible in URDF",
         )
     # Inertial parameters are about the frame's origin, a URDF states the inertia about the centre of mass.
-    body = pin.Inertia.FromDynamicParameters(dynamic_parameters(inertial))
+    body = pin.Inertia.FromDynamicParameters(to_dynamic_parameters(inertial))
     tensor = {
-        f"i{'xyz'[row]}{'xyz'[column]}": number_text(body.inertia[row, column])
+        f"i{'xyz'[row]}{'xyz'[column]}": format_numbers(body.inertia[row, column])
         for row in range(3)
         for column in range(row, 3)
     }
     element = Element("inertial", {}, 0)
     element.children.extend(
         [
-            Element("origin", {"xyz": number_text(*body.lever), "rpy": "0 0 0"}, 0),
-            Element("mass", {"value": number_text(body.mass)}, 0),
+            Element("origin", {"xyz": format_numbers(*body.lever), "rpy": "0 0 0"}, 0),
+            Element("mass", {"value": format_numbers(body.mass)}, 0),
             Element("inertia", tensor, 0),
         ]
     )

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.robot.linkage import Tie
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 from dynident.robot.xml_text import Element, parse_xml
 
 TITLE = "Unusable URDF"
@@ -20,12 +20,12 @@ _SHORTEST_AXIS = 1e-6
 _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
-def urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
+def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
     """Return an error that names the line."""
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
-def parse(text: str, pointer: str = "") -> Element:
+def parse_urdf(text: str, pointer: str = "") -> Element:
     """Return the root element `<robot>` of a URDF text.
 
     Raises
@@ -35,17 +35,19 @@ def parse(text: str, pointer: str = "") -> Element:
         elements, or more deeply nested ones, than any robot needs.
     """
     if not text.strip():
-        raise urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
+        raise make_urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
     root = parse_xml(text, "A URDF", pointer, TITLE)
     if root.tag != "robot":
-        raise urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
+        raise make_urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:
-        raise urdf_error(f"<{xacro.tag}> is xacro; expand the file first (xacro robot.xacro).", xacro.line, pointer)
+        raise make_urdf_error(
+            f"<{xacro.tag}> is xacro; expand the file first (xacro robot.xacro).", xacro.line, pointer
+        )
     return root
 
 
-def clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
+def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
     """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
 
     Raises
@@ -54,17 +56,17 @@ def clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = ""
         If one is locked elsewhere than at its origin: one number cannot say where.
     """
     clamped = set()
-    for joint in root.all("joint"):
+    for joint in root.iter_children("joint"):
         name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
         if kind in _OF_MORE_FREEDOMS and name in locked:
             if locked[name] != 0.0:
                 detail = f"Joint '{name}' is {kind} and locked at {locked[name]:g}; only its origin (0) can be."
-                raise urdf_error(detail, joint.line, pointer)
+                raise make_urdf_error(detail, joint.line, pointer)
             clamped.add(name)
     return frozenset(clamped)
 
 
-def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
+def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
     """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
 
     Dropping visual elements and vendor extensions also keeps the URDF parser below from complaining on the console. A
@@ -81,12 +83,12 @@ def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> 
     """
 
     def fail(detail: str, line: int) -> DynidentError:
-        return urdf_error(detail, line, pointer)
+        return make_urdf_error(detail, line, pointer)
 
-    links = dict(_named(root, "link", fail))
+    links = dict(_iter_named(root, "link", fail))
     joints = {
         name: replace(joint, attributes={**joint.attributes, "type": "fixed"}) if name in clamped else joint
-        for name, joint in _named(root, "joint", fail)
+        for name, joint in _iter_named(root, "joint", fail)
     }
     if not links:
         raise fail("The robot has no <link>.", root.line)
@@ -98,20 +100,20 @@ def checked(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> 
     if all(joint.attributes["type"] == "fixed" for joint in joints.values()):
         raise fail("The robot has no moving joint; expected a revolute, continuous or prismatic one.", root.line)
     robot = Element("robot", {"name": root.attributes.get("name", "") or "robot"}, root.line)
-    robot.children.extend(_reduced_link(name, link, fail) for name, link in links.items())
-    robot.children.extend(_reduced_joint(name, joint, fail) for name, joint in joints.items())
+    robot.children.extend(_reduce_link(name, link, fail) for name, link in links.items())
+    robot.children.extend(_reduce_joint(name, joint, fail) for name, joint in joints.items())
     return robot
 
 
-def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
+def read_mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
     """Return the ties of the mimic joints of a `<robot>`, by name: multiplier (1 by default) and offset (0)."""
 
     def fail(detail: str, line: int) -> DynidentError:
-        return urdf_error(detail, line, pointer)
+        return make_urdf_error(detail, line, pointer)
 
     ties = {}
-    for joint in root.all("joint"):
-        mimic = joint.first("mimic")
+    for joint in root.iter_children("joint"):
+        mimic = joint.find_child("mimic")
         if mimic is None or joint.attributes.get("type") == "fixed":
             continue
         owner = f"joint '{joint.attributes.get('name', '')}'"
@@ -119,7 +121,7 @@ def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
         if not other:
             raise fail(f'The <mimic> of {owner} names no joint; expected <mimic joint="…"/>.', mimic.line)
         ratio, offset = (
-            _number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
+            _parse_number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
             for attribute, usual in (("multiplier", 1.0), ("offset", 0.0))
         )
         ties[joint.attributes.get("name", "")] = Tie({other: ratio}, offset, pointer, mimic.line)
@@ -129,9 +131,9 @@ def mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
 _Fail = Callable[[str, int], DynidentError]
 
 
-def _named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:
+def _iter_named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:
     first_line: dict[str, int] = {}
-    for element in root.all(tag):
+    for element in root.iter_children(tag):
         name = element.attributes.get("name", "")
         if not name:
             raise fail(f"A <{tag}> has no name.", element.line)
@@ -155,13 +157,13 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
             joint.line,
         )
     if kind not in MOVING:
-        raise fail(f"Joint '{name}' has the type '{kind}'; expected {listed((*MOVING, 'fixed'))}.", joint.line)
+        raise fail(f"Joint '{name}' has the type '{kind}'; expected {join_names((*MOVING, 'fixed'))}.", joint.line)
 
 
 def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fail) -> None:
     parent_of: dict[str, tuple[str, str]] = {}
     for name, joint in joints.items():
-        parent, child = (_linked(name, joint, end, links, fail) for end in ("parent", "child"))
+        parent, child = (_get_linked(name, joint, end, links, fail) for end in ("parent", "child"))
         if child in parent_of:
             raise fail(
                 f"Link '{child}' is the child of two joints, '{parent_of[child][1]}' and '{name}'; closed loops are "
@@ -175,7 +177,7 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
         raise fail("Every link is the child of a joint: the joints form a loop without a base.", first.line)
     if len(roots) > 1:
         raise fail(
-            f"{len(roots)} links have no parent ({listed(roots)}); a robot has one base. Connect them by joints.",
+            f"{len(roots)} links have no parent ({join_names(roots)}); a robot has one base. Connect them by joints.",
             links[roots[1]].line,
         )
     # One root is no proof of a tree: joints that form a circle have no root. Walk from every link to the base.
@@ -188,60 +190,60 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
             parent = parent_of[parent][0]
 
 
-def _linked(name: str, joint: Element, end: str, links: dict[str, Element], fail: _Fail) -> str:
-    element = joint.first(end)
+def _get_linked(name: str, joint: Element, end: str, links: dict[str, Element], fail: _Fail) -> str:
+    element = joint.find_child(end)
     link = element.attributes.get("link", "") if element is not None else ""
     line = (element or joint).line
     if not link:
         raise fail(f"Joint '{name}' names no {end} link; expected <{end} link=\"…\"/>.", line)
     if link not in links:
-        raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {listed(links)}.", line)
+        raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {join_names(links)}.", line)
     return link
 
 
-def _reduced_link(name: str, link: Element, fail: _Fail) -> Element:
+def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
     reduced = Element("link", {"name": name}, link.line)
-    inertial = link.first("inertial")
+    inertial = link.find_child("inertial")
     if inertial is None:
         return reduced
     owner = f"link '{name}'"
-    mass, inertia = inertial.first("mass"), inertial.first("inertia")
+    mass, inertia = inertial.find_child("mass"), inertial.find_child("inertia")
     if mass is None or inertia is None:
         missing = "<mass>" if mass is None else "<inertia>"
         raise fail(f"The <inertial> of {owner} has no {missing}.", inertial.line)
     for element, names in ((mass, ("value",)), (inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
         for attribute in names:
-            _number(element, attribute, owner, fail)
-    if _number(mass, "value", owner, fail) < 0:
+            _parse_number(element, attribute, owner, fail)
+    if _parse_number(mass, "value", owner, fail) < 0:
         raise fail(f"The mass of {owner} is negative.", mass.line)
     reduced_inertial = Element("inertial", {}, inertial.line)
-    reduced_inertial.children.extend([*_origin(inertial, owner, fail), mass, inertia])
+    reduced_inertial.children.extend([*_check_origin(inertial, owner, fail), mass, inertia])
     reduced.children.append(reduced_inertial)
     return reduced
 
 
-def _reduced_joint(name: str, joint: Element, fail: _Fail) -> Element:
+def _reduce_joint(name: str, joint: Element, fail: _Fail) -> Element:
     owner, kind = f"joint '{name}'", joint.attributes["type"]
     reduced = Element("joint", {"name": name, "type": kind}, joint.line)
-    reduced.children.extend(_origin(joint, owner, fail))
+    reduced.children.extend(_check_origin(joint, owner, fail))
     reduced.children.extend(child for child in joint.children if child.tag in ("parent", "child"))
     if kind == "fixed":
         return reduced
-    axis = joint.first("axis")
+    axis = joint.find_child("axis")
     if axis is not None:
-        length = math.hypot(*_numbers(axis, "xyz", owner, fail))
+        length = math.hypot(*_parse_numbers(axis, "xyz", owner, fail))
         if not _SHORTEST_AXIS < length < 1.0 / _SHORTEST_AXIS:
             detail = f"The axis of {owner} has no direction (xyz is {length:.3g} long; write a unit vector)."
             raise fail(detail, axis.line)
         reduced.children.append(axis)
-    reduced.children.append(_limit(joint, owner, fail))
+    reduced.children.append(_reduce_limit(joint, owner, fail))
     return reduced
 
 
-def _limit(joint: Element, owner: str, fail: _Fail) -> Element:
-    element = joint.first("limit") or Element("limit", {}, joint.line)
+def _reduce_limit(joint: Element, owner: str, fail: _Fail) -> Element:
+    element = joint.find_child("limit") or Element("limit", {}, joint.line)
     values = {
-        attribute: _number(element, attribute, owner, fail) if attribute in element.attributes else 0.0
+        attribute: _parse_number(element, attribute, owner, fail) if attribute in element.attributes else 0.0
         for attribute in ("lower", "upper", "velocity", "effort")
     }
     if values["lower"] > values["upper"]:
@@ -253,21 +255,21 @@ def _limit(joint: Element, owner: str, fail: _Fail) -> Element:
     return Element("limit", {name: repr(value) for name, value in bounds.items()}, element.line)
 
 
-def _origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
-    origin = parent.first("origin")
+def _check_origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
+    origin = parent.find_child("origin")
     if origin is None:
         return []
     for attribute, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
         if attribute in origin.attributes:
-            _numbers(origin, attribute, owner, fail, count)
+            _parse_numbers(origin, attribute, owner, fail, count)
     return [origin]
 
 
-def _number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
-    return _numbers(element, attribute, owner, fail, 1)[0]
+def _parse_number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
+    return _parse_numbers(element, attribute, owner, fail, 1)[0]
 
 
-def _numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
+def _parse_numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
     written = element.attributes.get(attribute)
     expected = "a number" if count == 1 else f"{count} numbers"
     if written is None:

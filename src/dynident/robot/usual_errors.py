@@ -13,14 +13,14 @@ from dynident.arrays import FloatArray
 from dynident.robot.model import Robot
 
 # Usual relative error of a description.
-USUAL_SHARE = 0.2
+DEFAULT_RELATIVE_ERROR = 0.2
 # A link without mass in the description: relative error, assumed mass (kg); and the size of any link at least (m).
 _SHARE_WITHOUT, _MASS, _SIZE = 1.0, 3.0, 0.15
 # Rotor inertia for an effort limit of 1 N m, and where there is no limit (kg m²).
 _ROTOR, _ROTOR_WHERE_UNKNOWN = 0.02, 1.0
 
 
-def usual_errors(robot: Robot, share: float = USUAL_SHARE) -> FloatArray:
+def estimate_inertia_errors(robot: Robot, share: float = DEFAULT_RELATIVE_ERROR) -> FloatArray:
     """Return standard deviations of the description's standard inertial parameters.
 
     With the mass m of a link and l = 0.15 m + the distance of its centre of mass from the origin of the joint's frame,
@@ -48,7 +48,7 @@ def usual_errors(robot: Robot, share: float = USUAL_SHARE) -> FloatArray:
     return deviations
 
 
-def usual_rotor_inertias(robot: Robot) -> FloatArray:
+def estimate_rotor_inertias(robot: Robot) -> FloatArray:
     """Return a plausible size (n,) of rotor inertias, seen at the joint, in kg m² or kg; no description has them."""
     limits = [joint.limits.effort for joint in robot.joints]
     return np.array([_ROTOR * limit if limit else _ROTOR_WHERE_UNKNOWN for limit in limits])

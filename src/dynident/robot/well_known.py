@@ -8,7 +8,7 @@ from importlib.resources import files
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 _FOLDER = files("dynident.robot") / "library"
 
@@ -33,7 +33,7 @@ def library_table(name: str) -> str:
         If there is no arm of that name; the message lists those there are.
     """
     if name not in library_names():
-        raise DynidentError(f"There is no arm '{name}'; known: {listed(library_names())}.", title="Unknown robot")
+        raise DynidentError(f"There is no arm '{name}'; known: {join_names(library_names())}.", title="Unknown robot")
     return (_FOLDER / f"{name}.json").read_text(encoding="utf-8")
 
 

@@ -26,13 +26,13 @@ class Element:
     line: int
     children: list[Element] = field(default_factory=list)
 
-    def all(self, tag: str) -> Iterator[Element]:
+    def iter_children(self, tag: str) -> Iterator[Element]:
         """Return the children with this tag."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> Element | None:
+    def find_child(self, tag: str) -> Element | None:
         """Return the first child with this tag; None if there is none."""
-        return next(self.all(tag), None)
+        return next(self.iter_children(tag), None)
 
 
 def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
@@ -95,7 +95,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     return document.children[0]
 
 
-def root_element(text: str) -> Element | None:
+def read_root(text: str) -> Element | None:
     """Return the root element without its children; None if the text does not begin as XML."""
     root: list[Element] = []
 
@@ -117,22 +117,22 @@ def root_element(text: str) -> Element | None:
     return root[0] if root else None
 
 
-def write(element: Element, indent: bool = False, depth: int = 0) -> str:
+def write_xml(element: Element, indent: bool = False, depth: int = 0) -> str:
     """Return the XML text of an element, on one line or indented for people."""
     margin, end = ("  " * depth, "\n") if indent else ("", "")
-    attributes = _attributes(element)
+    attributes = _write_attributes(element)
     if not element.children:
         return f"{margin}<{element.tag}{attributes}/>{end}"
-    inside = "".join(write(child, indent, depth + 1) for child in element.children)
+    inside = "".join(write_xml(child, indent, depth + 1) for child in element.children)
     return f"{margin}<{element.tag}{attributes}>{end}{inside}{margin}</{element.tag}>{end}"
 
 
-def number_text(*values: float) -> str:
+def format_numbers(*values: float) -> str:
     """Return numbers as the text of an attribute, to the last digit."""
     return " ".join(repr(float(value)) for value in values)
 
 
-def write_in_place(root: Element) -> str:
+def write_with_line_numbers(root: Element) -> str:
     """Return XML text in which every element starts on the line that it was read from.
 
     The line numbers in messages of other programs, such as MuJoCo, are then those of the user's text.
@@ -144,7 +144,7 @@ def write_in_place(root: Element) -> str:
         nonlocal line
         parts.append("\n" * max(element.line - line, 0))
         line = max(element.line, line)
-        parts.append(f"<{element.tag}{_attributes(element)}>")
+        parts.append(f"<{element.tag}{_write_attributes(element)}>")
         for child in element.children:
             put(child)
         parts.append(f"</{element.tag}>")
@@ -153,7 +153,7 @@ def write_in_place(root: Element) -> str:
     return "".join(parts)
 
 
-def _attributes(element: Element) -> str:
+def _write_attributes(element: Element) -> str:
     # Imported here, because it loads the network modules of the standard library and most callers only read.
     from xml.sax.saxutils import quoteattr
 

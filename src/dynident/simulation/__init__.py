@@ -4,55 +4,66 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.simulation.control import Controller
-    from dynident.simulation.measurement import Measurement, Truth, joined, measurement_table, write_measurement
-    from dynident.simulation.reference import Reference, warmed
+    from dynident.simulation.measurement import (
+        SimulatedRecording,
+        Truth,
+        build_recording_table,
+        join_runs,
+        write_simulated_recording,
+    )
+    from dynident.simulation.reference import Reference, add_warming
     from dynident.simulation.request import (
         SimulationRequest,
         StandardParameters,
-        check_runs_named,
+        build_standard_parameters,
+        check_run_labels,
         simulate,
-        standard_parameters,
     )
-    from dynident.simulation.resolved import beside, check_acting, simulation_of, true_effects
+    from dynident.simulation.resolved import (
+        build_simulation_request,
+        check_acting_effects,
+        replace_usual_effects,
+        resolve_true_effects,
+    )
     from dynident.simulation.stated import ActingEffect, Sensors, Session, Simulated, Warming
-    from dynident.simulation.truth import TrueEffect, on_each_joint
-    from dynident.simulation.typical import typical_drive, typical_effect
+    from dynident.simulation.truth import TrueEffect, spread_over_joints
+    from dynident.simulation.typical import build_typical_effect, list_drive_effects
     from dynident.simulation.virtual_robot import VirtualRobot
 
 __all__ = [
     "ActingEffect",
     "Controller",
-    "Measurement",
     "Reference",
     "Sensors",
     "Session",
     "Simulated",
+    "SimulatedRecording",
     "SimulationRequest",
     "StandardParameters",
     "TrueEffect",
     "Truth",
     "VirtualRobot",
     "Warming",
-    "beside",
-    "check_acting",
-    "check_runs_named",
-    "joined",
-    "measurement_table",
-    "on_each_joint",
+    "add_warming",
+    "build_recording_table",
+    "build_simulation_request",
+    "build_standard_parameters",
+    "build_typical_effect",
+    "check_acting_effects",
+    "check_run_labels",
+    "join_runs",
+    "list_drive_effects",
+    "replace_usual_effects",
+    "resolve_true_effects",
     "simulate",
-    "simulation_of",
-    "standard_parameters",
-    "true_effects",
-    "typical_drive",
-    "typical_effect",
-    "warmed",
-    "write_measurement",
+    "spread_over_joints",
+    "write_simulated_recording",
 ]
 
 if not TYPE_CHECKING:
     # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -49,14 +49,14 @@ class Gains:
     damping: FloatArray
 
 
-def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
+def compute_joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
     """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it."""
     sampled_times = times[:: max(1, len(times) // _STATES)]
-    q, dq, _ = path.at(sampled_times)
+    q, dq, _ = path.evaluate(sampled_times)
     states = len(sampled_times)
     inertia = dynamics.mass_diagonal(q).mean(axis=0)
     load = dynamics.rigid(q, np.zeros_like(q), np.zeros_like(q))
-    heat = path.temperature_at(sampled_times)
+    heat = path.evaluate_temperature(sampled_times)
     # Hysteresis fully tensioned and every effect present: the largest resistance that the controller may meet.
     memory = np.ones((states, len(dynamics.signals.memory_signals)))
     still = np.zeros_like(q)
@@ -70,9 +70,11 @@ def joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath,
     return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)
 
 
-def feed_forward_torque(controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray) -> FloatArray:
+def compute_feed_forward_torque(
+    controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray
+) -> FloatArray:
     """Return the feed-forward torque (k, n) at times t (k,)."""
-    q, dq, ddq = path.at(t)
+    q, dq, ddq = path.evaluate(t)
     if controller.feed_forward == "none":
         return np.zeros_like(q)
     if controller.feed_forward == "gravity":

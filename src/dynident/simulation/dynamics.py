@@ -12,7 +12,7 @@ from dynident.effects import ReferenceParameters, RunSignal
 from dynident.expressions import Program
 from dynident.robot.model import Robot
 from dynident.simulation.signals import SimulatedSignals, Sliding
-from dynident.simulation.truth import TrueColumns, TrueEffect, true_columns, true_reference
+from dynident.simulation.truth import TrueColumns, TrueEffect, build_reference, build_true_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +90,11 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     Dynamics
     """
     signals = SimulatedSignals(robot)
-    truth = true_columns(effects, signals)
-    parts, sliding = _expressions(signals, truth, inertias, true_reference(robot, effects, inertias))
-    runs = signals.runs_in(parts.rest)
+    truth = build_true_columns(effects, signals)
+    parts, sliding = _build_expressions(signals, truth, inertias, build_reference(robot, effects, inertias))
+    runs = signals.find_run_signals(parts.rest)
     links = ca.mtimes(parts.mass, signals.ddq) + parts.bias
-    others = _as_it_slides(parts.rest, sliding) + parts.position_torque
+    others = _substitute_sliding_signs(parts.rest, sliding) + parts.position_torque
     # What turns with acceleration does so whatever the velocity, load and history.
     irrelevant = [
         signals.load,
@@ -102,8 +102,8 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
         signals.dq,
         signals.time,
         signals.temperature,
-        run_symbols(signals, runs),
-        directions(sliding),
+        stack_run_symbols(signals, runs),
+        stack_directions(sliding),
     ]
     zeros = [ca.SX.zeros(item.numel(), 1) for item in irrelevant]
     inertia = ca.substitute([parts.mass + parts.rest_mass], irrelevant, zeros)[0]
@@ -115,26 +115,28 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
         parts=parts,
         rigid=Program([signals.q, signals.dq, signals.ddq], ca.densify(links)),
         mass_diagonal=Program([signals.q], ca.densify(ca.diag(inertia))),
-        rest=Program(rest_inputs(signals, runs), ca.densify(others)),
+        rest=Program(list_rest_inputs(signals, runs), ca.densify(others)),
     )
 
 
-def directions(sliding: Sequence[Sliding]) -> ca.SX:
+def stack_directions(sliding: Sequence[Sliding]) -> ca.SX:
     """Return the symbols of the directions of friction, SX (number of sliding velocities, 1)."""
     return ca.vertcat(*(relative.direction for relative in sliding))
 
 
-def _as_it_slides(torque: ca.SX, sliding: Sequence[Sliding]) -> ca.SX:
+def _substitute_sliding_signs(torque: ca.SX, sliding: Sequence[Sliding]) -> ca.SX:
     """Return the torque with every direction of friction set to the sign of its velocity."""
-    return ca.substitute(torque, directions(sliding), ca.vertcat(*(ca.sign(relative.velocity) for relative in sliding)))
+    return ca.substitute(
+        torque, stack_directions(sliding), ca.vertcat(*(ca.sign(relative.velocity) for relative in sliding))
+    )
 
 
-def run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
+def stack_run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> ca.SX:
     """Return the run signals, SX (number of runs, 1)."""
     return ca.vertcat(*(signals.in_runs(run) for run in runs)) if runs else ca.SX(0, 1)
 
 
-def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
+def list_rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
     """Return the inputs of all effects other than the links, besides the directions of friction."""
     return [
         signals.q,
@@ -144,11 +146,11 @@ def rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca
         signals.memory_symbols,
         signals.time,
         signals.temperature,
-        run_symbols(signals, runs),
+        stack_run_symbols(signals, runs),
     ]
 
 
-def _expressions(
+def _build_expressions(
     signals: SimulatedSignals, truth: TrueColumns, inertias: FloatArray, reference: ReferenceParameters
 ) -> tuple[Expressions, tuple[Sliding, ...]]:
     """Sort the torque by its cause: the mass matrix, the position, or the velocity and memory."""
@@ -158,7 +160,7 @@ def _expressions(
     kinetic, _ = signals.mechanics.energies
     position_torque, rest = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
     for column, value in zip(truth.columns, truth.parameters, strict=True):
-        if not signals.moves(column.torque):
+        if not signals.is_part_of_motion(column.torque):
             continue
         torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference.vector))) * float(value)
         # Torque of the position alone is known at the beginning of a step; only the rest has to be iterated.
@@ -166,7 +168,7 @@ def _expressions(
             position_torque += torque
         else:
             rest += torque
-    sliding = signals.sliding_in(rest)
+    sliding = signals.list_sliding(rest)
     parts = Expressions(
         # From the kinetic energy: 2.6 times fewer operations than the derivative of the rows by the acceleration.
         mass=ca.hessian(ca.mtimes(kinetic, standard), signals.dq)[0],
@@ -175,6 +177,6 @@ def _expressions(
         rest=rest,
         rest_mass=ca.jacobian(rest, signals.ddq),
         rest_slope=ca.jacobian(rest, signals.dq),
-        dry=ca.jacobian(rest, directions(sliding)),
+        dry=ca.jacobian(rest, stack_directions(sliding)),
     )
     return parts, sliding

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import csv_of, named_columns
+from dynident.recordings.arrow import table_from_arrays, to_csv
 from dynident.robot.model import Robot
 
 
@@ -31,7 +31,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class SimulatedRecording:
     """A virtual robot's recording.
 
     Parameters
@@ -74,7 +74,7 @@ class Measurement:
         return len(self.t)
 
 
-def joined(runs: Sequence[Measurement]) -> Measurement:
+def join_runs(runs: Sequence[SimulatedRecording]) -> SimulatedRecording:
     """Concatenate runs of one robot into one recording with a segment for each.
 
     Parameters
@@ -93,25 +93,27 @@ def joined(runs: Sequence[Measurement]) -> Measurement:
         t=np.concatenate([run.t for run in runs]),
         q=np.concatenate([run.q for run in runs]),
         tau=np.concatenate([run.tau for run in runs]),
-        current=_stacked([run.current for run in runs]),
-        temperature=_stacked([run.temperature for run in runs]),
-        truth=Truth(*(np.concatenate(series) for series in zip(*(_parts(run.truth) for run in runs), strict=True))),
+        current=_stack_parts([run.current for run in runs]),
+        temperature=_stack_parts([run.temperature for run in runs]),
+        truth=Truth(
+            *(np.concatenate(series) for series in zip(*(_split_truth(run.truth) for run in runs), strict=True))
+        ),
         noise=np.max([run.noise for run in runs], axis=0),
         tracking_error=np.max([run.tracking_error for run in runs], axis=0),
         segment=np.repeat(np.arange(1, len(runs) + 1), [run.n_samples for run in runs]),
     )
 
 
-def _parts(truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _split_truth(truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     return truth.q, truth.dq, truth.ddq, truth.tau
 
 
-def _stacked(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+def _stack_parts(parts: Sequence[FloatArray | None]) -> FloatArray | None:
     present = [part for part in parts if part is not None]
     return np.concatenate(present) if present else None
 
 
-def measurement_table(measurement: Measurement) -> pa.Table:
+def build_recording_table(measurement: SimulatedRecording) -> pa.Table:
     """Return the columns of a recording's file.
 
     Parameters
@@ -133,10 +135,12 @@ def measurement_table(measurement: Measurement) -> pa.Table:
         columns |= {f"{name}{j + 1}": values[:, j] for j in range(values.shape[1])}
     if measurement.segment is not None:
         columns["segment"] = measurement.segment
-    return named_columns(columns)
+    return table_from_arrays(columns)
 
 
-def write_measurement(measurement: Measurement, path: Path, file_format: Literal["csv", "parquet"] = "parquet") -> Path:
+def write_simulated_recording(
+    measurement: SimulatedRecording, path: Path, file_format: Literal["csv", "parquet"] = "parquet"
+) -> Path:
     """Write a file that `dynident.recordings.import_recording` reads.
 
     Parameters
@@ -150,9 +154,9 @@ def write_measurement(measurement: Measurement, path: Path, file_format: Literal
     Path
         `path`.
     """
-    table = measurement_table(measurement)
+    table = build_recording_table(measurement)
     if file_format == "csv":
-        path.write_bytes(csv_of(table))
+        path.write_bytes(to_csv(table))
     else:
         pq.write_table(table, path)
     return path

@@ -41,7 +41,7 @@ class Reference:
         return float(self.t[-1] - self.t[0])
 
 
-def warmed(reference: Reference, warming: Warming) -> Reference:
+def add_warming(reference: Reference, warming: Warming) -> Reference:
     """Return the same trajectory, along which all joints warm up.
 
     Parameters
@@ -66,7 +66,7 @@ def warmed(reference: Reference, warming: Warming) -> Reference:
             title=_TITLE,
         )
     n = reference.q.shape[1]
-    return replace(reference, temperature=np.repeat(warming.at(reference.t)[:, None], n, axis=1))
+    return replace(reference, temperature=np.repeat(warming.compute_temperature(reference.t)[:, None], n, axis=1))
 
 
 class ReferencePath:
@@ -79,12 +79,12 @@ class ReferencePath:
         self._q = CubicHermiteSpline(reference.t, reference.q, reference.dq)
         self._dq = CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
 
-    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluate(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration, each (k, n), at times t (k,)."""
         inside = np.clip(t, self._reference.t[0], self._reference.t[-1])
         return self._q(inside), self._dq(inside), self._dq(inside, 1)
 
-    def temperature_at(self, t: FloatArray) -> FloatArray:
+    def evaluate_temperature(self, t: FloatArray) -> FloatArray:
         """Return the temperature (k, n) at times t (k,); zeros where none is prescribed."""
         prescribed = self._reference.temperature
         n = self._reference.q.shape[1]

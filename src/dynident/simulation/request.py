@@ -11,16 +11,16 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.asking import check_ranges
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.effects.prediction import COULOMB, ROTOR_INERTIA, VISCOUS
 from dynident.errors import DynidentError
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.simulation.control import Controller
-from dynident.simulation.measurement import Measurement, joined
-from dynident.simulation.reference import Reference, warmed
+from dynident.simulation.measurement import SimulatedRecording, join_runs
+from dynident.simulation.reference import Reference, add_warming
 from dynident.simulation.stated import Sensors, Session, Warming
-from dynident.simulation.truth import TrueEffect, true_inertias
+from dynident.simulation.truth import TrueEffect, select_inertias
 from dynident.simulation.virtual_robot import VirtualRobot
 
 _TITLE = "Unusable simulation"
@@ -62,7 +62,7 @@ class StandardParameters:
     effects: tuple[TrueEffect, ...]
 
 
-def simulate(robot: Robot, request: SimulationRequest, progress: Progress = silent) -> Measurement:
+def simulate(robot: Robot, request: SimulationRequest, progress: Progress = ignore_progress) -> SimulatedRecording:
     """Build the virtual robot of a request and measure it.
 
     Parameters
@@ -80,39 +80,39 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = sile
     DynidentError
         Where the request does not fit the robot, or the robot cannot follow the trajectory.
     """
-    _check(request)
+    _check_effect_runs(request)
     progress(0.0, "building the equation of motion")
     virtual = VirtualRobot(robot, request.effects, inertias=request.inertias, controller=request.controller)
     recordings = []
     for k in range(request.runs):
-        share = part(progress, 0.05 + 0.95 * k / request.runs, 0.05 + 0.95 * (k + 1) / request.runs)
-        reference, seed = _reference_of_run(request, k), _seed_of_run(request.seed, k)
+        share = scale_progress(progress, 0.05 + 0.95 * k / request.runs, 0.05 + 0.95 * (k + 1) / request.runs)
+        reference, seed = _shift_reference(request, k), _derive_seed(request.seed, k)
         recordings.append(virtual.measure(reference, request.sensors, run=str(k + 1), seed=seed, progress=share))
-    return joined(recordings)
+    return join_runs(recordings)
 
 
-def _reference_of_run(request: SimulationRequest, k: int) -> Reference:
+def _shift_reference(request: SimulationRequest, k: int) -> Reference:
     # The session's time goes on between runs, so that effects of time and temperature do.
     later = k * (request.reference.duration + request.pause)
     reference = replace(request.reference, t=request.reference.t + later)
-    heated = any(effect_by_id(effect.effect).needs_temperature for effect in request.effects)
+    heated = any(get_effect(effect.effect).needs_temperature for effect in request.effects)
     if reference.temperature is None and (heated or request.warming is not None):
-        return warmed(reference, request.warming or Warming())
+        return add_warming(reference, request.warming or Warming())
     return reference
 
 
-def _seed_of_run(seed: int, k: int) -> int:
+def _derive_seed(seed: int, k: int) -> int:
     """Return the seed of the k-th run; the first run has that of the session, as a single run would."""
     return seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
 
 
-def _check(request: SimulationRequest) -> None:
+def _check_effect_runs(request: SimulationRequest) -> None:
     check_ranges(request)
     for index, effect in enumerate(request.effects):
-        check_runs_named(effect.effect, effect.runs, request.runs, f"/effects/{index}/runs")
+        check_run_labels(effect.effect, effect.runs, request.runs, f"/effects/{index}/runs")
 
 
-def check_runs_named(effect: str, named: Sequence[str], runs: int, pointer: str) -> None:
+def check_run_labels(effect: str, named: Sequence[str], runs: int, pointer: str) -> None:
     """Raise `DynidentError` where an effect names a run that does not exist.
 
     Parameters
@@ -133,7 +133,7 @@ def check_runs_named(effect: str, named: Sequence[str], runs: int, pointer: str)
         )
 
 
-def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardParameters:
+def build_standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardParameters:
     """Return standard parameters of [12.1], given by name, in place of those of the description.
 
     Parameters
@@ -151,11 +151,11 @@ def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardPa
     DynidentError
         For a name that is no standard parameter of this robot, or a value that is not finite.
     """
-    inertias = true_inertias(robot, None).copy()
+    inertias = select_inertias(robot, None).copy()
     effects = []
     for name, value in values.items():
         pointer = f"/parameters/{name}"
-        kind, joint = _split(robot, name, pointer)
+        kind, joint = _split_name(robot, name, pointer)
         if not math.isfinite(value):
             raise DynidentError(f"{name} is {value}; expected a finite number", pointer=pointer)
         if kind in _FRICTION:
@@ -165,7 +165,7 @@ def standard_parameters(robot: Robot, values: Mapping[str, float]) -> StandardPa
     return StandardParameters(inertias, tuple(effects))
 
 
-def _split(robot: Robot, name: str, pointer: str) -> tuple[str, int]:
+def _split_name(robot: Robot, name: str, pointer: str) -> tuple[str, int]:
     """Split a name such as "ZZ2" into parameter and joint index."""
     matched = _NUMBERED.match(name)
     if matched:

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
-from dynident.effects import LINKS, EffectChoice, effect_by_id
-from dynident.effects.catalogue import joints_of
+from dynident.effects import LINKS, EffectChoice, get_effect
+from dynident.effects.catalogue import find_joints
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 from dynident.simulation.control import Controller
 from dynident.simulation.reference import Reference
-from dynident.simulation.request import SimulationRequest, check_runs_named, standard_parameters
+from dynident.simulation.request import SimulationRequest, build_standard_parameters, check_run_labels
 from dynident.simulation.stated import ActingEffect, Session, Simulated
 from dynident.simulation.truth import TrueEffect
-from dynident.simulation.typical import typical_drive, typical_effect
+from dynident.simulation.typical import build_typical_effect, list_drive_effects
 
 
-def simulation_of(requested: Simulated, robot: Robot, reference: Reference, rate: float) -> SimulationRequest:
+def build_simulation_request(
+    requested: Simulated, robot: Robot, reference: Reference, rate: float
+) -> SimulationRequest:
     """Return the simulation of a robot along a trajectory.
 
     Parameters
@@ -37,11 +39,11 @@ def simulation_of(requested: Simulated, robot: Robot, reference: Reference, rate
     DynidentError
         Where the request does not fit the robot.
     """
-    acting = true_effects(requested.effects, robot)
-    named = standard_parameters(robot, requested.parameters) if requested.parameters else None
+    acting = resolve_true_effects(requested.effects, robot)
+    named = build_standard_parameters(robot, requested.parameters) if requested.parameters else None
     return SimulationRequest(
         reference=reference,
-        effects=acting if named is None else beside(acting, named.effects),
+        effects=acting if named is None else replace_usual_effects(acting, named.effects),
         inertias=None if named is None else named.inertias,
         sensors=replace(requested.noise, sampling_rate=requested.sampling_rate or rate),
         controller=Controller(requested.feed_forward),
@@ -49,7 +51,7 @@ def simulation_of(requested: Simulated, robot: Robot, reference: Reference, rate
     )
 
 
-def check_acting(requested: Simulated, robot: Robot) -> None:
+def check_acting_effects(requested: Simulated, robot: Robot) -> None:
     """Raise `DynidentError` where the requested effects do not fit the robot or the runs.
 
     Parameters
@@ -57,12 +59,12 @@ def check_acting(requested: Simulated, robot: Robot) -> None:
     requested : Simulated
     robot : Robot
     """
-    true_effects(requested.effects, robot)
+    resolve_true_effects(requested.effects, robot)
     for index, acting in enumerate(requested.effects):
-        check_runs_named(acting.effect, acting.runs, requested.runs, f"/effects/{index}/runs")
+        check_run_labels(acting.effect, acting.runs, requested.runs, f"/effects/{index}/runs")
 
 
-def true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -> tuple[TrueEffect, ...]:
+def resolve_true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -> tuple[TrueEffect, ...]:
     """Return the requested effects with their sizes, joint by joint.
 
     The links need not be named; they are always present.
@@ -87,14 +89,14 @@ def true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -> tuple[
             continue
         pointer = f"/effects/{index}"
         try:
-            effects += [_true_effect(acting, robot, joint) for joint in _joints(acting, robot)]
+            effects += [_resolve_true_effect(acting, robot, joint) for joint in _list_joints(acting, robot)]
         except DynidentError as error:
             error.pointer = f"{pointer}{error.pointer}"
             raise
     return tuple(effects)
 
 
-def beside(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[TrueEffect, ...]:
+def replace_usual_effects(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[TrueEffect, ...]:
     """Return the stated effects, followed by those usual ones that none of them replaces.
 
     Parameters
@@ -109,23 +111,23 @@ def beside(usual: Sequence[TrueEffect], stated: Sequence[TrueEffect]) -> tuple[T
     return (*stated, *(effect for effect in usual if (effect.effect, effect.joint) not in occupied))
 
 
-def _joints(acting: ActingEffect, robot: Robot) -> Iterator[str]:
-    indices = joints_of(EffectChoice(acting.effect, acting.joints), robot)
-    if effect_by_id(acting.effect).scope == "robot":
+def _list_joints(acting: ActingEffect, robot: Robot) -> Iterator[str]:
+    indices = find_joints(EffectChoice(acting.effect, acting.joints), robot)
+    if get_effect(acting.effect).scope == "robot":
         yield ""
         return
     for index in indices:
         yield robot.tree.joint_names[index]
 
 
-def _true_effect(acting: ActingEffect, robot: Robot, joint: str) -> TrueEffect:
+def _resolve_true_effect(acting: ActingEffect, robot: Robot, joint: str) -> TrueEffect:
     """Return one effect on one joint, of its requested or its typical size."""
     shape = tuple(sorted(acting.shape_parameters.items()))
     if acting.parameters:
         return TrueEffect(acting.effect, joint, tuple(sorted(acting.parameters.items())), shape, acting.runs)
-    for drive_effect in typical_drive(robot):
+    for drive_effect in list_drive_effects(robot):
         if (drive_effect.effect, drive_effect.joint) == (acting.effect, joint):
             return replace(drive_effect, runs=acting.runs)
-    typical = typical_effect(robot, acting.effect, joint)
+    typical = build_typical_effect(robot, acting.effect, joint)
     completed = tuple(sorted({**dict(typical.shape), **dict(shape)}.items()))
     return TrueEffect(typical.effect, typical.joint, typical.values, completed, acting.runs)

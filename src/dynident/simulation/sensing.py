@@ -14,13 +14,13 @@ import numpy as np
 from scipy import signal
 
 from dynident.arrays import FloatArray
-from dynident.effects import ReferenceParameters, effect_by_id
+from dynident.effects import ReferenceParameters, get_effect
 from dynident.effects.memory import MemoryStates
 from dynident.expressions import Program
 from dynident.robot.model import Robot
 from dynident.simulation.measurement import Truth
 from dynident.simulation.signals import SensorSignals, SimulatedSignals
-from dynident.simulation.truth import TrueEffect, true_columns, true_reference
+from dynident.simulation.truth import TrueEffect, build_reference, build_true_columns
 
 # Hz: links behind elastic gears do not follow what is faster.
 _ELASTIC_BAND = 25.0
@@ -28,7 +28,7 @@ _ORDER = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Sensing:
+class SensorEffects:
     """Effects of the sensors of one virtual robot.
 
     Parameters
@@ -50,7 +50,9 @@ class Sensing:
     signals: SensorSignals
 
     @classmethod
-    def of(cls, effects: Sequence[TrueEffect], inertias: FloatArray, inside: SimulatedSignals) -> Sensing:
+    def from_effects(
+        cls, effects: Sequence[TrueEffect], inertias: FloatArray, inside: SimulatedSignals
+    ) -> SensorEffects:
         """Select those of all effects that do not take part in the motion.
 
         Parameters
@@ -69,22 +71,26 @@ class Sensing:
         sensor_effects = tuple(
             effect
             for effect in effects
-            if not all(inside.moves(column.torque) for column in true_columns([effect], inside).columns)
+            if not all(
+                inside.is_part_of_motion(column.torque) for column in build_true_columns([effect], inside).columns
+            )
         )
-        others = [effect for effect in sensor_effects if not _delays(effect)]
-        delay = sum(dict(effect.values).get(name, 0.0) for effect in sensor_effects for name in _delays(effect))
-        reference = true_reference(robot, effects, inertias)
-        added = _added(signals, others, reference) if others else None
+        others = [effect for effect in sensor_effects if not _list_delay_parameters(effect)]
+        delay = sum(
+            dict(effect.values).get(name, 0.0) for effect in sensor_effects for name in _list_delay_parameters(effect)
+        )
+        reference = build_reference(robot, effects, inertias)
+        added = _build_added_torque(signals, others, reference) if others else None
         return cls(robot, tuple(others), delay, added, signals)
 
-    def torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
+    def compute_torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
         """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
         torque = truth.tau
         if self.added is not None:
-            third, fourth = _higher_derivatives(t, truth.ddq)
+            third, fourth = _differentiate_twice(t, truth.ddq)
             memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
             present = np.array([float(effect.is_in(run)) for effect in self.effects])
-            clock, period = t[:, None], np.array([_period(t)])
+            clock, period = t[:, None], np.array([_compute_period(t)])
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
             inputs = (*state, clock, period, temperature, memory, truth.tau, present)
             torque = torque + self.added(*inputs)
@@ -93,20 +99,22 @@ class Sensing:
         return torque
 
 
-def _delays(effect: TrueEffect) -> list[str]:
+def _list_delay_parameters(effect: TrueEffect) -> list[str]:
     """Return the names of the parameters by which an effect delays torque."""
-    return [spec.name for spec in effect_by_id(effect.effect).parameters if spec.role == "delay"]
+    return [spec.name for spec in get_effect(effect.effect).parameters if spec.role == "delay"]
 
 
-def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: ReferenceParameters) -> Program:
+def _build_added_torque(
+    signals: SensorSignals, effects: Sequence[TrueEffect], reference: ReferenceParameters
+) -> Program:
     """Return (q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
     n, motor = signals.robot.n, signals.predicted.motor
     present = ca.SX.sym("present", len(effects))
     of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
     for k, effect in enumerate(effects):
-        truth = true_columns([effect], signals)
+        truth = build_true_columns([effect], signals)
         for column, value in zip(truth.columns, truth.parameters, strict=True):
-            torque = _everywhere(column.torque, signals) * float(value) * present[k]
+            torque = _set_all_runs(column.torque, signals) * float(value) * present[k]
             if ca.depends_on(torque, motor):
                 of_torque += torque
             else:
@@ -130,15 +138,15 @@ def _added(signals: SensorSignals, effects: Sequence[TrueEffect], reference: Ref
     return Program(inputs, ca.densify(total))
 
 
-def _everywhere(torque: ca.SX, signals: SensorSignals) -> ca.SX:
+def _set_all_runs(torque: ca.SX, signals: SensorSignals) -> ca.SX:
     """Return the torque with all run signals at 1: the presence of an effect multiplies all of its columns."""
-    runs = [signals.in_runs(run) for run in signals.runs_in(torque)]
+    runs = [signals.in_runs(run) for run in signals.find_run_signals(torque)]
     return ca.substitute(torque, ca.vertcat(*runs), ca.SX.ones(len(runs), 1)) if runs else torque
 
 
-def _higher_derivatives(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _differentiate_twice(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the third and fourth derivative (m, n) of the positions from ddq (m, n), as elastic gears pass them."""
-    period = _period(t)
+    period = _compute_period(t)
     # Filters need an even clock, and the samples may have jitter.
     even: FloatArray = t[0] + period * np.arange(len(t))
     regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
@@ -150,5 +158,5 @@ def _higher_derivatives(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, Flo
     return third, np.gradient(third, period, axis=0)
 
 
-def _period(t: FloatArray) -> float:
+def _compute_period(t: FloatArray) -> float:
     return float(t[-1] - t[0]) / (len(t) - 1)

@@ -39,7 +39,7 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
         )
 
 
-def quantised(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
+def quantise_positions(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
     """Return positions (m, n) rounded to the encoders' counts."""
     if not sensors.encoder_counts:
         return q
@@ -48,7 +48,7 @@ def quantised(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
     return np.rint(q / step) * step
 
 
-def noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArray:
+def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArray:
     """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n)."""
     if sensors.torque_noise_absolute is not None:
         return np.array(sensors.torque_noise_absolute, dtype=np.float64)
@@ -58,7 +58,9 @@ def noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArr
     return sensors.torque_noise * scale
 
 
-def sampling_steps(sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator) -> IndexArray:
+def draw_sampling_steps(
+    sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator
+) -> IndexArray:
     """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending."""
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:

@@ -12,7 +12,7 @@ from dynident.effects.prediction import Prediction
 from dynident.robot.model import Robot
 
 
-class _InsideStep(Prediction):
+class _StepPrediction(Prediction):
     """Predictions inside a step, where the load torque is an input: the mass matrix gives it at no further cost.
 
     Quantities that are not known within a step, or that only a sensor sees, are symbols without a value.
@@ -24,44 +24,44 @@ class _InsideStep(Prediction):
         return ca.SX.sym("load", self.robot.n)
 
     @cached_property
-    def unknown(self) -> ca.SX:
+    def unknown_symbol(self) -> ca.SX:
         """SX (1, 1): a symbol that no expression with a value in a step contains."""
         return ca.SX.sym("unknown")
 
     @cached_property
     def load_rate(self) -> ca.SX:
         """SX (n, 1): no value."""
-        return ca.repmat(self.unknown, self.robot.n, 1)
+        return ca.repmat(self.unknown_symbol, self.robot.n, 1)
 
     @cached_property
     def load_acceleration(self) -> ca.SX:
         """SX (n, 1): no value."""
-        return ca.repmat(self.unknown, self.robot.n, 1)
+        return ca.repmat(self.unknown_symbol, self.robot.n, 1)
 
     @cached_property
     def load_over_position(self) -> ca.SX:
         """SX (n, n): no value."""
-        return ca.repmat(self.unknown, self.robot.n, self.robot.n)
+        return ca.repmat(self.unknown_symbol, self.robot.n, self.robot.n)
 
     @cached_property
     def load_over_origins(self) -> ca.SX:
         """SX (n, 3 n): no value."""
-        return ca.repmat(self.unknown, self.robot.n, 3 * self.robot.n)
+        return ca.repmat(self.unknown_symbol, self.robot.n, 3 * self.robot.n)
 
     @cached_property
     def mass(self) -> ca.SX:
         """SX (n, n): no value."""
-        return ca.repmat(self.unknown, self.robot.n, self.robot.n)
+        return ca.repmat(self.unknown_symbol, self.robot.n, self.robot.n)
 
     @cached_property
     def smooth(self) -> ca.SX:
         """SX (n, 1): no value."""
-        return ca.repmat(self.unknown, self.robot.n, 1)
+        return ca.repmat(self.unknown_symbol, self.robot.n, 1)
 
     @cached_property
     def motor(self) -> ca.SX:
         """SX (n, 1): no value."""
-        return ca.repmat(self.unknown, self.robot.n, 1)
+        return ca.repmat(self.unknown_symbol, self.robot.n, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,31 +93,31 @@ class SimulatedSignals(Signals):
 
         Where the velocity is that of a joint, it is the joint's own direction.
         """
-        return ca.vertcat(*(self._direction_of(velocity[k]) for k in range(velocity.numel())))
+        return ca.vertcat(*(self._find_direction(velocity[k]) for k in range(velocity.numel())))
 
-    def _direction_of(self, velocity: ca.SX) -> ca.SX:
+    def _find_direction(self, velocity: ca.SX) -> ca.SX:
         for j in range(self.robot.n):
             if ca.is_equal(velocity, self.dq[j]):
                 return self.sign[j]
         self._others.append(Sliding(velocity, ca.SX.sym(f"direction_{self.robot.n + len(self._others)}")))
         return self._others[-1].direction
 
-    def sliding_in(self, torque: ca.SX) -> tuple[Sliding, ...]:
+    def list_sliding(self, torque: ca.SX) -> tuple[Sliding, ...]:
         """Return the sliding velocities of all joints, then the others that a torque depends on."""
         joints = [Sliding(self.dq[j], self.sign[j]) for j in range(self.robot.n)]
         return (*joints, *(sliding for sliding in self._others if ca.depends_on(torque, sliding.direction)))
 
     @cached_property
-    def predicted(self) -> _InsideStep:
+    def predicted(self) -> _StepPrediction:
         """Predictions of the model's torque inside a step."""
-        return _InsideStep(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
+        return _StepPrediction(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
 
-    def moves(self, torque: ca.SX) -> bool:
+    def is_part_of_motion(self, torque: ca.SX) -> bool:
         """Return whether a column's torque takes part in the motion; if not, it belongs to the measurement."""
-        return not ca.depends_on(torque, ca.vertcat(self.dddq, self.ddddq, self.predicted.unknown))
+        return not ca.depends_on(torque, ca.vertcat(self.dddq, self.ddddq, self.predicted.unknown_symbol))
 
 
-class _AtSensor(Prediction):
+class _SensorPrediction(Prediction):
     """Predictions at a sensor, where the torque of the motors is measured instead of predicted."""
 
     @cached_property
@@ -130,6 +130,8 @@ class SensorSignals(Signals):
     """Signals where a sensor sees torque and position."""
 
     @cached_property
-    def predicted(self) -> _AtSensor:
+    def predicted(self) -> _SensorPrediction:
         """Predictions of the model's torque, with the motors' own as an input."""
-        return _AtSensor(self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference)
+        return _SensorPrediction(
+            self.robot, self.q, self.dq, self.ddq, self.dddq, self.ddddq, self.sign, self.reference
+        )

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, ReferenceParameters, columns_of
+from dynident.effects import EffectChoice, ReferenceParameters, build_columns
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 from dynident.simulation.signals import SensorSignals
@@ -14,7 +14,7 @@ from dynident.simulation.signals import SensorSignals
 _STATES = 200
 
 
-def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str, float]:
+def size_parameters(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str, float]:
     """Return parameters of an effect with which each of them contributes about the torque (n,) on some joint.
 
     The largest over the joints of rms torque over random states, relative to `torque`, is then 1 for each parameter.
@@ -37,7 +37,7 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
         Where the effect gives no torque in any of the states.
     """
     signals = SensorSignals(robot)
-    columns = columns_of([EffectChoice(effect, (joint,) if joint else ())], signals)
+    columns = build_columns([EffectChoice(effect, (joint,) if joint else ())], signals)
     stacked = ca.densify(ca.horzcat(*(column.torque for column in columns)))
     # Ranges of a brisk motion of an arm. The seed is fixed, so that sizes are the same in every call.
     rng, n = np.random.default_rng(0), robot.n
@@ -53,9 +53,9 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
         (signals.memory_symbols, rng.choice([-1.0, 1.0], (_STATES, len(signals.memory_signals)))),
         (signals.predicted.motor, torque * rng.uniform(-1, 1, (_STATES, n))),
     ]
-    runs = [signals.in_runs(run) for run in signals.runs_in(stacked)]
+    runs = [signals.in_runs(run) for run in signals.find_run_signals(stacked)]
     known = ca.vertcat(signals.reference, *runs)
-    stacked = ca.substitute(stacked, known, ca.vertcat(ca.SX(ca.DM(_reference(robot))), ca.SX.ones(len(runs), 1)))
+    stacked = ca.substitute(stacked, known, ca.vertcat(ca.SX(ca.DM(_build_reference(robot))), ca.SX.ones(len(runs), 1)))
     function = ca.Function("columns", [symbol for symbol, _ in inputs], [stacked]).map(_STATES)
     values_of_states = np.asarray(ca.DM(function(*(values.T for _, values in inputs))), dtype=np.float64)
     rows = values_of_states.reshape(n, _STATES, len(columns))
@@ -66,6 +66,6 @@ def sized(robot: Robot, effect: str, joint: str, torque: FloatArray) -> dict[str
     return {column.parameter: float(1 / size) for column, size in zip(columns, largest, strict=True)}
 
 
-def _reference(robot: Robot) -> FloatArray:
+def _build_reference(robot: Robot) -> FloatArray:
     links = np.zeros((robot.tree.n, 10)) if robot.inertias is None else robot.inertias
-    return ReferenceParameters.of_links(links, robot.n).vector
+    return ReferenceParameters.from_links(links, robot.n).vector

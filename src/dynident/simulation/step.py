@@ -23,10 +23,10 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import MemorySignal
-from dynident.effects.linked import all_positions
-from dynident.effects.memory import step_expression
+from dynident.effects.linked import build_all_positions
+from dynident.effects.memory import build_step_expression
 from dynident.expressions import Recurrence
-from dynident.simulation.dynamics import Dynamics, directions, rest_inputs
+from dynident.simulation.dynamics import Dynamics, list_rest_inputs, stack_directions
 
 ITERATIONS = 6
 # Velocity (rad/s or m/s) below which the slope of friction is taken to be what it is there: a root of the velocity has
@@ -73,7 +73,7 @@ class Step:
         return self.recurrence.run(state, inputs, np.concatenate([[h], stiffness, damping]))
 
 
-def first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArray, h: float) -> FloatArray:
+def build_first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArray, h: float) -> FloatArray:
     """Return the state (s,) of a run that begins with q, dq, ddq (n,): [q, v, a, q_last, z, directions of friction].
 
     v is the velocity half a step before q, a and q_last are acceleration and position of the step before, z the
@@ -86,7 +86,7 @@ def first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArr
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _StepConstants:
     """Constants of one step: its length, velocity before it, mass matrix, bias, torque of the drives less that of q."""
 
     h: ca.SX
@@ -97,7 +97,7 @@ class _Known:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Iterate:
     """An iterate: velocity at the step, velocity after it, and the directions of friction to try next."""
 
     middle: ca.SX
@@ -120,20 +120,22 @@ def build_step(dynamics: Dynamics) -> Step:
     # which is enough for the controller and for the velocity-dependent inertial forces.
     predicted = velocity + 0.5 * h * before
     tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
-    tau = ca.vertcat(*(_within(tau[j], robot.joints[j].limits.effort) for j in range(n)))
-    states = _moved(
-        signals.memory_signals, memory, all_positions(signals.robot, signals.q) - all_positions(signals.robot, last)
+    tau = ca.vertcat(*(_limit_torque(tau[j], robot.joints[j].limits.effort) for j in range(n)))
+    states = _advance_memory(
+        signals.memory_signals,
+        memory,
+        build_all_positions(signals.robot, signals.q) - build_all_positions(signals.robot, last),
     )
     rigid = ca.Function("rigid", [signals.q, signals.dq], [parts.mass, parts.bias, parts.position_torque])
     mass, bias, position_torque = rigid(signals.q, predicted)
-    known = _Known(h, velocity, mass, bias, tau - position_torque)
+    known = _StepConstants(h, velocity, mass, bias, tau - position_torque)
     iteration = _Iteration(dynamics, states)
-    iterate = _Found(predicted, predicted, direction)
+    iterate = _Iterate(predicted, predicted, direction)
     for _ in range(ITERATIONS):
-        iterate = iteration.improved(iterate, known)
+        iterate = iteration.improve(iterate, known)
 
     ddq = 2 * (iterate.middle - velocity) / h
-    runs = rest_inputs(signals, dynamics.runs)[-1]
+    runs = list_rest_inputs(signals, dynamics.runs)[-1]
     state = ca.vertcat(signals.q, velocity, before, last, memory, direction)
     inputs = ca.vertcat(reference, reference_rate, feed_forward, signals.time, signals.temperature, runs)
     following = ca.vertcat(signals.q + h * iterate.after, iterate.after, ddq, signals.q, states, iterate.direction)
@@ -146,19 +148,19 @@ class _Iteration:
 
     def __init__(self, dynamics: Dynamics, states: ca.SX) -> None:
         signals, parts, self._n = dynamics.signals, dynamics.parts, dynamics.robot.n
-        inputs = rest_inputs(signals, dynamics.runs)
+        inputs = list_rest_inputs(signals, dynamics.runs)
         self._states, self._still = states, (signals.time, signals.temperature, inputs[-1])
         self._q = signals.q
         self._friction = ca.Function(
             "friction",
-            [*inputs, directions(dynamics.sliding)],
+            [*inputs, stack_directions(dynamics.sliding)],
             [parts.rest, parts.rest_mass, parts.dry],
         )
-        self._slope = ca.Function("slope", [*inputs, directions(dynamics.sliding)], [parts.rest_slope])
+        self._slope = ca.Function("slope", [*inputs, stack_directions(dynamics.sliding)], [parts.rest_slope])
         others = ca.vertcat(ca.SX(0, 1), *(sliding.velocity for sliding in dynamics.sliding[self._n :]))
         self._others = ca.Function("others", [signals.q, signals.dq], [others, ca.jacobian(others, signals.dq)])
 
-    def improved(self, iterate: _Found, known: _Known) -> _Found:
+    def improve(self, iterate: _Iterate, known: _StepConstants) -> _Iterate:
         """Return a better velocity and better directions of friction."""
         n, h, velocity = self._n, known.h, known.velocity
         middle, joints = iterate.middle, iterate.direction[:n]
@@ -187,24 +189,24 @@ class _Iteration:
         largest = ca.fmax(ca.diag(dry[:, :n]), _NO_FRICTION)
         missing = residual + ca.mtimes(jacobian, change)
         needed = joints + (0.5 * ca.diag(jacobian) * after - missing) / largest
-        directions_next = [_between(needed / (1 + _HELD))]
+        directions_next = [_clip_direction(needed / (1 + _HELD))]
         for k in range(n, iterate.direction.numel()):
             relative, along = self._others(self._q, after)
             along = along[k - n, :]
             response = 2 * ca.mtimes(along, ca.ldl_solve(moves * dry[:, k], *factors))
-            directions_next.append(_between(iterate.direction[k] + relative[k - n] / ca.fmax(response, _RIGID)))
-        return _Found(better, after, ca.vertcat(*directions_next))
+            directions_next.append(_clip_direction(iterate.direction[k] + relative[k - n] / ca.fmax(response, _RIGID)))
+        return _Iterate(better, after, ca.vertcat(*directions_next))
 
 
-def _between(direction: ca.SX) -> ca.SX:
+def _clip_direction(direction: ca.SX) -> ca.SX:
     return ca.fmin(1.0, ca.fmax(-1.0, direction))
 
 
-def _within(torque: ca.SX, limit: float | None) -> ca.SX:
+def _limit_torque(torque: ca.SX, limit: float | None) -> ca.SX:
     return torque if limit is None else ca.fmin(limit, ca.fmax(-limit, torque))
 
 
-def _moved(memory: Sequence[MemorySignal], states: ca.SX, displacement: ca.SX) -> ca.SX:
+def _advance_memory(memory: Sequence[MemorySignal], states: ca.SX, displacement: ca.SX) -> ca.SX:
     """Return the hysteresis states after a displacement (n, 1)."""
-    moved = (step_expression(signal, states[k], displacement[signal.joint]) for k, signal in enumerate(memory))
+    moved = (build_step_expression(signal, states[k], displacement[signal.joint]) for k, signal in enumerate(memory))
     return ca.vertcat(ca.SX(0, 1), *moved)

@@ -17,8 +17,8 @@ from dynident.effects import (
     ReferenceParameters,
     Role,
     Signals,
-    columns_of,
-    effect_by_id,
+    build_columns,
+    get_effect,
 )
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
@@ -74,10 +74,10 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
 
     The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign.
     """
-    return bool(runs) or not any(spec.resists for spec in effect_by_id(effect).parameters if spec.name == parameter)
+    return bool(runs) or not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
 
 
-def on_each_joint(
+def spread_over_joints(
     robot: Robot, effect: str, parameter: str, values: Sequence[float] | FloatArray
 ) -> tuple[TrueEffect, ...]:
     """Return one parameter of one effect on every joint of a robot.
@@ -105,7 +105,7 @@ def on_each_joint(
     )
 
 
-def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
+def select_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
     """Return the inertial parameters (n, 10) of the virtual robot's links; the description's where none are given.
 
     Raises
@@ -129,11 +129,11 @@ def true_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
     return chosen
 
 
-def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
+def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
     """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints."""
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
-        roles = {spec.name: spec.role for spec in effect_by_id(effect.effect).parameters}
+        roles = {spec.name: spec.role for spec in get_effect(effect.effect).parameters}
         for name, value in effect.values:
             role = roles.get(name)
             # Hysteresis is Coulomb friction once it slides.
@@ -143,7 +143,7 @@ def true_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     return ReferenceParameters(inertias.reshape(-1, 10), *drives)
 
 
-def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
+def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
     """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
 
     Raises
@@ -157,9 +157,9 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
     keys: set[tuple[object, ...]] = set()
     for index, effect in enumerate(effects):
         pointer = f"/effects/{index}"
-        _check(effect, signals.robot, pointer)
+        _check_effect(effect, signals.robot, pointer)
         try:
-            effect_columns = columns_of([effect.choice], signals)
+            effect_columns = build_columns([effect.choice], signals)
         except DynidentError as error:
             error.pointer = pointer
             raise
@@ -176,15 +176,15 @@ def true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns
     return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
 
 
-def _check(effect: TrueEffect, robot: Robot, pointer: str) -> None:
-    described = effect_by_id(effect.effect, pointer)
+def _check_effect(effect: TrueEffect, robot: Robot, pointer: str) -> None:
+    described = get_effect(effect.effect, pointer)
     if effect.effect == LINKS.effect:
         raise DynidentError(
             "the links of a virtual robot are given as inertial parameters, not as an effect",
             pointer=pointer,
             title=_TITLE,
         )
-    if described.scope == "joint" and not effect.joint and len(described.unless_named(robot)) != 1:
+    if described.scope == "joint" and not effect.joint and len(described.get_default_joints(robot)) != 1:
         raise DynidentError(
             f"{effect.effect} needs a joint; {robot.name} has: {', '.join(robot.joint_names)}",
             pointer=f"{pointer}/joint",

@@ -8,26 +8,26 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.errors import DynidentError
-from dynident.progress import Progress, silent
-from dynident.robot.drive_chain import currents_of
+from dynident.progress import Progress, ignore_progress
+from dynident.robot.drive_chain import compute_currents
 from dynident.robot.model import Robot
 from dynident.simulation.control import (
     FEED_FORWARD_RATE,
     Controller,
     Gains,
-    feed_forward_torque,
-    joint_gains,
+    compute_feed_forward_torque,
+    compute_joint_gains,
 )
 from dynident.simulation.dynamics import Dynamics, build_dynamics
-from dynident.simulation.measurement import Measurement, Truth
+from dynident.simulation.measurement import SimulatedRecording, Truth
 from dynident.simulation.reference import Reference, ReferencePath, check_reference
-from dynident.simulation.sensing import Sensing
-from dynident.simulation.sensors import check_sensors, noise_deviation, quantised, sampling_steps
+from dynident.simulation.sensing import SensorEffects
+from dynident.simulation.sensors import check_sensors, compute_noise_deviation, draw_sampling_steps, quantise_positions
 from dynident.simulation.stated import Sensors
-from dynident.simulation.step import Step, build_step, first_state
-from dynident.simulation.truth import TrueEffect, true_inertias
+from dynident.simulation.step import Step, build_first_state, build_step
+from dynident.simulation.truth import TrueEffect, select_inertias
 
 LONGEST_STEP = 0.25e-3
 """Longest internal step, s."""
@@ -71,11 +71,11 @@ class VirtualRobot:
     ) -> None:
         self.robot = robot
         self.effects = tuple(effects)
-        self.inertias = true_inertias(robot, inertias)
+        self.inertias = select_inertias(robot, inertias)
         self.controller = Controller() if controller is None else controller
         self.longest_step = longest_step
         self.dynamics: Dynamics = build_dynamics(robot, self.effects, self.inertias)
-        self.sensing = Sensing.of(self.effects, self.inertias, self.dynamics.signals)
+        self.sensing = SensorEffects.from_effects(self.effects, self.inertias, self.dynamics.signals)
 
     def measure(
         self,
@@ -84,8 +84,8 @@ class VirtualRobot:
         *,
         run: str = "",
         seed: int = 0,
-        progress: Progress = silent,
-    ) -> Measurement:
+        progress: Progress = ignore_progress,
+    ) -> SimulatedRecording:
         """Let the robot follow a trajectory and record it.
 
         Parameters
@@ -118,25 +118,25 @@ class VirtualRobot:
         # The tolerance keeps a period that is a whole number of steps from rounding up to one more.
         steps_per_sample = max(1, int(np.ceil(period / self.longest_step - 1e-9)))
         n_samples = int(np.floor(reference.duration / period + 1e-9)) + 1
-        steps = sampling_steps(sensors, steps_per_sample, n_samples, rng)
+        steps = draw_sampling_steps(sensors, steps_per_sample, n_samples, rng)
         path = ReferencePath(reference)
         samples = self._follow(path, reference, period / steps_per_sample, steps, run, progress)
         n = self.robot.n
         truth = Truth(*(np.ascontiguousarray(samples[:, k * n : (k + 1) * n]) for k in range(4)))
         t = reference.t[0] + steps * (period / steps_per_sample)
-        noise = noise_deviation(sensors, self.robot, truth.tau)
-        sensor_torque = self.sensing.torque(t, truth, path.temperature_at(t), run)
+        noise = compute_noise_deviation(sensors, self.robot, truth.tau)
+        sensor_torque = self.sensing.compute_torque(t, truth, path.evaluate_temperature(t), run)
         tau = sensor_torque + noise * rng.standard_normal(sensor_torque.shape)
-        return Measurement(
+        return SimulatedRecording(
             robot=self.robot,
             t=t,
-            q=quantised(sensors, self.robot, truth.q),
+            q=quantise_positions(sensors, self.robot, truth.q),
             tau=tau,
-            current=currents_of(self.robot, tau) if sensors.current else None,
-            temperature=None if reference.temperature is None else path.temperature_at(t),
+            current=compute_currents(self.robot, tau) if sensors.current else None,
+            temperature=None if reference.temperature is None else path.evaluate_temperature(t),
             truth=truth,
             noise=noise,
-            tracking_error=np.abs(truth.q - path.at(t)[0]).max(axis=0),
+            tracking_error=np.abs(truth.q - path.evaluate(t)[0]).max(axis=0),
         )
 
     def move_freely(
@@ -163,13 +163,16 @@ class VirtualRobot:
         (m, n) array of positions
         """
         n, steps = self.robot.n, len(tau)
-        state = first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
+        state = build_first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
         if memory is not None:
             state[4 * n : 4 * n + len(memory)] = memory
         t = start.t[0] + h * np.arange(steps)
         heat = np.zeros(n) if start.temperature is None else start.temperature[0]
         nothing = np.zeros((steps, 2 * n))
-        warm, runs = np.broadcast_to(heat, (steps, n)), np.broadcast_to(self._present(run), (steps, self._n_runs))
+        warm, runs = (
+            np.broadcast_to(heat, (steps, n)),
+            np.broadcast_to(self._mark_present_runs(run), (steps, self._n_runs)),
+        )
         inputs = np.hstack([nothing, tau, t[:, None], warm, runs])
         _, samples = self._step.run(state, inputs, h, np.zeros(n), np.zeros(n))
         return np.asarray(samples[:, :n])
@@ -178,7 +181,7 @@ class VirtualRobot:
     def _n_runs(self) -> int:
         return len(self.dynamics.runs)
 
-    def _present(self, run: str) -> FloatArray:
+    def _mark_present_runs(self, run: str) -> FloatArray:
         """Return (runs,): 1 for every run signal that the run with that label has."""
         return np.array([float(not signal.runs or run in signal.runs) for signal in self.dynamics.runs])
 
@@ -192,31 +195,31 @@ class VirtualRobot:
         """Return samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `steps` (m,)."""
         start, n_steps = float(reference.t[0]), int(steps[-1]) + 1
         coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
-        gains: Gains = joint_gains(self.controller, self.dynamics, path, coarse)
-        feed_forward = feed_forward_torque(self.controller, self.dynamics, path, coarse)
-        q, dq, ddq = (values[0] for values in path.at(np.array([start])))
-        state = first_state(self.dynamics, q, dq, ddq, h)
-        present = self._present(run_label)
+        gains: Gains = compute_joint_gains(self.controller, self.dynamics, path, coarse)
+        feed_forward = compute_feed_forward_torque(self.controller, self.dynamics, path, coarse)
+        q, dq, ddq = (values[0] for values in path.evaluate(np.array([start])))
+        state = build_first_state(self.dynamics, q, dq, ddq, h)
+        present = self._mark_present_runs(run_label)
         out = np.empty((len(steps), 4 * self.robot.n))
         done = 0
         # Chunks bound the memory, report progress, and find a robot that does not follow early.
         for first in range(0, n_steps, _CHUNK):
             t: FloatArray = np.arange(first, first + _CHUNK, dtype=np.float64) * h + start
-            q, dq, _ = path.at(t)
+            q, dq, _ = path.evaluate(t)
             torque = np.column_stack([np.interp(t, coarse, feed_forward[:, j]) for j in range(self.robot.n)])
             runs = np.broadcast_to(present, (_CHUNK, len(present)))
-            inputs = np.hstack([q, dq, torque, t[:, None], path.temperature_at(t), runs])
+            inputs = np.hstack([q, dq, torque, t[:, None], path.evaluate_temperature(t), runs])
             state, rows = self._step.run(state, inputs, h, gains.stiffness, gains.damping)
             chunk_steps = steps[done : int(np.searchsorted(steps, first + _CHUNK))] - first
             out[done : done + len(chunk_steps)] = rows[chunk_steps]
             done += len(chunk_steps)
             last = min(_CHUNK, n_steps - first)
-            self._check_followed(t[:last], q[:last], rows[:last, : self.robot.n])
+            self._check_tracking(t[:last], q[:last], rows[:last, : self.robot.n])
             progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
         return out
 
     def _check_temperature(self, reference: Reference) -> None:
-        heated = [effect.effect for effect in self.effects if effect_by_id(effect.effect).needs_temperature]
+        heated = [effect.effect for effect in self.effects if get_effect(effect.effect).needs_temperature]
         if heated and reference.temperature is None:
             raise DynidentError(
                 f"{heated[0]} needs the temperature of the joints: let the robot warm up along the trajectory",
@@ -224,7 +227,7 @@ class VirtualRobot:
                 title="Temperature needed",
             )
 
-    def _check_followed(self, t: FloatArray, reference: FloatArray, q: FloatArray) -> None:
+    def _check_tracking(self, t: FloatArray, reference: FloatArray, q: FloatArray) -> None:
         lost = np.argwhere(~(np.abs(q - reference) < _LOST))
         if not len(lost):
             return

@@ -12,18 +12,18 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.effects import CATALOGUE, DEFAULT_EFFECTS, Effect, EffectChoice, ExperimentKind
-from dynident.effects import spec_of as described
+from dynident.effects import get_spec as described
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.robot import Robot, to_pinocchio
-from dynident.simulation import TrueEffect, typical_effect
-from dynident.simulation.typical import typical_drive
-from dynident.testing.failing import ConformanceError, expect
-from dynident.testing.states import States
-from dynident.testing.trial import Trial, recorded, trial_arm
+from dynident.simulation import TrueEffect, build_typical_effect
+from dynident.simulation.typical import list_drive_effects
+from dynident.testing.failing import ConformanceError, require
+from dynident.testing.states import EffectStates
+from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
-_SEEN, _EXPLAINED, _AS_WITHOUT = 2.0, 0.5, 1.5
+_LEAST_VISIBLE, _MOST_UNEXPLAINED, _NEAR_FLOOR = 2.0, 0.5, 1.5
 """Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves `_SEEN` times
 as much on the trial arm with the effect as on one without. The model with the effect must then leave at most
 `_EXPLAINED` of that, or `_AS_WITHOUT` times what is left on the arm without the effect."""
@@ -57,36 +57,38 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
     """
     tested = effect() if isinstance(effect, type) else effect
     _check_words(tested)
-    with CATALOGUE.with_one_more(tested):
-        robot = trial_arm()
+    with CATALOGUE.add_temporarily(tested):
+        robot = build_trial_arm()
         _check_rivals(tested)
         report = [_check_shapes(tested, robot)]
         possible = tested.applicable(robot)
         if not possible:
             return (*report, "it can sit on no joint of the trial arm: nothing else was tried")
-        states = States.of(robot, tested, possible)
+        states = EffectStates.from_effect(robot, tested, possible)
         _check_columns(tested, states, possible)
         report += [_check_roles(states), _check_energy(states), _check_friction(tested, states)]
         if found_again:
-            report.append(_check_found_again(tested, robot, possible))
+            report.append(_check_recovery(tested, robot, possible))
     return tuple(report)
 
 
 def _check_words(effect: Effect) -> None:
     missing = [name for name in _NEEDED if not getattr(effect, name, None)]
-    expect(not missing, f"{type(effect).__name__} says nothing of its {', '.join(missing)}")
-    expect(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id), f"the id {effect.id!r} is not in small letters and underscores")
+    require(not missing, f"{type(effect).__name__} says nothing of its {', '.join(missing)}")
+    require(
+        re.fullmatch(r"[a-z][a-z0-9_]*", effect.id), f"the id {effect.id!r} is not in small letters and underscores"
+    )
     for kind, specs in (("parameters", effect.parameters), ("shape constants", effect.shapes)):
         names = [spec.name for spec in specs]
-        expect(len(set(names)) == len(names), f"two {kind} of {effect.id} have the same name: {', '.join(names)}")
+        require(len(set(names)) == len(names), f"two {kind} of {effect.id} have the same name: {', '.join(names)}")
         unsaid = [spec.name for spec in specs if not spec.unit or not spec.description]
-        expect(
+        require(
             not unsaid, f"{', '.join(unsaid)} of {effect.id} has no unit or description; a pure number has the unit -"
         )
     unknown = set(effect.shown_by) - {spec.name for spec in effect.parameters}
-    expect(not unknown, f"{effect.id} is shown by {', '.join(sorted(unknown))}, which are none of its parameters")
+    require(not unknown, f"{effect.id} is shown by {', '.join(sorted(unknown))}, which are none of its parameters")
     for spec in effect.parameters:
-        expect(
+        require(
             0 <= spec.least < spec.most, f"{spec.name} of {effect.id}: least {spec.least} is not below most {spec.most}"
         )
 
@@ -94,10 +96,10 @@ def _check_words(effect: Effect) -> None:
 def _check_rivals(effect: Effect) -> None:
     kinds = get_args(ExperimentKind)
     for kind in (effect.experiment, effect.place_experiment, *effect.told_from):
-        expect(kind in kinds, f"{effect.id} names the experiment {kind!r}; there are: {', '.join(kinds)}")
+        require(kind in kinds, f"{effect.id} names the experiment {kind!r}; there are: {', '.join(kinds)}")
     distinguished = [name for names in effect.told_from.values() for name in names]
     for name in (*effect.confused_with, *effect.same_function, *effect.covers, *effect.changes_with, *distinguished):
-        expect(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is no other effect")
+        require(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is no other effect")
 
 
 def _check_shapes(effect: Effect, robot: Robot) -> str:
@@ -109,54 +111,56 @@ def _check_shapes(effect: Effect, robot: Robot) -> str:
         usual = effect.usual(robot, joint)
         if usual is not None:
             strange = set(usual.values) - {spec.name for spec in effect.parameters}
-            expect(not strange, f"usual() of {effect.id} gives {', '.join(strange)}, which are none of its parameters")
+            require(not strange, f"usual() of {effect.id} gives {', '.join(strange)}, which are none of its parameters")
             for spec in effect.parameters:
                 least = usual.values.get(spec.name, 0.0)
-                expect(
+                require(
                     least >= 0 or not (spec.positive or spec.resists), f"usual() of {effect.id} gives {spec.name} < 0"
                 )
             values.append(effect.shape_with_defaults(usual.shape))
-            expect(set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it has not")
+            require(set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it has not")
         for shape in grid:
-            expect(set(shape) == set(specs), f"the grid of {effect.id} gives {sorted(shape)}, not {sorted(specs)}")
+            require(set(shape) == set(specs), f"the grid of {effect.id} gives {sorted(shape)}, not {sorted(specs)}")
     for shape in values:
         for name, value in shape.items():
-            expect(specs[name].admits(value), f"{name} = {value} of {effect.id} is none that its own ShapeSpec admits")
-            expect(not specs[name].words or specs[name].word(value), f"{name} = {value} of {effect.id} has no word")
+            require(specs[name].admits(value), f"{name} = {value} of {effect.id} is none that its own ShapeSpec admits")
+            require(
+                not specs[name].words or specs[name].get_word(value), f"{name} = {value} of {effect.id} has no word"
+            )
     return f"{len(specs)} shape constants, {len(values)} sets of values"
 
 
-def _check_columns(effect: Effect, states: States, possible: tuple[int, ...]) -> None:
+def _check_columns(effect: Effect, states: EffectStates, possible: tuple[int, ...]) -> None:
     robot, names = states.robot, {spec.name for spec in effect.parameters}
-    expect(states.columns, f"{effect.id} has no column on {robot.name}")
+    require(states.columns, f"{effect.id} has no column on {robot.name}")
     keys = [column.key for column in states.columns]
-    expect(len(set(keys)) == len(keys), f"two columns of {effect.id} have the same name and shape constants")
+    require(len(set(keys)) == len(keys), f"two columns of {effect.id} have the same name and shape constants")
     parameters = {column.parameter for column in states.columns}
-    expect(
+    require(
         parameters == names,
         f"the columns of {effect.id} belong to {sorted(parameters)}, its parameters are {sorted(names)}",
     )
     for column in states.columns:
         shape = column.torque.shape
-        expect(column.effect == effect.id, f"column {column.name} belongs to {column.effect!r}, not to {effect.id}")
-        expect(shape == (robot.n, 1), f"column {column.name} has the shape {shape}, not ({robot.n}, 1)")
-    expect(
-        not states.strangers,
-        f"the columns of {effect.id} depend on {', '.join(states.strangers)}: a column is a function of Signals and "
+        require(column.effect == effect.id, f"column {column.name} belongs to {column.effect!r}, not to {effect.id}")
+        require(shape == (robot.n, 1), f"column {column.name} has the shape {shape}, not ({robot.n}, 1)")
+    require(
+        not states.unknown_symbols,
+        f"the columns of {effect.id} depend on {', '.join(states.unknown_symbols)}: a column is a function of Signals and "
         "shape constants alone, or the torque would not be linear in the parameters",
     )
     bad = [c.name for k, c in enumerate(states.columns) if not np.isfinite(states.torque[:, :, k]).all()]
-    expect(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere, at rest among the rest")
-    expect(states.torque.any(), f"all columns of {effect.id} are zero everywhere")
+    require(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere, at rest among the rest")
+    require(states.torque.any(), f"all columns of {effect.id} are zero everywhere")
     if effect.scope == "joint":
         links = {column.link for column in states.columns}
-        expect(links == {robot.joint_names[j] for j in possible}, f"columns of {effect.id} sit on {sorted(links)}")
+        require(links == {robot.joint_names[j] for j in possible}, f"columns of {effect.id} sit on {sorted(links)}")
 
 
-def _check_roles(states: States) -> str:
+def _check_roles(states: EffectStates) -> str:
     """Check that columns with a role are those of a link, a rotor, friction and so on."""
     roles = 0
-    rigid = _pinocchio_rows(states)
+    rigid = _compute_pinocchio_rows(states)
     for k, column in enumerate(states.columns):
         spec = described(column)
         if spec is None or spec.role in (None, "delay", "dry_once_sliding"):
@@ -171,12 +175,14 @@ def _check_roles(states: States) -> str:
             expected[:, j] = signal_of_role[spec.role][:, j] if spec.role in signal_of_role else 1.0
         gap = float(np.abs(states.torque[:, :, k] - expected).max())
         size = max(1.0, float(np.abs(expected).max()))
-        expect(gap <= 1e-9 * size, f"{column.name} has the role {spec.role}, but its column is another ({gap:.2g} off)")
+        require(
+            gap <= 1e-9 * size, f"{column.name} has the role {spec.role}, but its column is another ({gap:.2g} off)"
+        )
         roles += 1
     return f"{roles} columns are what their roles say, those of links by Pinocchio" if roles else "no roles"
 
 
-def _pinocchio_rows(states: States) -> FloatArray:
+def _compute_pinocchio_rows(states: EffectStates) -> FloatArray:
     """Return Pinocchio's regressor (m, n, 10 n), with columns XX XY XZ YY YZ ZZ MX MY MZ M a link."""
     import pinocchio as pin
 
@@ -188,15 +194,15 @@ def _pinocchio_rows(states: States) -> FloatArray:
     return np.array(rows).reshape(len(rows), n, 10 * n)[:, :, order]
 
 
-def _check_energy(states: States) -> str:
+def _check_energy(states: EffectStates) -> str:
     """Check by finite differences that stored energy changes by the power of the torque."""
     stored = [k for k, column in enumerate(states.columns) if column.energy is not None]
     for k in stored:
-        rate = states.energy_rate(k)
+        rate = states.compute_energy_rate(k)
         power = (states.torque[:, :, k] * states.dq).sum(axis=1)
         size = max(float(np.abs(power).max()), float(np.abs(rate).max()), 1e-9)
         gap = float(np.abs(rate - power).max())
-        expect(
+        require(
             gap <= 1e-5 * size,
             f"the energy of {states.columns[k].name} does not change by the power of its torque: "
             f"{gap / size:.2g} of it is lacking, by central differences",
@@ -204,48 +210,50 @@ def _check_energy(states: States) -> str:
     return f"{len(stored)} columns with stored energy, by finite differences"
 
 
-def _check_friction(effect: Effect, states: States) -> str:
+def _check_friction(effect: Effect, states: EffectStates) -> str:
     """Check that friction with a positive parameter takes energy from the motion."""
     checked = []
     for k, column in enumerate(states.columns):
         spec = described(column)
         # A column with memory or with the acceleration may give back energy that it has stored before.
-        alone = not (ca.depends_on(column.torque, states.signals.ddq) or states.signals.memory_in(column.torque))
+        alone = not (
+            ca.depends_on(column.torque, states.signals.ddq) or states.signals.find_memory_signals(column.torque)
+        )
         if effect.is_friction and spec is not None and spec.positive and alone:
             power = (states.torque[:, :, k] * states.dq).sum(axis=1)
-            expect(power.min() >= -1e-12, f"{column.name} is friction above zero, and its column drives the motion")
+            require(power.min() >= -1e-12, f"{column.name} is friction above zero, and its column drives the motion")
             checked.append(column.name)
     return f"{len(checked)} columns of friction take energy" if checked else "no friction of one sign without memory"
 
 
-def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
+def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
     """Check that the effect explains the recordings of a virtual robot that has it."""
     if any(choice.effect == effect.id for choice in DEFAULT_EFFECTS):
-        unexplained = _left(recorded(typical_drive(robot)))
-        expect(
+        unexplained = _compute_unexplained_share(record_trial(list_drive_effects(robot)))
+        require(
             unexplained < 0.02,
             f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque of an arm that has it",
         )
         return f"the usual model leaves {unexplained:.2%} of the torque"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
-        usual = typical_effect(robot, effect.id, on)
+        usual = build_typical_effect(robot, effect.id, on)
     except DynidentError as error:
         raise ConformanceError(f"{effect.id} cannot be given a size; write usual(): {error}") from None
     # Filters and the smooth sign of friction leave some torque even without the effect; compare with that.
-    floor = _plain_floor()
+    floor = _get_plain_error()
     for factor in (1.0, _LARGER):
         values = tuple((name, factor * value) for name, value in usual.values)
         hidden = replace(usual, values=values, runs=("run2",) if effect.in_some_runs else ())
-        trial = recorded((*typical_drive(robot), hidden))
-        before = _left(trial)
-        if before >= _SEEN * floor:
+        trial = record_trial((*list_drive_effects(robot), hidden))
+        before = _compute_unexplained_share(trial)
+        if before >= _LEAST_VISIBLE * floor:
             break
     else:
         return f"on the trial arm it leaves {before:.2%} beside the usual model: too little to be found"
-    after = _left(trial, _choice(effect, hidden))
-    expect(
-        after <= max(_EXPLAINED * before, _AS_WITHOUT * floor),
+    after = _compute_unexplained_share(trial, _choose_effect(effect, hidden))
+    require(
+        after <= max(_MOST_UNEXPLAINED * before, _NEAR_FLOOR * floor),
         f"a virtual robot has {effect.id}, which leaves {before:.2%} of its torque unexplained; with the effect in the "
         f"model it is still {after:.2%}: its columns are not what the robot does",
     )
@@ -253,17 +261,17 @@ def _check_found_again(effect: Effect, robot: Robot, possible: tuple[int, ...]) 
 
 
 @cache
-def _plain_floor() -> float:
+def _get_plain_error() -> float:
     """Return the share of the torque that filters and a smooth sign of friction leave without any hidden effect."""
-    return _left(recorded(typical_drive(trial_arm())))
+    return _compute_unexplained_share(record_trial(list_drive_effects(build_trial_arm())))
 
 
-def _choice(effect: Effect, hidden: TrueEffect) -> EffectChoice:
+def _choose_effect(effect: Effect, hidden: TrueEffect) -> EffectChoice:
     shape = effect.shape_with_defaults(dict(hidden.shape))
     return EffectChoice(effect.id, hidden.choice.joints, tuple(sorted(shape.items())), hidden.runs)
 
 
-def _left(trial: Trial, *more: EffectChoice) -> float:
+def _compute_unexplained_share(trial: TrialRecordings, *more: EffectChoice) -> float:
     """Return the share of the torque that a model leaves unexplained."""
     choices = IdentificationChoices(effects=(*DEFAULT_EFFECTS, *more))
     return identify(trial.robot, trial.recordings, [], choices).fit.relative_total

@@ -13,13 +13,13 @@ from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
-from dynident.simulation.typical import typical_drive
-from dynident.testing.failing import expect
-from dynident.testing.trial import Trial, recorded, trial_arm
+from dynident.simulation.typical import list_drive_effects
+from dynident.testing.failing import require
+from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial
 
 _NOISE = 0.2
 """Noise of the torque in N m."""
-_OFF = 0.03
+_LARGEST_ERROR = 0.03
 """Largest relative error of the estimates' torque: filters and the smooth sign of friction cause some of it."""
 
 
@@ -48,7 +48,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
         If a requirement does not hold; the message tells which.
     """
     chosen = replace(choices or IdentificationChoices(), estimator=estimator)
-    trial = recorded(typical_drive(trial_arm()), noise=_NOISE)
+    trial = record_trial(list_drive_effects(build_trial_arm()), noise=_NOISE)
     start = identify(trial.robot, trial.recordings, [], IdentificationChoices(effects=chosen.effects))
     few = identify(
         trial.robot,
@@ -56,31 +56,36 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
         [],
         IdentificationChoices(effects=chosen.effects, preprocessing=start.preprocessing),
     )
-    data = _data(start, trial)
-    problem = _problem(start, chosen, data)
-    rows_before = [equation.joined.copy() for equation in data.equations.equations]
+    data = _reduce_data(start, trial)
+    problem = _build_problem(start, chosen, data)
+    rows_before = [equation.joint_factor.copy() for equation in data.equations.equations]
     fit = estimator.solve(problem)
-    report = [_check_values(start.model, fit, data, _truth(start.model, trial)), _check_statistics(start.model, fit)]
-    changed = [not np.array_equal(a, e.joined) for a, e in zip(rows_before, data.equations.equations, strict=True)]
-    expect(not any(changed), "the estimator has changed the data that it was given")
+    report = [
+        _check_values(start.model, fit, data, _compute_true_parameters(start.model, trial)),
+        _check_statistics(start.model, fit),
+    ]
+    changed = [
+        not np.array_equal(a, e.joint_factor) for a, e in zip(rows_before, data.equations.equations, strict=True)
+    ]
+    require(not any(changed), "the estimator has changed the data that it was given")
     again = estimator.solve(problem)
-    expect(
+    require(
         np.allclose(again.solution.values, fit.solution.values, rtol=1e-9, atol=1e-12),
         "the same data give other estimates the second time: draw random numbers from a fixed seed",
     )
-    report.append(_check_more_data(estimator.solve(_problem(few, chosen, _data(few, trial, 1))), fit))
+    report.append(_check_more_data(estimator.solve(_build_problem(few, chosen, _reduce_data(few, trial, 1))), fit))
     return tuple(report)
 
 
-def _data(identification: Identification, trial: Trial, runs: int | None = None) -> Data:
-    return identification.data.to_solve(identification.estimate.reference, trial.recordings[:runs])
+def _reduce_data(identification: Identification, trial: TrialRecordings, runs: int | None = None) -> Data:
+    return identification.data.to_data(identification.estimate.reference, trial.recordings[:runs])
 
 
-def _problem(identification: Identification, choices: IdentificationChoices, data: Data) -> Problem:
+def _build_problem(identification: Identification, choices: IdentificationChoices, data: Data) -> Problem:
     return Problem(identification.model, data, None, choices.covariance, choices.trust)
 
 
-def _truth(model: Model, trial: Trial) -> FloatArray:
+def _compute_true_parameters(model: Model, trial: TrialRecordings) -> FloatArray:
     """Return the true base parameters (b,) of the trial arm."""
     assert trial.robot.inertias is not None
     links = trial.robot.inertias.reshape(-1)
@@ -96,30 +101,30 @@ def _truth(model: Model, trial: Trial) -> FloatArray:
 
 def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
     values = fit.solution.values
-    expect(values.shape == (model.n_parameters,), f"{values.shape} estimates for {model.n_parameters} base parameters")
-    expect(np.isfinite(values).all(), "some estimates are not finite")
+    require(values.shape == (model.n_parameters,), f"{values.shape} estimates for {model.n_parameters} base parameters")
+    require(np.isfinite(values).all(), "some estimates are not finite")
     squares = whole = 0.0
     for equation in data.torque.equations:
-        rows, k = equation.joined, len(equation.columns)
+        rows, k = equation.joint_factor, len(equation.columns)
         squares += float(np.linalg.norm(rows[:, :k] @ (values - truth)[equation.columns]) ** 2)
         whole += float(np.linalg.norm(rows[:, k]) ** 2)
     off = float(np.sqrt(squares / whole))
-    expect(off <= _OFF, f"along the data the estimates' torque is {off:.1%} off that of the true parameters")
+    require(off <= _LARGEST_ERROR, f"along the data the estimates' torque is {off:.1%} off that of the true parameters")
     return f"torque of the estimates {off:.2%} off the truth"
 
 
 def _check_statistics(model: Model, fit: Fit) -> str:
     b, covariance = model.n_parameters, fit.statistics.covariance
-    expect(covariance.shape == (b, b), f"the covariance has the shape {covariance.shape}, not {(b, b)}")
-    expect(np.isfinite(covariance).all(), "the covariance is not finite")
+    require(covariance.shape == (b, b), f"the covariance has the shape {covariance.shape}, not {(b, b)}")
+    require(np.isfinite(covariance).all(), "the covariance is not finite")
     size = float(np.abs(covariance).max())
-    expect(np.allclose(covariance, covariance.T, atol=1e-9 * size), "the covariance is not symmetric")
+    require(np.allclose(covariance, covariance.T, atol=1e-9 * size), "the covariance is not symmetric")
     # Scale to correlations: otherwise the units of the parameters decide which eigenvalue counts as negative.
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     least = float(np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min())
-    expect(least >= -1e-6, f"the covariance has a negative direction ({least:.2g} of its diagonal)")
-    expect((np.diag(covariance) >= 0).all(), "some variances are negative")
-    expect(fit.statistics.standard_deviations.shape == (b,), "there is not one standard deviation for each parameter")
+    require(least >= -1e-6, f"the covariance has a negative direction ({least:.2g} of its diagonal)")
+    require((np.diag(covariance) >= 0).all(), "some variances are negative")
+    require(fit.statistics.standard_deviations.shape == (b,), "there is not one standard deviation for each parameter")
     return f"{b} parameters with a covariance"
 
 
@@ -127,5 +132,5 @@ def _check_more_data(few: Fit, many: Fit) -> str:
     if few.solution.values.shape != many.solution.values.shape:
         return "one run determines fewer parameters than two"
     surer = float(np.median(many.statistics.standard_deviations / few.statistics.standard_deviations))
-    expect(surer < 1.0, f"twice the data give standard deviations {surer:.2f} times as large")
+    require(surer < 1.0, f"twice the data give standard deviations {surer:.2f} times as large")
     return f"twice the data: standard deviations {surer:.2f} times as large"

@@ -7,7 +7,7 @@ class ConformanceError(AssertionError):
     """Error: an effect or an estimator does not meet a requirement; the message tells which."""
 
 
-def expect(holds: object, message: str) -> None:
+def require(holds: object, message: str) -> None:
     """Raise `ConformanceError` with the message unless `holds` is true."""
     if not holds:
         raise ConformanceError(message)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, Effect, EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import Column, Effect, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.robot import Robot
 
 _COUNT = 30
@@ -19,7 +19,7 @@ _SESSION = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class States:
+class EffectStates:
     """Columns of an effect at m random states, the first of them at rest.
 
     Attributes
@@ -40,30 +40,30 @@ class States:
     dq: FloatArray
     ddq: FloatArray
     torque: FloatArray
-    strangers: tuple[str, ...]
+    unknown_symbols: tuple[str, ...]
 
     @classmethod
-    def of(cls, robot: Robot, effect: Effect, joints: tuple[int, ...]) -> States:
+    def from_effect(cls, robot: Robot, effect: Effect, joints: tuple[int, ...]) -> EffectStates:
         """Return the columns of an effect on joints of a robot at random states, with usual shape constants."""
         usual = effect.usual(robot, joints[0])
         shape = effect.shape_with_defaults({} if usual is None else usual.shape)
         names = tuple(robot.joint_names[j] for j in joints) if effect.scope == "joint" else ()
         signals = Signals(robot)
-        columns = tuple(columns_of([EffectChoice(effect.id, names, tuple(sorted(shape.items())))], signals))
+        columns = tuple(build_columns([EffectChoice(effect.id, names, tuple(sorted(shape.items())))], signals))
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_COUNT, robot.n)) for size in (2.0, 2.5, 6.0))
         dq[0] = 0.0
         stacked = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
-        symbols = _known(signals)
+        symbols = _list_symbols(signals)
         strangers = {s.name() for s in ca.symvar(stacked)} - {s.name() for s in ca.symvar(ca.vertcat(*symbols))}
         torque = np.zeros((_COUNT, robot.n, len(columns)))
         if not strangers:
             function = ca.Function("columns", [signals.q, signals.dq, signals.ddq, *symbols[3:]], [ca.densify(stacked)])
             for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-                torque[k] = np.array(function(*state, *_values(signals, rng))).reshape(robot.n, -1)
+                torque[k] = np.array(function(*state, *_draw_values(signals, rng))).reshape(robot.n, -1)
         return cls(robot, signals, columns, q, dq, ddq, torque, tuple(sorted(strangers)))
 
-    def energy_rate(self, index: int) -> FloatArray:
+    def compute_energy_rate(self, index: int) -> FloatArray:
         """Return the rate (m,) of a column's stored energy along the motion through each state."""
         energy = self.columns[index].energy
         assert energy is not None
@@ -79,13 +79,13 @@ class States:
         return np.asarray((sides[0] - sides[1]) / (2 * _STEP))
 
 
-def _known(signals: Signals) -> list[ca.SX]:
+def _list_symbols(signals: Signals) -> list[ca.SX]:
     motion = [signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq]
     others = [signals.time, signals.period, signals.temperature, signals.reference]
     return [*motion, *others, signals.memory_symbols, signals.run_symbols]
 
 
-def _values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
+def _draw_values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]:
     """Return values of the signals beside q, dq, ddq; predicted torque is that of the description."""
     n, links, ones = signals.robot.n, signals.robot.inertias, np.ones(signals.robot.n)
     if links is None:

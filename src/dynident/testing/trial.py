@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot, robot_from_urdf
-from dynident.simulation import Measurement, Reference, Sensors, TrueEffect, VirtualRobot, Warming, warmed
+from dynident.simulation import Reference, Sensors, SimulatedRecording, TrueEffect, VirtualRobot, Warming, add_warming
 
 _LINKS = (
     # axis, where the joint sits, mass, centre, moments of inertia
@@ -25,7 +25,7 @@ _LATER = 1500.0
 
 
 @cache
-def trial_arm() -> Robot:
+def build_trial_arm() -> Robot:
     """Return an arm of three revolute joints: one about the vertical, two that lift."""
     parts = ['<robot name="trial"><link name="base"/>']
     for k, (axis, place, mass, centre, moments) in enumerate(_LINKS):
@@ -40,7 +40,7 @@ def trial_arm() -> Robot:
     return robot_from_urdf("trial", "".join(parts) + "</robot>")
 
 
-def trial_motion(robot: Robot, seed: int) -> Reference:
+def build_trial_motion(robot: Robot, seed: int) -> Reference:
     """Return a motion from rest to rest in a quarter of a minute, with all joints over much of their range."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(_DURATION * _RATE) + 1) / _RATE
@@ -59,7 +59,7 @@ def trial_motion(robot: Robot, seed: int) -> Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class TrialRecordings:
     """Recordings of the trial arm, and the true effects that it has."""
 
     robot: Robot
@@ -67,21 +67,21 @@ class Trial:
     effects: tuple[TrueEffect, ...]
 
 
-def recorded(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2) -> Trial:
+def record_trial(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2) -> TrialRecordings:
     """Simulate the trial arm with effects in runs named "run1", "run2" …; `noise` of the torque is in N m."""
-    robot = trial_arm()
+    robot = build_trial_arm()
     virtual = VirtualRobot(robot, effects)
     sensors = Sensors(_RATE, None, torque_noise=0.0, torque_noise_absolute=(noise,) * robot.n)
     recordings = []
     for k in range(runs):
-        reference = trial_motion(robot, k)
-        later = warmed(replace(reference, t=reference.t + k * _LATER), Warming())
+        reference = build_trial_motion(robot, k)
+        later = add_warming(replace(reference, t=reference.t + k * _LATER), Warming())
         name = f"run{k + 1}"
-        recordings.append(_recording(virtual.measure(later, sensors, run=name, seed=k), name))
-    return Trial(robot, tuple(recordings), tuple(effects))
+        recordings.append(_to_recording(virtual.measure(later, sensors, run=name, seed=k), name))
+    return TrialRecordings(robot, tuple(recordings), tuple(effects))
 
 
-def _recording(measured: Measurement, name: str) -> Recording:
+def _to_recording(measured: SimulatedRecording, name: str) -> Recording:
     return recording_from_arrays(
         measured.t,
         measured.q,

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynident.identification.thresholds import LARGEST_ERROR
-from dynident.lazy import lazily
+from dynident.lazy import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
     from dynident.validation.filters import FiltersBySimulation, FilterTrial, filters_by_simulation
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
-    from dynident.validation.method import Method, available_methods, method_of
+    from dynident.validation.method import Method, available_methods, get_method
     from dynident.validation.methods import MethodResult, MethodsValidation, validate_methods
     from dynident.validation.noise import SensorNoise, sensor_noise
     from dynident.validation.on_recordings import RecordingErrors, TorqueValidation, validate_cross, validate_direct
     from dynident.validation.payload import PayloadValidation, validate_payload
     from dynident.validation.simulation import SimulationValidation, validate_simulation
-    from dynident.validation.verdict import Judged, Verdict, together
+    from dynident.validation.verdict import ValidationOutcome, Verdict, combine_verdicts
 
 __all__ = [
     "LARGEST_ERROR",
@@ -26,7 +26,6 @@ __all__ = [
     "FilterTrial",
     "FiltersBySimulation",
     "InertiaMatrixValidation",
-    "Judged",
     "Method",
     "MethodResult",
     "MethodsValidation",
@@ -35,12 +34,13 @@ __all__ = [
     "SensorNoise",
     "SimulationValidation",
     "TorqueValidation",
+    "ValidationOutcome",
     "Verdict",
     "available_methods",
+    "combine_verdicts",
     "filters_by_simulation",
-    "method_of",
+    "get_method",
     "sensor_noise",
-    "together",
     "validate_bootstrap",
     "validate_cross",
     "validate_direct",
@@ -52,4 +52,4 @@ __all__ = [
 
 if not TYPE_CHECKING:
     # Requests are declared in this package, too: reading one must not wait for the imports of the computation.
-    __getattr__ = lazily(__name__)
+    __getattr__ = make_lazy_getattr(__name__)

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap
+from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
 from dynident.estimation.bootstrap import DRAWS
-from dynident.estimation.clusters import FEWEST_CLUSTERS, occupied
+from dynident.estimation.clusters import FEWEST_CLUSTERS, find_occupied_blocks
 from dynident.identification import Identification
-from dynident.identification.shapes.shape_columns import shape_places
-from dynident.identification.shapes.shape_constants import looked_at_shapes
-from dynident.progress import Progress, silent
+from dynident.identification.shapes.shape_columns import list_shape_variables
+from dynident.identification.shapes.shape_constants import linearise_shapes
+from dynident.progress import Progress, ignore_progress
 from dynident.threads import single_threaded
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 _TWICE = 2.0
 _MOST_OUTSIDE = 0.1
@@ -64,12 +64,12 @@ class BootstrapValidation:
     stretches: int
     draws: int
     lost: int
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
 def validate_bootstrap(
-    identification: Identification, *, draws: int = DRAWS, seed: int = 0, progress: Progress = silent
+    identification: Identification, *, draws: int = DRAWS, seed: int = 0, progress: Progress = ignore_progress
 ) -> BootstrapValidation:
     """Draw blocks of time anew and compare the deviations with those of the identification.
 
@@ -88,13 +88,13 @@ def validate_bootstrap(
     -------
     BootstrapValidation
     """
-    stretches = int(occupied(identification.data.equations).sum())
-    why = _why_not(identification, stretches)
+    stretches = int(find_occupied_blocks(identification.data.equations).sum())
+    why = _find_obstacle(identification, stretches)
     if why:
-        return BootstrapValidation((), None, stretches, 0, 0, Judged("not_evaluated", why))
+        return BootstrapValidation((), None, stretches, 0, 0, ValidationOutcome("not_evaluated", why))
     progress(0.0, "drawing stretches of time")
-    names, units, reduction, solution, statistics = _subject(identification)
-    result = bootstrap(reduction, solution, draws=draws, seed=seed)
+    names, units, reduction, solution, statistics = _select_bootstrap_inputs(identification)
+    result = bootstrap_estimates(reduction, solution, draws=draws, seed=seed)
     # Two sources let the ratio scatter: the deviation itself, known to 1 / sqrt(2 ν) of its value, and the finite
     # number of draws.
     error = 1.0 / np.sqrt(2.0 * draws)
@@ -104,13 +104,13 @@ def validate_bootstrap(
         DrawnParameter(name, unit, float(own), float(drawn), float(1.0 / (1.0 + wide)), float(1.0 + wide))
         for name, unit, own, drawn, wide in values
     )
-    judged = _judged(parameters, result, stretches)
+    judged = _judge_deviations(parameters, result, stretches)
     return BootstrapValidation(parameters, result.kind, stretches, draws, result.lost, judged)
 
 
-def _why_not(identification: Identification, stretches: int) -> str:
+def _find_obstacle(identification: Identification, stretches: int) -> str:
     """Return why the model cannot be drawn; "" where it can."""
-    if not identification.choices.least_squares_of_torque:
+    if not identification.choices.is_least_squares_of_torque:
         return (
             "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
             "strategy global, the estimators ols, wls and feasible)."
@@ -122,27 +122,29 @@ def _why_not(identification: Identification, stretches: int) -> str:
     return ""
 
 
-def _subject(identification: Identification) -> tuple[list[str], list[str], Reduction, Solution, Statistics]:
+def _select_bootstrap_inputs(
+    identification: Identification,
+) -> tuple[list[str], list[str], Reduction, Solution, Statistics]:
     """Return names, units, data, estimate and statistics of what is drawn, shape constants behind the parameters."""
     estimate, data, model = identification.estimate, identification.data, identification.model
     names, units = [column.name for column in model.kept], [column.unit for column in model.kept]
     shapes = None
     if data.shaped is not None:
-        shapes = looked_at_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
+        shapes = linearise_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
     if shapes is None:
         return names, units, data.equations, estimate.solution, estimate.statistics
-    for place in shape_places(model.effects):
+    for place in list_shape_variables(model.effects):
         joints = "+".join(model.effects[place.choice].joints)
         names.append(f"{'ln ' if place.search.in_octaves else ''}{place.spec.name}{' on ' + joints if joints else ''}")
         units.append("-" if place.search.in_octaves else place.spec.unit)
     return names, units, shapes.reduction, shapes.solution, shapes.statistics
 
 
-def _judged(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches: int) -> Judged:
+def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches: int) -> ValidationOutcome:
     how = "with Webb's weights for the residuals" if result.kind == "wild" else "with replacement"
     drawn = f"{result.draws} draws of {stretches} stretches of time {how}"
     if result.lost > _MOST_LOST * result.draws:
-        return Judged(
+        return ValidationOutcome(
             "not_evaluated",
             f"Of {drawn} {result.lost} do not determine all parameters: few stretches tell of some of them.",
         )
@@ -150,16 +152,16 @@ def _judged(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches
     ratios = np.array([parameter.ratio for parameter in parameters])
     middle = f"in {drawn} deviations are {np.median(ratios):.2f} times those told (median)"
     if len(outside) <= _MOST_OUTSIDE * len(parameters):
-        few = f"; outside of what so few stretches explain: {_named(outside)}" if outside else ""
-        return Judged("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
-    return Judged(
+        few = f"; outside of what so few stretches explain: {_name_worst(outside)}" if outside else ""
+        return ValidationOutcome("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
+    return ValidationOutcome(
         "fail",
         f"{middle[0].upper()}{middle[1:]}; {len(outside)} of {len(parameters)} differ by more than so few stretches "
-        f"explain: {_named(outside)}. Their intervals are to be taken with care.",
+        f"explain: {_name_worst(outside)}. Their intervals are to be taken with care.",
     )
 
 
-def _named(outside: list[DrawnParameter]) -> str:
+def _name_worst(outside: list[DrawnParameter]) -> str:
     worst = sorted(outside, key=lambda parameter: -abs(np.log(max(parameter.ratio, 1e-9))))[:6]
     more = f" and {len(outside) - len(worst)} more" if len(outside) > len(worst) else ""
     return ", ".join(f"{parameter.name} ({parameter.ratio:.2f})" for parameter in worst) + more

@@ -16,8 +16,8 @@ from dynident.arrays import FloatArray
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
-from dynident.identification.estimators.simulator import Simulator, simulator_of
+from dynident.identification.estimators.recorded_motion import RecordedMotion, read_longest_piece
+from dynident.identification.estimators.simulator import Simulator, build_simulator
 from dynident.recordings import Recording
 from dynident.recordings.phases import STANDS
 from dynident.threads import single_threaded
@@ -55,7 +55,7 @@ class Drift:
 
 
 @single_threaded
-def open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
+def compute_open_loop_drift(identification: Identification, recordings: Sequence[Recording]) -> Drift:
     """Simulate a robot with the identified parameters, without a controller, from many states of recorded motions.
 
     Parameters
@@ -72,19 +72,23 @@ def open_loop_drift(identification: Identification, recordings: Sequence[Recordi
     DynidentError
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
-    simulator = simulator_of(identification.model, identification.values)
-    motions = [longest_stretch(recording, identification.preprocessing, np.inf) for recording in recordings]
+    simulator = build_simulator(identification.model, identification.values)
+    motions = [read_longest_piece(recording, identification.preprocessing, np.inf) for recording in recordings]
     each = max(1, _MOST_STARTS // max(len(motions), 1))
-    outcomes = [_leave_alone(simulator, motion, start) for motion in motions for start in _starts(motion, each)]
+    outcomes = [
+        _simulate_without_control(simulator, motion, start)
+        for motion in motions
+        for start in _choose_starts(motion, each)
+    ]
     if not outcomes:
         raise DynidentError(
             f"no unbroken stretch of the recordings is {AFTER[0]:g} s long", pointer="/windows", title="Too short"
         )
     away, moved = (np.array(distances) for distances in zip(*outcomes, strict=True))
-    return Drift(identification.model.robot.joint_names, _rms(away), _rms(moved), len(outcomes))
+    return Drift(identification.model.robot.joint_names, _compute_rms(away), _compute_rms(moved), len(outcomes))
 
 
-def _starts(motion: RecordedMotion, most: int) -> list[int]:
+def _choose_starts(motion: RecordedMotion, most: int) -> list[int]:
     """Return the samples that simulations start from, spread over the motion; the longest horizon fits where it can."""
     t = motion.reference.t
     length = float(t[-1] - t[0])
@@ -95,7 +99,9 @@ def _starts(motion: RecordedMotion, most: int) -> list[int]:
     return [int(k) for k in np.searchsorted(t, times - 1e-9)]
 
 
-def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tuple[FloatArray, FloatArray]:
+def _simulate_without_control(
+    simulator: Simulator, motion: RecordedMotion, start: int
+) -> tuple[FloatArray, FloatArray]:
     """Return how far the simulated robot is off, and how far the real one moved: (3, n) each."""
     whole, robot = motion.reference, simulator.robot
     n = whole.q.shape[1]
@@ -122,7 +128,7 @@ def _leave_alone(simulator: Simulator, motion: RecordedMotion, start: int) -> tu
     return away, way
 
 
-def _rms(values: FloatArray) -> FloatArray:
+def _compute_rms(values: FloatArray) -> FloatArray:
     """Return the root mean square (3, n) over the starts (k, 3, n) that reach so far; nan where none does."""
     there = ~np.isnan(values)
     counts = there.sum(axis=0)

@@ -14,11 +14,11 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import share_of_measured, weighted
+from dynident.estimation import compute_relative_change, weighted
 from dynident.identification import Identification
-from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
-from dynident.identification.estimators.simulator import Simulator, simulator_of
-from dynident.progress import Progress, part, silent
+from dynident.identification.estimators.recorded_motion import RecordedMotion, read_longest_piece
+from dynident.identification.estimators.simulator import Simulator, build_simulator
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import (
     FurtherColumns,
     Preprocessing,
@@ -27,10 +27,10 @@ from dynident.recordings import (
     recording_from_arrays,
 )
 from dynident.regressors.stream import reduce_recordings
-from dynident.simulation import Measurement
+from dynident.simulation import SimulatedRecording
 from dynident.threads import single_threaded
 from dynident.validation.noise import SensorNoise, sensor_noise
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 LONGEST = 30.0
 """Seconds of a recording that are simulated at most."""
@@ -74,7 +74,7 @@ class FiltersBySimulation:
     trials: tuple[FilterTrial, ...]
     used: FilterTrial
     chosen: FilterTrial
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
@@ -85,7 +85,7 @@ def filters_by_simulation(
     cutoffs: Sequence[float] | None = None,
     longest: float = LONGEST,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> FiltersBySimulation:
     """Simulate recordings like the user's, identify them with every choice of filters, and choose the best.
 
@@ -114,28 +114,30 @@ def filters_by_simulation(
         Where no robot with the identified parameters can make the motion, or a cut-off is impossible.
     """
     noise = sensor_noise(recording)
-    motion = longest_stretch(recording, identification.preprocessing, longest)
+    motion = read_longest_piece(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")
-    simulator = simulator_of(identification.model, identification.values)
-    truth = _truth(simulator, motion, part(progress, 0.0, 0.3))
+    simulator = build_simulator(identification.model, identification.values)
+    truth = _simulate_truth(simulator, motion, scale_progress(progress, 0.0, 0.3))
     # All choices of filters are tried on the same draws of the noise: their differences then hold no luck of the draw.
-    draws = [_drawn(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]
+    draws = [_draw_recording(identification, truth, motion, noise, seed + k) for k in range(_DRAWS)]
     own = identification.preprocessing
-    grid = _grid(own, recording, cutoffs)
+    grid = _build_grid(own, recording, cutoffs)
     trials = []
     for number, preprocessing in enumerate(grid):
         share = 0.3 + 0.7 * number / len(grid)
-        progress(share, f"cut-offs {_hertz(preprocessing)}")
-        trials.append(_tried(identification, simulator.values, preprocessing, draws))
+        progress(share, f"cut-offs {_word_cutoffs(preprocessing)}")
+        trials.append(_try_filters(identification, simulator.values, preprocessing, draws))
     solved = [trial for trial in trials if trial.error is not None]
     if trials[0].error is None or not solved:
         raise DynidentError(f"the simulated recording cannot be identified: {trials[0].problem}", pointer="/kind")
     best = min(solved, key=lambda trial: trial.error or 0.0)
     used = trials[0]
-    return FiltersBySimulation(noise, tuple(trials), used, best, _judged(used, best, identification.fit.relative_total))
+    return FiltersBySimulation(
+        noise, tuple(trials), used, best, _judge_filters(used, best, identification.fit.relative_total)
+    )
 
 
-def _truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> Measurement:
+def _simulate_truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> SimulatedRecording:
     """Return the motion that the simulated robot makes, without noise."""
     try:
         return simulator.follow(motion, progress)
@@ -148,8 +150,8 @@ def _truth(simulator: Simulator, motion: RecordedMotion, progress: Progress) -> 
         ) from error
 
 
-def _drawn(
-    identification: Identification, truth: Measurement, motion: RecordedMotion, noise: SensorNoise, seed: int
+def _draw_recording(
+    identification: Identification, truth: SimulatedRecording, motion: RecordedMotion, noise: SensorNoise, seed: int
 ) -> Recording:
     """Return the simulated measurement with one draw of the noise, as a recording."""
     rng = np.random.default_rng(seed)
@@ -162,7 +164,7 @@ def _drawn(
     )
 
 
-def _grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | None) -> list[Preprocessing]:
+def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | None) -> list[Preprocessing]:
     """Return the identification's own choice first, then the others, each once."""
     highest = _HIGHEST * 0.5 * recording.sampling_rate
     middle = own.position_cutoff or own.torque_cutoff or _SHARE_OF_RATE * recording.sampling_rate
@@ -187,7 +189,7 @@ def _grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | N
     return list(dict.fromkeys(grid))
 
 
-def _tried(
+def _try_filters(
     identification: Identification, true: FloatArray, preprocessing: Preprocessing, draws: Sequence[Recording]
 ) -> FilterTrial:
     model = identification.model
@@ -201,14 +203,14 @@ def _tried(
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
     gaps = estimates - true
     # Held against the rows of the identification itself: what the parameters cost there does not depend on the filter.
-    size = [share_of_measured(identification.data.training, gap) for gap in gaps]
+    size = [compute_relative_change(identification.data.training, gap) for gap in gaps]
     mean = gaps.mean(axis=0)
     deviations = identification.statistics.standard_deviations
     biases = np.abs(mean) / np.maximum(deviations, np.finfo(float).tiny)
     worst = int(np.argmax(biases))
     squared = float(np.mean(np.square(size)))
     # The mean of few draws scatters too; what that alone would make is taken off.
-    of_mean = share_of_measured(identification.data.training, mean) ** 2
+    of_mean = compute_relative_change(identification.data.training, mean) ** 2
     bias = max(of_mean - (squared - of_mean) / (len(draws) - 1), 0.0)
     return FilterTrial(
         preprocessing,
@@ -219,24 +221,25 @@ def _tried(
     )
 
 
-def _judged(used: FilterTrial, best: FilterTrial, residual: float) -> Judged:
+def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> ValidationOutcome:
     if used.error is None or best.error is None:
-        return Judged("not_evaluated", "The identification's own filters could not be tried.")
-    own = (
-        f"The filters used ({_hertz(used.preprocessing)}) leave a parameter error worth {used.error:.2%} of the torque"
-    )
+        return ValidationOutcome("not_evaluated", "The identification's own filters could not be tried.")
+    own = f"The filters used ({_word_cutoffs(used.preprocessing)}) leave a parameter error worth {used.error:.2%} of the torque"
     if used.error <= _AS_GOOD * best.error:
-        return Judged("pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}.")
+        return ValidationOutcome(
+            "pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}."
+        )
     if used.error <= _NEGLIGIBLE * residual:
         beside = f"small beside the {residual:.1%} that the model does not explain"
-        better = f"with {_hertz(best.preprocessing)} it would be {best.error:.2%}"
-        return Judged("pass", f"{own}, {beside}; {better}.")
-    return Judged(
-        "fail", f"{own}; with {_hertz(best.preprocessing)} it would be {best.error:.2%}. Identify again with these."
+        better = f"with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}"
+        return ValidationOutcome("pass", f"{own}, {beside}; {better}.")
+    return ValidationOutcome(
+        "fail",
+        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}. Identify again with these.",
     )
 
 
-def _hertz(preprocessing: Preprocessing) -> str:
+def _word_cutoffs(preprocessing: Preprocessing) -> str:
     position, torque = (
         "none" if value is None else f"{value:.3g} Hz"
         for value in (preprocessing.position_cutoff, preprocessing.torque_cutoff)

@@ -14,15 +14,15 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.parameters.inertia import joint_range, random_postures
-from dynident.progress import Progress, silent
+from dynident.identification.parameters.inertia import draw_postures, get_joint_range
+from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 # Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000
@@ -45,12 +45,12 @@ class InertiaMatrixValidation:
     standard_deviation: float | None
     sampled: float | None
     evaluations: int
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
 def validate_inertia_matrix(
-    identification: Identification, *, seed: int = 0, progress: Progress = silent
+    identification: Identification, *, seed: int = 0, progress: Progress = ignore_progress
 ) -> InertiaMatrixValidation:
     """Search the joint range for the posture where the inertia matrix is least positive.
 
@@ -69,17 +69,19 @@ def validate_inertia_matrix(
     InertiaMatrixValidation
     """
     model, values = identification.model, identification.values
-    if not any(effect_by_id(column.effect).is_inertia for column in model.kept):
-        judged = Judged("not_evaluated", "The model has no inertial parameters: there is no inertia matrix.")
+    if not any(get_effect(column.effect).is_inertia for column in model.kept):
+        judged = ValidationOutcome("not_evaluated", "The model has no inertial parameters: there is no inertia matrix.")
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
     if model.is_at_rest:
-        judged = Judged("not_evaluated", "The model is one of poses at rest, which tell nothing of the inertia matrix.")
+        judged = ValidationOutcome(
+            "not_evaluated", "The model is one of poses at rest, which tell nothing of the inertia matrix."
+        )
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
-    search = _Search(model, values)
-    postures = random_postures(model.robot, _SAMPLES, seed)
+    search = _PostureSearch(model, values)
+    postures = draw_postures(model.robot, _SAMPLES, seed)
     progress(0.0, "sampling postures")
     sampled = search.sample(postures)
-    low, high = joint_range(model.robot)
+    low, high = get_joint_range(model.robot)
     starts = postures[np.argsort(sampled)[:_STARTS]]
     for number, start in enumerate(starts):
         progress((number + 1) / (len(starts) + 1), f"searching for the worst posture, start {number + 1}")
@@ -92,16 +94,16 @@ def validate_inertia_matrix(
         standard_deviation=deviation,
         sampled=float(sampled.min()),
         evaluations=search.evaluations,
-        judged=_judged(model.robot, search.worst, search.smallest, deviation),
+        judged=_judge_inertia_matrix(model.robot, search.worst, search.smallest, deviation),
     )
 
 
-class _Search:
+class _PostureSearch:
     """Minimisation of the smallest eigenvalue over postures, which keeps the worst posture of all evaluations."""
 
     def __init__(self, model: Model, values: FloatArray) -> None:
         self._values = values
-        self._matrix, self._slope, self._parts = _functions(model, values)
+        self._matrix, self._slope, self._parts = _build_functions(model, values)
         self.worst = np.zeros(model.robot.n)
         self.smallest = float("inf")
         self.evaluations = 0
@@ -111,7 +113,7 @@ class _Search:
         n = postures.shape[1]
         stacked = np.asarray(self._matrix.map(len(postures))(postures.T), dtype=np.float64)
         matrices = stacked.reshape(n, len(postures), n).transpose(1, 0, 2)
-        return np.array([self._eigen(q, a)[0] for q, a in zip(postures, matrices, strict=True)])
+        return np.array([self._evaluate_posture(q, a)[0] for q, a in zip(postures, matrices, strict=True)])
 
     def descend(self, start: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Go from a posture to a local minimum of the smallest eigenvalue."""
@@ -127,7 +129,7 @@ class _Search:
     def standard_deviation(self, covariance: FloatArray) -> float:
         """Return that of the eigenvalue at the worst posture, from the covariance (b, b) of the parameters."""
         a = np.asarray(self._matrix(self.worst), dtype=np.float64)
-        value, v, scale = _smallest(a)
+        value, v, scale = _compute_smallest_eigenvalue(a)
         u = v * scale
         weights = np.zeros_like(a)
         np.fill_diagonal(weights, np.sign(np.diag(a)) * value * (v * scale) ** 2)
@@ -140,20 +142,20 @@ class _Search:
 
     def _value_and_gradient(self, q: FloatArray) -> tuple[float, FloatArray]:
         a = np.asarray(self._matrix(q), dtype=np.float64)
-        value, v, scale = self._eigen(q, a)
+        value, v, scale = self._evaluate_posture(q, a)
         # vᵀ S v with S = D A D, D = diag(A)^-½: the derivative of D comes in through the diagonal.
         gradient = np.asarray(self._slope(q, v * scale, value * (v * scale) ** 2), dtype=np.float64).reshape(-1)
         return value, gradient
 
-    def _eigen(self, q: FloatArray, a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def _evaluate_posture(self, q: FloatArray, a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         self.evaluations += 1
-        eigenpair = _smallest(a)
+        eigenpair = _compute_smallest_eigenvalue(a)
         if eigenpair[0] < self.smallest:
             self.smallest, self.worst = eigenpair[0], np.array(q, dtype=np.float64)
         return eigenpair
 
 
-def _smallest(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+def _compute_smallest_eigenvalue(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return the smallest eigenvalue of A (n, n) scaled to a unit diagonal, its vector (n,), and the scale (n,).
 
     A diagonal entry that is not positive is scaled to minus one: the matrix is indefinite there.
@@ -164,13 +166,13 @@ def _smallest(a: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     return float(values[0]), vectors[:, 0], scale
 
 
-def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Function, ca.Function]:
+def _build_functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Build the functions q -> A(q); (q, u, w) -> gradient of uᵀAu - wᵀ|diag A|; q -> ∂A/∂χ (n², b)."""
     signals = model.signals
     n = model.robot.n
     parts = []
     for column in model.kept:
-        inertial = effect_by_id(column.effect).is_inertia
+        inertial = get_effect(column.effect).is_inertia
         parts.append(ca.jacobian(column.torque, signals.ddq) if inertial else ca.SX(n, n))
     # Torque is linear in the accelerations, so its Jacobian with respect to them is the column's share of A(q).
     matrix = ca.SX(n, n)
@@ -188,7 +190,7 @@ def _functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.Functi
     )
 
 
-def _judged(robot: Robot, posture: FloatArray, value: float, deviation: float) -> Judged:
+def _judge_inertia_matrix(robot: Robot, posture: FloatArray, value: float, deviation: float) -> ValidationOutcome:
     where = "at " + ", ".join(f"{name} = {x:.2f}" for name, x in zip(robot.joint_names, posture, strict=True))
     units = "rad" if all(joint.kind == "revolute" for joint in robot.joints) else "rad or m"
     size = f"{value:.3g} ± {NORMAL_95 * deviation:.2g}"
@@ -199,6 +201,10 @@ def _judged(robot: Robot, posture: FloatArray, value: float, deviation: float) -
             if value + NORMAL_95 * deviation > 0
             else ""
         )
-        return Judged("fail", f"The inertia matrix is not positive definite in every posture: {description}.{doubt}")
+        return ValidationOutcome(
+            "fail", f"The inertia matrix is not positive definite in every posture: {description}.{doubt}"
+        )
     doubt = " The parameters' uncertainty includes zero." if value - NORMAL_95 * deviation <= 0 else ""
-    return Judged("pass", f"The inertia matrix is positive definite; in the worst posture found {description}.{doubt}")
+    return ValidationOutcome(
+        "pass", f"The inertia matrix is positive definite; in the worst posture found {description}.{doubt}"
+    )

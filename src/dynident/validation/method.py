@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from dynident.asking import said
+from dynident.asking import declare_field
 from dynident.identification.choices import (
     STEPS,
     EstimatorName,
@@ -16,7 +16,7 @@ from dynident.identification.choices import (
     StrategyName,
 )
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
-from dynident.kinds import words_of
+from dynident.kinds import format_kind
 
 
 @dataclass(frozen=True)
@@ -26,20 +26,20 @@ class Method:
     `steps` are those of the sequential strategy; of another they say nothing.
     """
 
-    model: ModelName = said(default="dynamic", kinds=MODELS)
-    strategy: StrategyName = said(default="global", kinds=STRATEGIES)
-    estimator: EstimatorName | Estimator = said(default="wls", kinds=ESTIMATORS)
-    prior: PriorName | None = said(default=None, kinds=PRIORS)
-    steps: StepsName = said("Of the sequential strategy", default="link_by_link", kinds=STEPS)
+    model: ModelName = declare_field(default="dynamic", kinds=MODELS)
+    strategy: StrategyName = declare_field(default="global", kinds=STRATEGIES)
+    estimator: EstimatorName | Estimator = declare_field(default="wls", kinds=ESTIMATORS)
+    prior: PriorName | None = declare_field(default=None, kinds=PRIORS)
+    steps: StepsName = declare_field("Of the sequential strategy", default="link_by_link", kinds=STEPS)
 
     @property
     def words(self) -> str:
         """Name of the method for people."""
         strategy = self.steps if self.strategy == "sequential" else self.strategy
-        names = f"{self.model}, {strategy}, {words_of(self.estimator)}".replace("_", " ")
-        return names if self.prior is None else f"{names}, prior from the {PRIORS.one(self.prior).called}"
+        names = f"{self.model}, {strategy}, {format_kind(self.estimator)}".replace("_", " ")
+        return names if self.prior is None else f"{names}, prior from the {PRIORS.get(self.prior).called}"
 
-    def of(self, choices: IdentificationChoices) -> IdentificationChoices:
+    def apply_to(self, choices: IdentificationChoices) -> IdentificationChoices:
         """Return these choices with this method."""
         return replace(
             choices,
@@ -52,7 +52,7 @@ class Method:
         )
 
 
-def method_of(choices: IdentificationChoices) -> Method:
+def get_method(choices: IdentificationChoices) -> Method:
     """Return the method of an identification's choices."""
     steps = choices.steps if choices.strategy == "sequential" else "link_by_link"
     return Method(choices.model, choices.strategy, choices.estimator, choices.prior, steps)
@@ -70,7 +70,7 @@ def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
     -------
     tuple of Method
     """
-    own = method_of(choices)
+    own = get_method(choices)
     methods = [own]
     methods += [
         Method(model, strategy, steps=steps)

@@ -10,17 +10,17 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, errors, moving_errors, share_of_measured
+from dynident.estimation import Errors, Reduction, compute_errors, compute_moving_errors, compute_relative_change
 from dynident.identification import Identification
 from dynident.identification.choices import IdentificationChoices, ModelName
-from dynident.identification.equations.data import Data, reduced, torque_of
+from dynident.identification.equations.data import Data, reduce_to_rows, reduce_torque
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.by_name import fit
-from dynident.progress import Progress, part, silent
+from dynident.identification.strategies.by_name import solve_by_strategy
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
 from dynident.validation.method import Method, available_methods
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 # A method agrees where its error is within this factor of the best one's …
 _AS_GOOD = 1.15
@@ -77,7 +77,7 @@ class MethodsValidation:
     parameters: tuple[str, ...]
     results: tuple[MethodResult, ...]
     held_out: bool
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
@@ -86,7 +86,7 @@ def validate_methods(
     recordings: Sequence[Recording],
     validation: Sequence[Recording] = (),
     methods: Sequence[Method] | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> MethodsValidation:
     """Identify the same effects from the same recordings by different methods, and compare the results.
 
@@ -118,36 +118,38 @@ def validate_methods(
     chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
     for method in chosen:
         # Raise for an impossible method now, not after minutes of work on those before it.
-        method.of(identification.choices)
+        method.apply_to(identification.choices)
     model, reference = identification.model, identification.estimate.reference
     preprocessing = identification.preprocessing
     held_out_data = (
-        torque_of(model, validation, preprocessing, reference, part(progress, 0.0, 0.1)) if validation else None
+        reduce_torque(model, validation, preprocessing, reference, scale_progress(progress, 0.0, 0.1))
+        if validation
+        else None
     )
     data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
     results: list[MethodResult] = []
     for number, method in enumerate(chosen):
-        share = part(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
+        share = scale_progress(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
         share(0.0, method.words)
-        choices = method.of(identification.choices)
+        choices = method.apply_to(identification.choices)
         # What the wrench alone shows is taken out of its equations with the estimator's weights.
         kind = (method.model, method.model == "base_wrench" and method.estimator == "ols")
         if kind not in data:
-            data[kind] = _data_of(identification, choices, recordings, share)
-        results.append(_result(identification, choices, method, data[kind], held_out_data, results))
+            data[kind] = _reduce_recordings(identification, choices, recordings, share)
+        results.append(_run_method(identification, choices, method, data[kind], held_out_data, results))
     judged = judge_methods(identification, results, held_out_data is not None)
     names = tuple(column.name for column in model.kept)
     return MethodsValidation(names, tuple(results), held_out_data is not None, judged)
 
 
-def _data_of(
+def _reduce_recordings(
     identification: Identification, choices: IdentificationChoices, recordings: Sequence[Recording], progress: Progress
 ) -> Data | DynidentError:
     """Return the recordings reduced to the rows of an equation type, or why they cannot be."""
     try:
-        return reduced(
+        return reduce_to_rows(
             identification.model,
-            choices.rows_asked,
+            choices.row_options,
             recordings,
             identification.preprocessing,
             identification.estimate.reference,
@@ -157,7 +159,7 @@ def _data_of(
         return error
 
 
-def _result(
+def _run_method(
     identification: Identification,
     choices: IdentificationChoices,
     method: Method,
@@ -169,7 +171,7 @@ def _result(
     try:
         if isinstance(data, DynidentError):
             raise data
-        estimate = fit(choices, Problem.of(identification.model, choices, data))
+        estimate = solve_by_strategy(choices, Problem.from_choices(identification.model, choices, data))
     except DynidentError as error:
         return MethodResult(
             method, None, None, None, None, None, None, None, perf_counter() - start, (), problem=error.detail
@@ -184,36 +186,36 @@ def _result(
         method=method,
         values=values,
         standard_deviations=deviations,
-        fit=errors(data.torque, values),
-        held_out=errors(torque_rows, values),
-        distance=_distance(values - others, np.hypot(deviations, doubts)),
-        torque_distance=share_of_measured(torque_rows, values - others),
-        torque_deviation=_torque_deviation(torque_rows, estimate.statistics.covariance),
+        fit=compute_errors(data.torque, values),
+        held_out=compute_errors(torque_rows, values),
+        distance=_compute_distance(values - others, np.hypot(deviations, doubts)),
+        torque_distance=compute_relative_change(torque_rows, values - others),
+        torque_deviation=_compute_torque_deviation(torque_rows, estimate.statistics.covariance),
         seconds=seconds,
         warnings=estimate.warnings,
-        fit_moving=moving_errors(data.torque, values),
-        held_out_moving=moving_errors(torque_rows, values),
+        fit_moving=compute_moving_errors(data.torque, values),
+        held_out_moving=compute_moving_errors(torque_rows, values),
     )
 
 
-def _distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
+def _compute_distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
     """Return (b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
     size = np.abs(gap)
     return np.asarray(np.where(size > 0, size / np.maximum(deviations, np.finfo(float).tiny), 0.0))
 
 
-def _torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
+def _compute_torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
     """Return √tr(W C Wᵀ) / ||Y||: the relative uncertainty of the torque for parameters of this covariance."""
     squares = measured = 0.0
     for equation in reduction.equations:
         k = len(equation.columns)
-        w = equation.joined[:, :k]
+        w = equation.joint_factor[:, :k]
         squares += float(np.einsum("ij,jk,ik->", w, covariance[np.ix_(equation.columns, equation.columns)], w))
-        measured += float(equation.joined[:, k] @ equation.joined[:, k])
+        measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
     return float(np.sqrt(max(squares, 0.0) / measured)) if measured > 0 else 0.0
 
 
-def judge_methods(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> Judged:
+def judge_methods(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> ValidationOutcome:
     """Judge whether the methods agree.
 
     They do not where one predicts worse than its uncertainty explains, or has other parameters.
@@ -232,32 +234,38 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     solved = [result for result in results if result.held_out is not None]
     if len(solved) < 2:
         reasons = "; ".join(f"{result.method.words}: {result.problem}" for result in results if result.problem)
-        return Judged("not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else "."))
+        return ValidationOutcome(
+            "not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else ".")
+        )
     on = "on data that no parameter saw" if held_out else "on the identification's own data"
     totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
     best = min(totals)
     worse = [
         f"{result.method.words} ({total:.1%})"
         for result, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best and not _explained(result) and _counts(identification, result)
+        if total > _AS_GOOD * best
+        and not _is_explained_by_uncertainty(result)
+        and _is_comparable(identification, result)
     ]
     others = [
         f"{result.method.words} ({total:.1%})"
         for result, total in zip(solved, totals, strict=True)
-        if total > _AS_GOOD * best and not _explained(result) and not _counts(identification, result)
+        if total > _AS_GOOD * best
+        and not _is_explained_by_uncertainty(result)
+        and not _is_comparable(identification, result)
     ]
     far = [
         f"{result.method.words} ({result.distance_rms:.1f}, most in {identification.model.kept[result.farthest].name})"
         for result in solved
         if result.distance_rms is not None and result.farthest is not None and result.distance_rms > _FAR
-        if _counts(identification, result)
+        if _is_comparable(identification, result)
     ]
     range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
     aside = ""
     if others:
         aside = f" That {', '.join(others)} predicts worse says so of its equations on this data, not of the model."
     if not worse and not far:
-        return Judged(
+        return ValidationOutcome(
             "pass",
             f"{range_text}, and their parameters agree within {_FAR:.0f} standard deviations (root mean square)."
             f"{aside}",
@@ -269,15 +277,15 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         complaints.append(
             f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}"
         )
-    return Judged("fail", f"{range_text}; {'; '.join(complaints)}.")
+    return ValidationOutcome("fail", f"{range_text}; {'; '.join(complaints)}.")
 
 
-def _counts(identification: Identification, result: MethodResult) -> bool:
+def _is_comparable(identification: Identification, result: MethodResult) -> bool:
     """Return whether a method minimises torque errors (§12.6), or has the model's own equation type."""
     return result.method.model in ("dynamic", "filtered", identification.choices.model)
 
 
-def _explained(result: MethodResult) -> bool:
+def _is_explained_by_uncertainty(result: MethodResult) -> bool:
     """Return whether a method's torque differs by no more than its own uncertainty allows."""
     distance, deviation = result.torque_distance, result.torque_deviation
     return distance is not None and deviation is not None and distance <= _SURE * deviation

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.robust import robust_scale
+from dynident.estimation.robust import estimate_robust_scale
 from dynident.recordings import Recording, filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing
 
@@ -57,5 +57,5 @@ def sensor_noise(recording: Recording) -> SensorNoise:
         )
     joint, effort = np.concatenate(position), np.concatenate(torque)
     # Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
-    spread = robust_scale(effort)
+    spread = estimate_robust_scale(effort)
     return SensorNoise(np.sqrt(np.mean(joint**2, axis=0) / _LEFT), np.asarray(spread / np.sqrt(_LEFT)))

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, errors, moving_errors
+from dynident.estimation import Errors, compute_errors, compute_moving_errors
 from dynident.identification import Identification
-from dynident.identification.equations.data import torque_of
+from dynident.identification.equations.data import reduce_torque
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
 from dynident.threads import single_threaded
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class TorqueValidation:
     total: Errors
     total_moving: Errors
     limit: float
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
@@ -46,7 +46,7 @@ def validate_direct(
     identification: Identification,
     recordings: Sequence[Recording],
     limit: float = LARGEST_ERROR,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> TorqueValidation:
     """Compute the torque error on the recordings that the model was identified from.
 
@@ -67,7 +67,7 @@ def validate_direct(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    return _validated(identification, recordings, limit, "the identification's own data", progress)
+    return _validate_torque(identification, recordings, limit, "the identification's own data", progress)
 
 
 @single_threaded
@@ -75,7 +75,7 @@ def validate_cross(
     identification: Identification,
     recordings: Sequence[Recording],
     limit: float = LARGEST_ERROR,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> TorqueValidation:
     """Compute the torque error on recordings that were not used for the identification.
 
@@ -99,15 +99,15 @@ def validate_cross(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    validation = _validated(identification, recordings, limit, "data that no parameter saw", progress)
+    validation = _validate_torque(identification, recordings, limit, "data that no parameter saw", progress)
     error, own = validation.total.relative_total, identification.fit.relative_total
     if (
         validation.judged.verdict != "pass"
         or error <= OVERFIT * own
-        or not _clearly_worse(identification, validation.total)
+        or not _is_clearly_worse(identification, validation.total)
     ):
         return validation
-    judged = Judged(
+    judged = ValidationOutcome(
         "fail",
         f"The error is {error:.1%} on data that no parameter saw, against {own:.1%} in the fit: the identification's "
         "motion does not determine the model, or this motion shows what that one did not.",
@@ -121,16 +121,16 @@ def check_limit(limit: float) -> None:
         raise DynidentError(f"limit is {limit}; give a relative error above 0, such as 0.15", pointer="/limit")
 
 
-def _validated(
+def _validate_torque(
     identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
 ) -> TorqueValidation:
-    each = _tried(identification, recordings, limit, progress)
-    total = _together([recording_errors.errors for recording_errors in each])
-    moving = _together([recording_errors.moving for recording_errors in each])
-    return TorqueValidation(each, total, moving, limit, _judged(identification, total, moving, limit, on_what))
+    each = _compute_errors_by_recording(identification, recordings, limit, progress)
+    total = _add_errors([recording_errors.errors for recording_errors in each])
+    moving = _add_errors([recording_errors.moving for recording_errors in each])
+    return TorqueValidation(each, total, moving, limit, _judge_errors(identification, total, moving, limit, on_what))
 
 
-def _tried(
+def _compute_errors_by_recording(
     identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
 ) -> tuple[RecordingErrors, ...]:
     check_limit(limit)
@@ -138,45 +138,53 @@ def _tried(
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
     recording_errors = []
     for index, recording in enumerate(recordings):
-        share = part(progress, index / len(recordings), (index + 1) / len(recordings))
-        data = torque_of(
+        share = scale_progress(progress, index / len(recordings), (index + 1) / len(recordings))
+        data = reduce_torque(
             identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
         )
         values = identification.values
         recording_errors.append(
-            RecordingErrors(recording.name, errors(data.torque, values), moving_errors(data.torque, values))
+            RecordingErrors(
+                recording.name, compute_errors(data.torque, values), compute_moving_errors(data.torque, values)
+            )
         )
     return tuple(recording_errors)
 
 
-def _together(each: Sequence[Errors]) -> Errors:
+def _add_errors(each: Sequence[Errors]) -> Errors:
     return Errors(*(np.sum([getattr(summand, name) for summand in each], axis=0) for name in _SUMMED))
 
 
 _SUMMED = ("squares", "measured", "counts")
 
 
-def _judged(identification: Identification, total: Errors, moving: Errors, limit: float, on_what: str) -> Judged:
+def _judge_errors(
+    identification: Identification, total: Errors, moving: Errors, limit: float, on_what: str
+) -> ValidationOutcome:
     names = identification.model.robot.joint_names
     if not total.counts.any():
-        return Judged("not_evaluated", "No sample is left inside the windows and clear of the segments' ends.")
+        return ValidationOutcome(
+            "not_evaluated", "No sample is left inside the windows and clear of the segments' ends."
+        )
     relative = total.relative
     where_moving = np.where(moving.counts > 0, moving.relative, relative)
     useless = [f"{name} ({where_moving[j]:.0%})" for j, name in enumerate(names) if where_moving[j] > LARGEST_OF_JOINT]
     worst = int(np.argmax(relative))
     error = f"The torque error on {on_what} is {total.relative_total:.1%}"
     if total.relative_total > limit:
-        return Judged(
+        return ValidationOutcome(
             "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
         )
     if useless:
-        return Judged("fail", f"{error}, but above {LARGEST_OF_JOINT:.0%} where it moves on {', '.join(useless)}.")
-    return Judged(
+        return ValidationOutcome(
+            "fail", f"{error}, but above {LARGEST_OF_JOINT:.0%} where it moves on {', '.join(useless)}."
+        )
+    return ValidationOutcome(
         "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
     )
 
 
-def _clearly_worse(identification: Identification, total: Errors) -> bool:
+def _is_clearly_worse(identification: Identification, total: Errors) -> bool:
     """Return whether the residual itself grew, not only its share in a smaller torque."""
     own = identification.fit
     return bool(np.any(total.rms > OVERFIT * own.rms))

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification, PayloadVerdict, payload_from_pair
 from dynident.identification.loads.drive_gains import DriveGains, identify_gains
-from dynident.identification.loads.payloads import known_payload
+from dynident.identification.loads.payloads import read_known_payload
 from dynident.recordings import Recording
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 # Off by more than this share is wrong, whatever the interval; by less is right: gains are hardly known better.
 _AS_STATED = 0.05
@@ -30,7 +30,7 @@ class PayloadValidation:
     stated: float
     weighed: PayloadVerdict
     gains: DriveGains | None
-    judged: Judged
+    judged: ValidationOutcome
 
 
 def validate_payload(
@@ -60,8 +60,8 @@ def validate_payload(
     """
     if mass is not None and not (np.isfinite(mass) and mass > 0):
         raise DynidentError(f"the mass is {mass}; give a number of kg above zero", pointer="/mass")
-    stated = known_payload(loaded).mass if mass is None else mass
-    effects = tuple(choice for choice in identification.choices.effects if _fits(choice))
+    stated = read_known_payload(loaded).mass if mass is None else mass
+    effects = tuple(choice for choice in identification.choices.effects if _is_usable_effect(choice))
     robot, filters = identification.model.robot, identification.preprocessing
     weighed = payload_from_pair(robot, unloaded, loaded, effects=effects, preprocessing=filters)
     known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
@@ -70,23 +70,23 @@ def validate_payload(
         gains = identify_gains(robot, unloaded, [known], effects=effects, preprocessing=filters)
     except DynidentError:
         gains = None
-    return PayloadValidation(loaded.name, stated, weighed, gains, _judged(stated, weighed))
+    return PayloadValidation(loaded.name, stated, weighed, gains, _judge_mass(stated, weighed))
 
 
-def _fits(choice: EffectChoice) -> bool:
-    effect = effect_by_id(choice.effect)
+def _is_usable_effect(choice: EffectChoice) -> bool:
+    effect = get_effect(choice.effect)
     return not (effect.needs_load or effect.in_some_runs or choice.runs)
 
 
-def _judged(stated: float, weighed: PayloadVerdict) -> Judged:
+def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
     if weighed.mass is None or weighed.interval is None:
-        return Judged("not_evaluated", f"The load of {stated:.4g} kg cannot be weighed: {weighed.reason}.")
+        return ValidationOutcome("not_evaluated", f"The load of {stated:.4g} kg cannot be weighed: {weighed.reason}.")
     low, high = weighed.interval
     off = weighed.mass - stated
     text = f"The load weighs {weighed.mass:.3f} kg ({low:.3f} to {high:.3f}); it is said to be {stated:.4g} kg"
     if low <= stated <= high or abs(off) <= _AS_STATED * stated:
-        return Judged("pass", f"{text}.")
-    return Judged(
+        return ValidationOutcome("pass", f"{text}.")
+    return ValidationOutcome(
         "fail",
         f"{text}, {abs(off) / stated:.1%} {'less' if off > 0 else 'more'}: the drive gains are probably too "
         f"{'high' if off > 0 else 'low'} by as much, or the torque is not that of the joints.",

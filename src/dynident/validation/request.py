@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from dynident.asking import LARGEST_SEED, Choice, check_ranges, retold, said, said_of
+from dynident.asking import LARGEST_SEED, Choice, check_ranges, declare_field, get_description, redescribe_field
 from dynident.errors import DynidentError
-from dynident.kinds import Kind
+from dynident.kinds import RegistryEntry
 from dynident.validation.method import Method
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Tried:
+class ValidationData:
     """What a validation works on; `others` depends on the kind: data of the fit, or runs without a load."""
 
     model: Identification
@@ -47,7 +47,7 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Trial(Kind):
+class Trial(RegistryEntry):
     """A validation; its fields are those that it alone takes.
 
     `of_model_alone`: it needs no recording. `takes_recordings`: it can be told which ones.
@@ -56,19 +56,21 @@ class Trial(Kind):
     of_model_alone: ClassVar[bool] = False
     takes_recordings: ClassVar[bool] = True
 
-    def judge(self, tried: Tried) -> TrialResult:
+    def judge(self, tried: ValidationData) -> TrialResult:
         """Make the validation: the result of its kind, or a list of such for several recordings."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class UpToALimit(Trial):
+class LimitedTrial(Trial):
     """A validation that passes where a relative error is not above a limit."""
 
-    limit: float | None = said("Largest relative error that passes, 0.15", default=None, at_least=1e-6, at_most=10)
+    limit: float | None = declare_field(
+        "Largest relative error that passes, 0.15", default=None, at_least=1e-6, at_most=10
+    )
 
     @property
-    def largest(self) -> float:
+    def largest_error(self) -> float:
         """The limit, or the default where none is given."""
         from dynident.validation import LARGEST_ERROR
 
@@ -76,32 +78,32 @@ class UpToALimit(Trial):
 
 
 @dataclass(frozen=True)
-class Direct(UpToALimit):
+class Direct(LimitedTrial):
     """Errors on the identification's own data."""
 
     name = "direct"
     words = "The torque error on the data that the model was identified from."
     takes_recordings = False
 
-    def judge(self, tried: Tried) -> TorqueValidation:
+    def judge(self, tried: ValidationData) -> TorqueValidation:
         """Make the validation."""
         from dynident.validation import validate_direct
 
-        return validate_direct(tried.model, tried.recordings, self.largest, tried.progress)
+        return validate_direct(tried.model, tried.recordings, self.largest_error, tried.progress)
 
 
 @dataclass(frozen=True)
-class Cross(UpToALimit):
+class Cross(LimitedTrial):
     """Errors on data that the model has not seen."""
 
     name = "cross"
     words = "The torque error on data that no parameter saw."
 
-    def judge(self, tried: Tried) -> TorqueValidation:
+    def judge(self, tried: ValidationData) -> TorqueValidation:
         """Make the validation."""
         from dynident.validation import validate_cross
 
-        return validate_cross(tried.model, tried.recordings, self.largest, tried.progress)
+        return validate_cross(tried.model, tried.recordings, self.largest_error, tried.progress)
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,9 @@ class InertiaMatrix(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    seed: int = said("Of the postures that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Of the postures that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
-    def judge(self, tried: Tried) -> InertiaMatrixValidation:
+    def judge(self, tried: ValidationData) -> InertiaMatrixValidation:
         """Make the validation."""
         from dynident.validation import validate_inertia_matrix
 
@@ -131,11 +133,11 @@ class Payload(Trial):
     label = "known load"
     words = "A run with a known load: is the load found?"
 
-    mass: float | None = said(
+    mass: float | None = declare_field(
         "The known mass, where the measurements do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
     )
 
-    def judge(self, tried: Tried) -> list[PayloadValidation]:
+    def judge(self, tried: ValidationData) -> list[PayloadValidation]:
         """Make the validation on each recording with the load; `others` are those without."""
         from dynident.validation import validate_payload
 
@@ -153,11 +155,11 @@ class Methods(Trial):
     name = "methods"
     words = "All models, strategies and estimators on the same data: do they agree?"
 
-    methods: tuple[Method, ...] | None = said(
+    methods: tuple[Method, ...] | None = declare_field(
         "Which; all that are available if left out", default=None, fewest=1, most=100, option="-"
     )
 
-    def judge(self, tried: Tried) -> MethodsValidation:
+    def judge(self, tried: ValidationData) -> MethodsValidation:
         """Make the validation: `others` are the data of the fit, `recordings` are held out."""
         from dynident.validation import validate_methods
 
@@ -165,23 +167,25 @@ class Methods(Trial):
 
 
 @dataclass(frozen=True)
-class Simulation(UpToALimit):
+class Simulation(LimitedTrial):
     """A simulated robot against the recorded one."""
 
     name = "simulation"
     words = "A robot with these parameters makes the recorded motion: does it need the recorded torque?"
 
-    longest: float | None = said("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
+    longest: float | None = declare_field("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
 
-    def judge(self, tried: Tried) -> list[SimulationValidation]:
+    def judge(self, tried: ValidationData) -> list[SimulationValidation]:
         """Make the validation on each recording."""
-        from dynident.progress import part
+        from dynident.progress import scale_progress
         from dynident.validation import validate_simulation
         from dynident.validation.simulation import LONGEST
 
         longest, n = self.longest or LONGEST, len(tried.recordings)
         return [
-            validate_simulation(tried.model, recording, self.largest, longest, part(tried.progress, k / n, (k + 1) / n))
+            validate_simulation(
+                tried.model, recording, self.largest_error, longest, scale_progress(tried.progress, k / n, (k + 1) / n)
+            )
             for k, recording in enumerate(tried.recordings)
         ]
 
@@ -193,13 +197,13 @@ class Filters(Trial):
     name = "filters"
     words = "Recordings like these are simulated and identified with many filters: were the right ones chosen?"
 
-    cutoffs: tuple[float, ...] | None = said(
+    cutoffs: tuple[float, ...] | None = declare_field(
         "Position cut-offs to try", default=None, unit="Hz", at_least=1e-4, at_most=1e6, fewest=1, most=20
     )
-    longest: float | None = said("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
-    seed: int = said("Of the noise that is drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    longest: float | None = declare_field("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
+    seed: int = declare_field("Of the noise that is drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
-    def judge(self, tried: Tried) -> FiltersBySimulation:
+    def judge(self, tried: ValidationData) -> FiltersBySimulation:
         """Make the validation on the first recording."""
         from dynident.validation import filters_by_simulation
         from dynident.validation.filters import LONGEST
@@ -224,10 +228,12 @@ class Bootstrap(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    draws: int | None = said("How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999)
-    seed: int = said("Of the stretches of time that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    draws: int | None = declare_field(
+        "How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999
+    )
+    seed: int = declare_field("Of the stretches of time that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
 
-    def judge(self, tried: Tried) -> BootstrapValidation:
+    def judge(self, tried: ValidationData) -> BootstrapValidation:
         """Make the validation."""
         from dynident.estimation.bootstrap import DRAWS
         from dynident.validation import validate_bootstrap
@@ -252,7 +258,7 @@ class _Trials:
         """The names with their words."""
         return tuple(Choice(kind.name, kind.label or kind.name, kind.words) for kind in self.by_name.values())
 
-    def told(self) -> str:
+    def format_help(self) -> str:
         """Join the names for a line of help."""
         return ", ".join(self.names)
 
@@ -260,7 +266,7 @@ class _Trials:
 TRIALS = _Trials()
 
 
-def _stated() -> type:
+def _build_request_class() -> type:
     """Build the flat request class: the fields of all kinds, each with the kinds that take it in its words."""
     takers: dict[str, list[str]] = {}
     firsts: dict[str, Field[Any]] = {}
@@ -269,7 +275,7 @@ def _stated() -> type:
             takers.setdefault(field.name, []).append(kind.name)
             firsts.setdefault(field.name, field)
     definitions = [
-        (name, field.type, retold(field, f"{', '.join(takers[name])}: {said_of(field).words}"))
+        (name, field.type, redescribe_field(field, f"{', '.join(takers[name])}: {get_description(field).words}"))
         for name, field in firsts.items()
     ]
     request_class = make_dataclass("Stated", definitions, frozen=True)
@@ -277,11 +283,11 @@ def _stated() -> type:
     return request_class
 
 
-Stated = _stated()
+Stated = _build_request_class()
 """What is stated of a validation beside its kind: the fields of all kinds, flat."""
 
 
-def trial_of(kind: str, stated: Mapping[str, object]) -> Trial:
+def build_trial(kind: str, stated: Mapping[str, object]) -> Trial:
     """Build the validation of a kind from its fields; None counts as not stated.
 
     Parameters

@@ -12,16 +12,16 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Estimate, Identification
-from dynident.identification.estimators.recorded_motion import RecordedMotion, longest_stretch
-from dynident.identification.estimators.simulator import simulator_of
+from dynident.identification.estimators.recorded_motion import RecordedMotion, read_longest_piece
+from dynident.identification.estimators.simulator import build_simulator
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.phases import SLOW
 from dynident.simulation.truth import may_be_negative
 from dynident.threads import single_threaded
 from dynident.validation.on_recordings import check_limit
-from dynident.validation.verdict import Judged
+from dynident.validation.verdict import ValidationOutcome
 
 LONGEST = 20.0
 """Seconds of a recording that are simulated at most."""
@@ -46,7 +46,7 @@ class SimulationValidation:
     position: FloatArray | None
     position_share: FloatArray | None
     limit: float
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @single_threaded
@@ -55,7 +55,7 @@ def validate_simulation(
     recording: Recording,
     limit: float = LARGEST_ERROR,
     longest: float = LONGEST,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> SimulationValidation:
     """Let a robot with the identified parameters make the recorded motion under joint control.
 
@@ -84,30 +84,32 @@ def validate_simulation(
     check_limit(limit)
     if not (np.isfinite(longest) and longest > 0):
         raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
-    motion = longest_stretch(recording, identification.preprocessing, longest)
+    motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
-    impossible = _impossible(identification.estimate)
+    impossible = _name_impossible_parameters(identification.estimate)
     if impossible:
-        judged = Judged("fail", f"No robot has the identified parameters: {impossible}.")
+        judged = ValidationOutcome("fail", f"No robot has the identified parameters: {impossible}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     try:
-        simulator = simulator_of(identification.model, identification.values)
-        measured = simulator.follow(motion, part(progress, 0.05, 1.0))
+        simulator = build_simulator(identification.model, identification.values)
+        measured = simulator.follow(motion, scale_progress(progress, 0.05, 1.0))
     except DynidentError as error:
-        judged = Judged("fail", f"No robot with the identified parameters makes this motion: {error.detail}.")
+        judged = ValidationOutcome(
+            "fail", f"No robot with the identified parameters makes this motion: {error.detail}."
+        )
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     count = min(len(measured.tau), len(motion.tau))
     still = np.abs(motion.reference.dq[:count]) < SLOW
-    errors = _torque_errors(identification, recording, measured.tau[:count], motion.tau[:count], still)
+    errors = _compute_torque_errors(identification, recording, measured.tau[:count], motion.tau[:count], still)
     off = measured.truth.q[:count] - motion.reference.q[:count]
     position = np.sqrt(np.mean(off**2, axis=0))
     span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
     share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
-    judged = _judged(identification, motion, errors, share, limit)
+    judged = _judge_response(identification, motion, errors, share, limit)
     return SimulationValidation(recording.name, duration, errors, position, share, limit, judged)
 
 
-def _impossible(estimate: Estimate) -> str:
+def _name_impossible_parameters(estimate: Estimate) -> str:
     """Name the parameters that are below zero by more than chance, where nature allows no such sign."""
     deviations = estimate.statistics.standard_deviations
     return ", ".join(
@@ -117,7 +119,7 @@ def _impossible(estimate: Estimate) -> str:
     )
 
 
-def _torque_errors(
+def _compute_torque_errors(
     identification: Identification, recording: Recording, simulated: FloatArray, measured: FloatArray, still: BoolArray
 ) -> Errors | None:
     """Return errors behind the parallel filter's low-pass, where it is filled; None where no rows are left.
@@ -137,11 +139,11 @@ def _torque_errors(
     return Errors((rest**2).sum(axis=0), (known**2).sum(axis=0), counted.sum(axis=0).astype(np.float64))
 
 
-def _judged(
+def _judge_response(
     identification: Identification, motion: RecordedMotion, errors: Errors | None, share: FloatArray, limit: float
-) -> Judged:
+) -> ValidationOutcome:
     if errors is None:
-        return Judged(
+        return ValidationOutcome(
             "not_evaluated",
             f"The longest unbroken stretch, {motion.reference.duration:.1f} s, is too short for the torque filter.",
         )
@@ -152,15 +154,15 @@ def _judged(
         f"{errors.relative_total:.1%} off the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
     )
     if errors.relative_total > limit:
-        return Judged("fail", f"{text}, above the limit of {limit:.1%}.")
+        return ValidationOutcome("fail", f"{text}, above the limit of {limit:.1%}.")
     useless = [
         f"{name} ({errors.relative[j]:.1%})" for j, name in enumerate(names) if errors.relative[j] > LARGEST_OF_JOINT
     ]
     if useless:
-        return Judged("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
+        return ValidationOutcome("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
     if lost:
         complaint = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"
-        return Judged("fail", f"{text}, {complaint} {', '.join(lost)}.")
+        return ValidationOutcome("fail", f"{text}, {complaint} {', '.join(lost)}.")
     followed = f"and it follows the recorded motion within {share.max():.2%} of every joint's range"
-    return Judged("pass", f"{text}, within the limit of {limit:.1%}, {followed}.")
+    return ValidationOutcome("pass", f"{text}, within the limit of {limit:.1%}, {followed}.")

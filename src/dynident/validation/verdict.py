@@ -10,14 +10,14 @@ Verdict = Literal["pass", "fail", "not_evaluated"]
 
 
 @dataclass(frozen=True)
-class Judged:
+class ValidationOutcome:
     """Verdict of a validation: pass, fail or not evaluated, and the reason in a sentence."""
 
     verdict: Verdict
     reason: str
 
 
-def together(parts: Sequence[tuple[str, Judged]]) -> Judged:
+def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> ValidationOutcome:
     """Combine the verdicts of several tries into one: one that fails makes all fail, and at least one has to pass.
 
     Parameters
@@ -32,7 +32,9 @@ def together(parts: Sequence[tuple[str, Judged]]) -> Judged:
     words = [judged.verdict for _, judged in parts]
     verdict: Verdict = "fail" if "fail" in words else "pass" if "pass" in words else "not_evaluated"
     if not parts:
-        return Judged(verdict, "Nothing was tried.")
+        return ValidationOutcome(verdict, "Nothing was tried.")
     if len(parts) == 1:
         return parts[0][1]
-    return Judged(verdict, " ".join(f"{name}: {judged.reason}" for name, judged in parts if judged.verdict == verdict))
+    return ValidationOutcome(
+        verdict, " ".join(f"{name}: {judged.reason}" for name, judged in parts if judged.verdict == verdict)
+    )

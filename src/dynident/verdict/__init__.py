@@ -1,6 +1,6 @@
 """State what a model is fit for, what not, and what to do about it."""
 
-from dynident.diagnosis.comparing.content import Common, common_content
+from dynident.diagnosis.comparing.content import DataOverlap, find_overlaps
 from dynident.verdict.evidence import Outcome
 from dynident.verdict.judge import ModelVerdict, is_stopped, verdict
 from dynident.verdict.stopping import Stop
@@ -9,7 +9,7 @@ from dynident.verdict.use import MARKS, State, Use, UseName
 
 __all__ = [
     "MARKS",
-    "Common",
+    "DataOverlap",
     "DetectableForce",
     "ModelVerdict",
     "Outcome",
@@ -17,7 +17,7 @@ __all__ = [
     "Stop",
     "Use",
     "UseName",
-    "common_content",
+    "find_overlaps",
     "is_stopped",
     "verdict",
 ]

@@ -15,7 +15,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
-from dynident.validation import Judged
+from dynident.validation import ValidationOutcome
 
 LONGEST = 600.0
 """Seconds of a recording that are looked at, at most: what is judged does not change with more."""
@@ -29,7 +29,7 @@ class Outcome:
     """How a validation of the model ended; `kind` as `dynident validate` names it."""
 
     kind: str
-    judged: Judged
+    judged: ValidationOutcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class PhaseErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class HeldOutEvidence:
     """A model, the held-out recordings with their residuals, and the outcomes of validations.
 
     `held_out`: errors on all rows, which a model that comes out of a file has without its recordings.
@@ -54,15 +54,15 @@ class Evidence:
     outcomes: tuple[Outcome, ...]
 
     @classmethod
-    def of(
+    def from_identification(
         cls,
         identification: Identification,
         held_out: Errors,
         validation: Sequence[Recording],
         outcomes: Sequence[Outcome],
-    ) -> Evidence:
+    ) -> HeldOutEvidence:
         """Compare the model with its held-out recordings; those that are too short for that are left out."""
-        shortened = tuple(_shorten(recording) for recording in validation)
+        shortened = tuple(_shorten_recording(recording) for recording in validation)
         comparisons = []
         for recording in shortened:
             try:
@@ -79,7 +79,7 @@ class Evidence:
     @cached_property
     def joint_errors(self) -> FloatArray:
         """Relative error (n,) of each joint where it moves, on all rows where it never does; 0 where it has no rows."""
-        return joint_errors(self.held_out, self.identification.held_out_moving)
+        return compute_joint_errors(self.held_out, self.identification.held_out_moving)
 
     @cached_property
     def never_moving(self) -> list[str]:
@@ -94,33 +94,37 @@ class Evidence:
         """Errors while joints move, reverse, and start or stop: of the torque itself, without a band at rest."""
         if not self.comparisons:
             return ()
-        whole = np.sqrt(self._mean([np.ones_like(comparison.moving) for comparison in self.comparisons], measured=True))
+        whole = np.sqrt(
+            self._compute_mean_square(
+                [np.ones_like(comparison.moving) for comparison in self.comparisons], measured=True
+            )
+        )
         phase_errors = []
         for name, select_rows in _PHASES:
             rows = [select_rows(comparison) for comparison in self.comparisons]
             counts = sum(mask.sum(axis=0) for mask in rows)
             # Every phase is held against the torque on all rows: at a reversal the torque itself may be near zero, and
             # a share of that would say little about what the controller has to add.
-            share = np.sqrt(self._mean(rows, measured=False)) / np.where(whole > 0, whole, 1.0)
+            share = np.sqrt(self._compute_mean_square(rows, measured=False)) / np.where(whole > 0, whole, 1.0)
             phase_errors.append(PhaseErrors(name, np.where(counts >= FEWEST_ROWS, share, np.nan)))
         return tuple(phase_errors)
 
-    def failed(self, *kinds: str) -> list[Outcome]:
+    def list_failed(self, *kinds: str) -> list[Outcome]:
         """List the validations of these kinds that failed."""
         return [outcome for outcome in self.outcomes if outcome.kind in kinds and outcome.judged.verdict == "fail"]
 
-    def passed(self, kind: str) -> list[Outcome]:
+    def list_passed(self, kind: str) -> list[Outcome]:
         """List the validations of a kind that passed."""
         return [outcome for outcome in self.outcomes if outcome.kind == kind and outcome.judged.verdict == "pass"]
 
-    def _mean(self, rows: Sequence[BoolArray], *, measured: bool) -> FloatArray:
+    def _compute_mean_square(self, rows: Sequence[BoolArray], *, measured: bool) -> FloatArray:
         """Return (n,): the mean square over rows (m, n) of all recordings."""
         values = [comparison.measured if measured else comparison.raw_residual for comparison in self.comparisons]
         squares = sum((v**2 * r).sum(axis=0) for v, r in zip(values, rows, strict=True))
         return np.asarray(squares / np.maximum(sum(r.sum(axis=0) for r in rows), 1))
 
 
-def joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
+def compute_joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
     """Return the relative error (n,) of each joint where it moves.
 
     A joint that never moves has its error on all rows, one without rows has 0.
@@ -138,18 +142,18 @@ def joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
     return np.asarray(np.where(moving.counts > 0, moving.relative, relative))
 
 
-def _starts(comparison: Comparison) -> BoolArray:
+def _select_starts(comparison: Comparison) -> BoolArray:
     return np.asarray((comparison.phase == Phase.STANDING) & comparison.off_halts)
 
 
 _PHASES = (
     ("while they move", lambda comparison: comparison.moving),
     ("at reversals", lambda comparison: comparison.phase == Phase.REVERSING),
-    ("at starts and stops", _starts),
+    ("at starts and stops", _select_starts),
 )
 
 
-def _shorten(recording: Recording) -> Recording:
+def _shorten_recording(recording: Recording) -> Recording:
     """Return the first ten minutes of a recording, inside its windows."""
     begin = recording.segments[0].start_time
     if recording.segments[-1].start_time + recording.segments[-1].length * recording.period <= begin + LONGEST:

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dynident.diagnosis.comparing.content import Common, common_content
+from dynident.diagnosis.comparing.content import DataOverlap, find_overlaps
 from dynident.estimation import Errors, find_outlying_spans
-from dynident.html import block, listed, paragraph
+from dynident.html import join_html, render_list, render_paragraph
 from dynident.identification import Identification
 from dynident.identification.mistakes import VETOES
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Check, Recording
 from dynident.threads import single_threaded
 from dynident.validation.drift import Drift
-from dynident.verdict.collision_use import collision_findings
-from dynident.verdict.evidence import Evidence, Outcome
-from dynident.verdict.feed_forward_use import error_findings, feed_forward_findings
-from dynident.verdict.payload_use import payload_findings, unit_findings
-from dynident.verdict.simulation_use import drift_of, simulation_findings
-from dynident.verdict.stopping import Stop, stop_of, tells_stop
-from dynident.verdict.tool_loads import DetectableForce, detectable_force, detectable_mass
-from dynident.verdict.use import DIAGNOSE, USES, Finding, State, Use, UseName, use_of
+from dynident.verdict.collision_use import judge_collision_detection
+from dynident.verdict.evidence import HeldOutEvidence, Outcome
+from dynident.verdict.feed_forward_use import judge_errors, judge_feed_forward
+from dynident.verdict.payload_use import judge_payload, judge_units
+from dynident.verdict.simulation_use import compute_drift, judge_simulation
+from dynident.verdict.stopping import Stop, find_stop_cause, is_hopeless
+from dynident.verdict.tool_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
+from dynident.verdict.use import DIAGNOSE, USES, State, Use, UseFinding, UseName, combine_findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ModelVerdict:
     held_out: Errors | None
     held_out_moving: Errors | None
     stop: Stop | None
-    common: tuple[Common, ...]
+    common: tuple[DataOverlap, ...]
     next_steps: tuple[str, ...]
     drift: Drift | None = None
     force: DetectableForce | None = None
@@ -57,7 +57,7 @@ class ModelVerdict:
         return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
 
     def _repr_html_(self) -> str:
-        return block(paragraph(self.summary, strong=True), listed(self._lines()))
+        return join_html(render_paragraph(self.summary, strong=True), render_list(self._lines()))
 
     def _lines(self) -> list[str]:
         """List the uses with their reasons, unless the model is not to be used at all, and the next steps."""
@@ -101,40 +101,43 @@ def verdict(
     -------
     ModelVerdict
     """
-    common = common_content(recordings, validation)
+    common = find_overlaps(recordings, validation)
     # What is looked for in the columns of a stopped model shows in motion alone.
     at_rest = identification.model.is_at_rest
-    stop = None if at_rest else stop_of(identification, recordings, validation, common)
-    reservations = [Finding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
+    stop = None if at_rest else find_stop_cause(identification, recordings, validation, common)
+    reservations = [UseFinding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
     if identification.model.robot.joints_without_torque:
         silent = ", ".join(identification.model.robot.joints_without_torque)
         sentence = f"Not of {silent}, whose torque was not recorded."
-        reservations.append(Finding("limited", sentence, f"Record the torque of {silent}, too."))
-    against = _against_all(identification, stop, common, checks or {})
+        reservations.append(UseFinding("limited", sentence, f"Record the torque of {silent}, too."))
+    against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
     drift, force, mass = None, None, None
     if against is not None or held_out is None:
-        finding = against or Finding(
+        finding = against or UseFinding(
             "not_judged",
             "There are no held-out data to judge by: give a recording that no parameter sees.",
             "Record another motion, and hold it out.",
         )
-        uses = tuple(use_of(name, [finding], "") for name in USES)
+        uses = tuple(combine_findings(name, [finding], "") for name in USES)
     else:
         # Each use has its own findings. Failed validations and reservations count for all of them, and come first,
         # since the first of the gravest findings gives the next step.
-        evidence = Evidence.of(identification, held_out, validation, outcomes)
+        evidence = HeldOutEvidence.from_identification(identification, held_out, validation, outcomes)
         robot = identification.model.robot
-        drift = drift_of(evidence)
-        force, mass = detectable_force(robot, evidence.comparisons), detectable_mass(robot, evidence.comparisons)
-        findings_by_use: dict[UseName, list[Finding]] = {
-            "simulation": [*error_findings(evidence), *simulation_findings(evidence, drift), *unit_findings(evidence)],
-            "feed_forward": [*feed_forward_findings(evidence), *unit_findings(evidence)],
-            "collision_detection": collision_findings(evidence, force),
-            "payload": payload_findings(evidence, mass),
+        drift = compute_drift(evidence)
+        force, mass = (
+            compute_detectable_force(robot, evidence.comparisons),
+            compute_detectable_mass(robot, evidence.comparisons),
+        )
+        findings_by_use: dict[UseName, list[UseFinding]] = {
+            "simulation": [*judge_errors(evidence), *judge_simulation(evidence, drift), *judge_units(evidence)],
+            "feed_forward": [*judge_feed_forward(evidence), *judge_units(evidence)],
+            "collision_detection": judge_collision_detection(evidence, force),
+            "payload": judge_payload(evidence, mass),
         }
         uses = tuple(
-            use_of(name, [*_revised(evidence, name), *reservations, *own], _WHEN_GOOD[name])
+            combine_findings(name, [*_list_failed_validations(evidence, name), *reservations, *own], _WHEN_GOOD[name])
             for name, own in findings_by_use.items()
         )
     return ModelVerdict(
@@ -143,7 +146,7 @@ def verdict(
         identification.held_out_moving,
         stop,
         common,
-        tuple(_next_steps(identification, stop, common)),
+        tuple(_list_next_steps(identification, stop, common)),
         drift,
         force,
         mass,
@@ -166,39 +169,42 @@ _REVISES: Mapping[UseName, tuple[str, ...]] = {
 """Which validations speak of a use. The known load is in the findings of those that it speaks of."""
 
 
-def _revised(evidence: Evidence, name: UseName) -> list[Finding]:
+def _list_failed_validations(evidence: HeldOutEvidence, name: UseName) -> list[UseFinding]:
     """List a finding for each failed validation that speaks of this use."""
     return [
-        Finding(
+        UseFinding(
             "no",
             f"The validation {outcome.kind.replace('_', ' ')} failed: {outcome.judged.reason}",
             DIAGNOSE,
         )
-        for outcome in evidence.failed(*_REVISES[name])
+        for outcome in evidence.list_failed(*_REVISES[name])
     ]
 
 
-def _against_all(
-    identification: Identification, stop: Stop | None, common: Sequence[Common], checks: Mapping[str, Sequence[Check]]
-) -> Finding | None:
+def _find_universal_objection(
+    identification: Identification,
+    stop: Stop | None,
+    common: Sequence[DataOverlap],
+    checks: Mapping[str, Sequence[Check]],
+) -> UseFinding | None:
     """Return what speaks against every use, or leaves nothing to judge by; None where nothing does."""
     if identification.model.is_at_rest:
         sentence = "Poses at rest tell nothing of motion."
-        return Finding("no", sentence, "Record a designed motion: dynident design ROBOT.")
+        return UseFinding("no", sentence, "Record a designed motion: dynident design ROBOT.")
     copied = [overlap for overlap in common if overlap.kind == "copied"]
     if copied:
-        return Finding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
+        return UseFinding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
     if stop is not None:
         worst = max(
             errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
         )
         sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
-        return Finding("no", sentence, "Look at the cause above first.")
-    veto = _veto(checks)
-    return Finding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
+        return UseFinding("no", sentence, "Look at the cause above first.")
+    veto = _find_veto(checks)
+    return UseFinding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
 
 
-def _veto(checks: Mapping[str, Sequence[Check]]) -> str:
+def _find_veto(checks: Mapping[str, Sequence[Check]]) -> str:
     """Say which check speaks against every use; nothing where the user has accepted what it finds, or none does."""
     against = [
         f"In {name}: {check.detail}"
@@ -219,10 +225,10 @@ def _judge_poses(identification: Identification) -> str:
 
 def is_stopped(identification: Identification) -> bool:
     """Return whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
-    return bool(identification.data.copied) or tells_stop(identification.held_out) or tells_stop(identification.fit)
+    return bool(identification.data.copied) or is_hopeless(identification.held_out) or is_hopeless(identification.fit)
 
 
-def _next_steps(identification: Identification, stop: Stop | None, common: Sequence[Common]) -> list[str]:
+def _list_next_steps(identification: Identification, stop: Stop | None, common: Sequence[DataOverlap]) -> list[str]:
     if stop is not None and stop.apply is not None:
         return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
     if stop is not None and any(overlap.kind == "copied" for overlap in common):
@@ -250,10 +256,10 @@ def _next_steps(identification: Identification, stop: Stop | None, common: Seque
             f"The held-out error is {error / max(identification.fit.relative_total, 1e-12):.1f} times that of the fit: "
             "record a designed motion."
         )
-    return [*steps, *_what_is_missing(error, was_extended=identification.step.parent is not None)]
+    return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
 
 
-def _what_is_missing(error: float, *, was_extended: bool) -> list[str]:
+def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
     """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
     alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
     if was_extended:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.diagnosis.comparing.content import Common
+from dynident.diagnosis.comparing.content import DataOverlap
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.mistakes import CAUSES, examine
+from dynident.identification.mistakes import CAUSES, check_recording_faults
 from dynident.identification.thresholds import OVERFIT, STOP
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot
@@ -32,13 +32,16 @@ class Stop:
     records_more: bool = False
 
 
-def tells_stop(errors: Errors | None) -> bool:
+def is_hopeless(errors: Errors | None) -> bool:
     """Return whether an error is so large that the model is not to be used."""
     return errors is not None and bool(errors.counts.any()) and not errors.relative_total <= STOP
 
 
-def stop_of(
-    identification: Identification, fitted: Sequence[Recording], held_out: Sequence[Recording], common: Sequence[Common]
+def find_stop_cause(
+    identification: Identification,
+    fitted: Sequence[Recording],
+    held_out: Sequence[Recording],
+    common: Sequence[DataOverlap],
 ) -> Stop | None:
     """Find the most probable cause for which a model is not to be used; None where it may be used.
 
@@ -59,12 +62,12 @@ def stop_of(
     copied = next((overlap for overlap in common if overlap.kind == "copied"), None)
     if copied is not None:
         return Stop(str(copied), copied.held_out)
-    if not tells_stop(identification.held_out) and not tells_stop(identification.fit):
+    if not is_hopeless(identification.held_out) and not is_hopeless(identification.fit):
         return None
-    error, data_name = _worst(identification)
+    error, data_name = _select_worst_errors(identification)
     robot = identification.model.robot
     for recording in (*held_out, *fitted) if data_name == "held out" else fitted:
-        cause = _by_checks(robot, recording)
+        cause = _find_failed_check(robot, recording)
         if cause is not None:
             return cause
     moving = identification.held_out_moving if data_name == "held out" else identification.fit_moving
@@ -77,7 +80,7 @@ def stop_of(
     if (
         data_name == "held out"
         and identification.fit.relative_total * OVERFIT < error.relative_total
-        and _all_bad(error)
+        and _are_most_joints_bad(error)
     ):
         return Stop(
             f"The fit leaves {identification.fit.relative_total:.0%} of the torque, held-out data "
@@ -85,38 +88,42 @@ def stop_of(
             "determine the parameters that the other needs, or that has another load. Record more: a designed motion.",
             records_more=True,
         )
-    return Stop(_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))
+    return Stop(_word_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))
 
 
-def _all_bad(error: Errors) -> bool:
+def _are_most_joints_bad(error: Errors) -> bool:
     """Return whether most joints are bad: a single bad joint would point at its own column."""
     relative = error.relative[error.counts > 0]
     return bool((relative > STOP).mean() > 0.5)
 
 
-def _worst(identification: Identification) -> tuple[Errors, str]:
+def _select_worst_errors(identification: Identification) -> tuple[Errors, str]:
     fit, held_out = identification.fit, identification.held_out
-    if held_out is not None and tells_stop(held_out) and not tells_stop(fit):
+    if held_out is not None and is_hopeless(held_out) and not is_hopeless(fit):
         return held_out, "held out"
-    return fit if tells_stop(fit) or held_out is None else held_out, "fit"
+    return fit if is_hopeless(fit) or held_out is None else held_out, "fit"
 
 
-def _by_checks(robot: Robot, recording: Recording) -> Stop | None:
+def _find_failed_check(robot: Robot, recording: Recording) -> Stop | None:
     """Return the gravest finding of the checks that hold a recording against the robot's dynamics."""
     n = recording.n
     # The names of the columns do not matter here, they only appear in the words of the checks.
-    checks = examine(robot, recording, [f"q{k + 1}" for k in range(n)], [f"tau{k + 1}" for k in range(n)]).checks
-    failed_checks = sorted((check for check in checks if check.name in CAUSES and check.status != "ok"), key=_rank)
+    checks = check_recording_faults(
+        robot, recording, [f"q{k + 1}" for k in range(n)], [f"tau{k + 1}" for k in range(n)]
+    ).checks
+    failed_checks = sorted(
+        (check for check in checks if check.name in CAUSES and check.status != "ok"), key=_get_severity
+    )
     if not failed_checks:
         return None
     return Stop(f"In {recording.name}: {failed_checks[0].detail}", recording.name, failed_checks[0].apply)
 
 
-def _rank(check: Check) -> bool:
+def _get_severity(check: Check) -> bool:
     return check.status != "error"
 
 
-def _by_joints(robot: Robot, error: Errors, data_name: str) -> str:
+def _word_by_joints(robot: Robot, error: Errors, data_name: str) -> str:
     names = robot.joint_names
     relative = np.where(error.counts > 0, error.relative, 0.0)
     worst = int(np.argmax(relative))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.diagnosis.comparing.autocorrelation import independent_squares
+from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.estimation.statistics import NORMAL_95
 from dynident.recordings.phases import Phase
@@ -54,7 +54,7 @@ class DetectableForce:
     seconds: float
 
 
-def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> DetectableForce | None:
+def compute_detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> DetectableForce | None:
     """Compute which force at the tool shows at `FALSE_ALARMS_AN_HOUR`; None where the data are too short or see none.
 
     Parameters
@@ -67,7 +67,7 @@ def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> Detecta
     -------
     DetectableForce or None
     """
-    blocks = [_Blocks.of(comparison) for comparison in comparisons]
+    blocks = [_BlockMaxima.from_comparison(comparison) for comparison in comparisons]
     seconds = _BLOCK * sum(len(block.maxima) for block in blocks)
     # Every joint may cry out: each has its share of the false alarms.
     share = FALSE_ALARMS_AN_HOUR / 3600.0 * _BLOCK / robot.n
@@ -78,19 +78,19 @@ def detectable_force(robot: Robot, comparisons: Sequence[Comparison]) -> Detecta
         return None
     thresholds = np.array(
         [
-            _threshold([maxima for maxima in own if len(maxima)], share) if count >= FEWEST_BLOCKS else np.inf
+            _compute_threshold([maxima for maxima in own if len(maxima)], share) if count >= FEWEST_BLOCKS else np.inf
             for own, count in zip(moving, counts, strict=True)
         ]
     )
     q = np.concatenate([comparison.q for comparison in comparisons])
-    jacobian = tool_jacobian(robot, q[:: max(1, len(q) // _POSTURES)])
-    lift = _seen(jacobian, thresholds)
+    jacobian = compute_tool_jacobian(robot, q[:: max(1, len(q) // _POSTURES)])
+    lift = _compute_lift(jacobian, thresholds)
     if lift is None:
         return None
     return DetectableForce(float(np.quantile(1.0 / np.maximum(lift, _SMALL**2), SEEN)), thresholds, seconds)
 
 
-def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
+def compute_detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
     """Compute from which mass in kg on a load at the tool shows along the held-out motion; None where no mass does.
 
     The mass that the residual itself looks like counts, and its 95 % interval from blocks of time.
@@ -99,10 +99,10 @@ def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | 
     for comparison in comparisons:
         # Weighted least squares with one unknown, the mass: each joint's residual is regressed on the torque of one
         # kilogram.
-        column = _torque_of_one_kilogram(robot, comparison)
+        column = _compute_torque_of_one_kilogram(robot, comparison)
         weights = comparison.moving / np.maximum(comparison.noise, 1e-300) ** 2
         product, size = (weights * column * comparison.raw_residual).sum(axis=1), (weights * column**2).sum(axis=1)
-        block = _blocks_of(comparison)
+        block = _number_blocks(comparison)
         blocks.append(np.array([(product[block == k].sum(), size[block == k].sum()) for k in np.unique(block)]))
         above, below = above + float(product.sum()), below + float(size.sum())
     if not below > 0:
@@ -114,7 +114,7 @@ def detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | 
     return abs(mass) + NORMAL_95 * deviation
 
 
-def tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
+def compute_tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the Jacobian (m, 3, n) of the last joint's origin at postures q (m, n), by central differences."""
     columns = []
     for joint in range(robot.n):
@@ -124,7 +124,7 @@ def tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
     return np.stack(columns, axis=2)
 
 
-def _seen(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | None:
+def _compute_lift(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | None:
     """Return (k,): the share of its threshold to which 1 N lifts the most lifted residual, by posture and direction.
 
     None where no force at the tool moves a joint. Directions that no joint ever feels are left out.
@@ -143,17 +143,17 @@ def _seen(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | None:
     return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
 
 
-def _threshold(maxima: Sequence[FloatArray], share: float) -> float:
+def _compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
     """Return the value that block maxima exceed with this probability at most, with a confidence of 95 %."""
     values = np.concatenate(maxima)
     # Gumbel's distribution by the method of moments: its standard deviation is π / √6 times the scale, its mean lies
     # Euler's constant times the scale above the mode.
     scale = float(values.std(ddof=1)) * _GUMBEL
     place = float(values.mean()) - _EULER * scale
-    return float(place + scale * _quantile(share, max(independent_squares(maxima), 2.0)))
+    return float(place + scale * _compute_gumbel_quantile(share, max(count_independent_squares(maxima), 2.0)))
 
 
-def _quantile(share: float, count: float) -> float:
+def _compute_gumbel_quantile(share: float, count: float) -> float:
     """Return the upper quantile of the standard Gumbel distribution, plus what `count` values leave open about it."""
     y = -np.log(-np.log1p(-share))
     # Standard error of the quantile by the method of moments (Kite 1977), in standard deviations of the values.
@@ -162,22 +162,22 @@ def _quantile(share: float, count: float) -> float:
     return float(y + _ONE_SIDED_95 * error / _GUMBEL)
 
 
-def _blocks_of(comparison: Comparison) -> FloatArray:
+def _number_blocks(comparison: Comparison) -> FloatArray:
     """Return (m,): the number of the block of `_BLOCK` s that a row is in; blocks end with their segment."""
     # The large factor keeps blocks of different segments apart.
     return np.asarray(np.floor((comparison.t - comparison.t[0]) / _BLOCK) + 1e6 * comparison.segment)
 
 
 @dataclass(frozen=True, eq=False)
-class _Blocks:
+class _BlockMaxima:
     """Of every block that is nearly whole the largest residual `maxima` (k, n), and whether a joint `moves` (k, n)."""
 
     maxima: FloatArray
     moves: BoolArray
 
     @classmethod
-    def of(cls, comparison: Comparison) -> _Blocks:
-        _, first, counts = np.unique(_blocks_of(comparison), return_index=True, return_counts=True)
+    def from_comparison(cls, comparison: Comparison) -> _BlockMaxima:
+        _, first, counts = np.unique(_number_blocks(comparison), return_index=True, return_counts=True)
         # A short block at the end of a segment has a smaller maximum than a whole one, and would lower the threshold.
         whole = counts >= 0.8 * np.median(counts)
         rows = [slice(a, a + k) for a, k in zip(first[whole], counts[whole], strict=True)]
@@ -189,7 +189,7 @@ class _Blocks:
         return cls(maxima, moves)
 
 
-def _torque_of_one_kilogram(robot: Robot, comparison: Comparison) -> FloatArray:
+def _compute_torque_of_one_kilogram(robot: Robot, comparison: Comparison) -> FloatArray:
     """Return (m, n): the torque that a point mass of 1 kg at the tool needs along the motion."""
     ahead, here, behind = (
         tool_path(robot, comparison.q + dt * comparison.dq + 0.5 * dt**2 * comparison.ddq)
@@ -197,4 +197,4 @@ def _torque_of_one_kilogram(robot: Robot, comparison: Comparison) -> FloatArray:
     )
     # The tool's acceleration is a second difference of its path, with the joints moved along the motion by ± _TIME.
     force = (ahead - 2.0 * here + behind) / _TIME**2 - np.asarray(robot.gravity)
-    return np.asarray(np.einsum("mij,mi->mj", tool_jacobian(robot, comparison.q), force))
+    return np.asarray(np.einsum("mij,mi->mj", compute_tool_jacobian(robot, comparison.q), force))

@@ -45,7 +45,7 @@ class Use:
 
 
 @dataclass(frozen=True)
-class Finding:
+class UseFinding:
     """Result of one test of a use in a whole sentence, and what to do about it where it is not good."""
 
     state: State
@@ -53,7 +53,7 @@ class Finding:
     next_step: str = ""
 
 
-def use_of(name: UseName, findings: Sequence[Finding], when_good: str) -> Use:
+def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: str) -> Use:
     """Combine all findings about a use into one statement: the gravest decide.
 
     Parameters

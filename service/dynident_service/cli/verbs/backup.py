@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from dynident_service.storage.backup import Amount
+    from dynident_service.storage.backup import ArchiveSize
     from dynident_service.storage.database import Database
     from dynident_service.storage.objects import ObjectStore
 
@@ -28,8 +28,8 @@ def backup(
     """
     from dynident_service.storage.backup import back_up
 
-    with storage(data_dir, must_exist=True) as (database, objects, _):
-        _tell("written", back_up(database, objects, target))
+    with open_storage(data_dir, must_exist=True) as (database, objects, _):
+        _print_amount("written", back_up(database, objects, target))
 
 
 def restore(
@@ -39,8 +39,8 @@ def restore(
     """Read a backup into an empty data directory; what was being computed is queued again."""
     from dynident_service.storage.backup import restore as read_back
 
-    with storage(data_dir, must_exist=False) as (database, objects, scratch):
-        _tell("restored", read_back(database, objects, source, scratch))
+    with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
+        _print_amount("restored", read_back(database, objects, source, scratch))
 
 
 def export_robot(
@@ -51,8 +51,8 @@ def export_robot(
     """Write a robot with its recordings, models, diagnoses and reports into one file for another service."""
     from dynident_service.storage.bundle import export_robot as write
 
-    with storage(data_dir, must_exist=True) as (database, objects, _):
-        _tell("written", write(database, objects, robot_id, target))
+    with open_storage(data_dir, must_exist=True) as (database, objects, _):
+        _print_amount("written", write(database, objects, robot_id, target))
 
 
 def import_robot(
@@ -60,24 +60,24 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
-    from dynident_service.routes.shown import look_at
+    from dynident_service.routes.shown import check_stored_resource
     from dynident_service.storage.bundle import import_robot as read
 
-    with storage(data_dir, must_exist=False) as (database, objects, scratch):
-        robot_id, amount = read(database, objects, source, scratch, look_at)
+    with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
+        robot_id, amount = read(database, objects, source, scratch, check_stored_resource)
         typer.echo(robot_id)
-        _tell("imported", amount)
+        _print_amount("imported", amount)
 
 
 @contextmanager
-def storage(
+def open_storage(
     data_dir: Path | None, *, must_exist: bool, as_it_is: bool = False
 ) -> Iterator[tuple[Database, ObjectStore, Path]]:
     """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date."""
     from dynident.errors import DynidentError
     from dynident_service.problems import ProblemError
     from dynident_service.settings import load_settings
-    from dynident_service.storage.data_directory import prepare_data_directory, private_files
+    from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
     from dynident_service.storage.database import Database
     from dynident_service.storage.migrate import migrate
     from dynident_service.storage.objects import ObjectStore
@@ -86,7 +86,7 @@ def storage(
     if must_exist and not settings.database_url and not settings.data_dir.is_dir():
         detail = f"there is no folder {settings.data_dir}; say where the service keeps its data"
         raise DynidentError(detail, pointer="--data-dir")
-    with private_files():
+    with restrict_file_permissions():
         prepare_data_directory(settings.data_dir)
         database = Database(settings.database)
         try:
@@ -99,5 +99,5 @@ def storage(
             database.close()
 
 
-def _tell(done: str, amount: Amount) -> None:
+def _print_amount(done: str, amount: ArchiveSize) -> None:
     typer.echo(f"{done}: {amount.rows} rows, {amount.objects} files, {amount.bytes / 1e6:.1f} MB")

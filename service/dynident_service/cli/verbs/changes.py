@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import ModelArgument, Reading, Result, of_file
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import ModelArgument, OutputOptions, Reading, file_option
 
 
 def changes(
     model: ModelArgument,
-    before: Annotated[list[Path], of_file("--before", help="Earlier measurement; may be repeated."), TO_READ],
-    after: Annotated[list[Path], of_file("--after", help="Later measurement; may be repeated."), TO_READ],
+    before: Annotated[list[Path], file_option("--before", help="Earlier measurement; may be repeated."), READABLE_FILE],
+    after: Annotated[list[Path], file_option("--after", help="Later measurement; may be repeated."), READABLE_FILE],
     reading: Reading,
-    result: Result,
+    result: OutputOptions,
 ) -> None:
     """Say what has changed in a robot between two sets of measurements.
 
@@ -25,12 +25,12 @@ def changes(
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, shown, telling
 
-    identification = inputs.model_of(model)
+    identification = inputs.load_model(model)
     robot = identification.model.robot
-    with inputs.read("compare the days", [*before, *after], robot, reading, share=0.3) as data:
+    with inputs.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
         earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
         diagnosis = advise(examine(identification, later, baseline=earlier, progress=data.progress))
-    telling.tell(
+    telling.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Out, Reading, several_files
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading, repeatable_file_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 def compare(
     model: ModelArgument,
     measurement: Annotated[
-        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), TO_READ
+        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), READABLE_FILE
     ],
     reading: Reading,
     learnt: Annotated[
         list[Path],
-        several_files(
+        repeatable_file_option(
             "--learnt",
             help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
         ),
-        TO_READ,
+        READABLE_FILE,
     ],
     out: Out = None,
     as_json: Json = False,
@@ -38,25 +38,30 @@ def compare(
     from dynident.diagnosis import compare as compare_model
     from dynident.diagnosis import judge
     from dynident.identification import check_same_recordings
-    from dynident.progress import part
+    from dynident.progress import scale_progress
     from dynident_service.adapters.comparisons import describe_comparison
     from dynident_service.cli import inputs, shown, tables, telling
 
-    identification = inputs.model_of(model)
+    identification = inputs.load_model(model)
     if out is not None:
         tables.check_ending(out)
-    with inputs.read("compare", [measurement], identification.model.robot, reading, learnt) as data:
+    with inputs.read_recordings("compare", [measurement], identification.model.robot, reading, learnt) as data:
         (recording,) = data.recordings
         if learnt:
             check_same_recordings(identification, data.other_recordings)
-        comparison = compare_model(identification, recording, part(data.progress, 0.0, 0.8))
+        comparison = compare_model(identification, recording, scale_progress(data.progress, 0.0, 0.8))
         judgement = judge(comparison, recording, identification.preprocessing, data.other_recordings)
     if out is not None:
-        tables.write_table(tables.comparison_table(comparison), out)
+        tables.write_table(tables.build_comparison_table(comparison), out)
 
-    def show(console: Console) -> None:
-        shown.show_measurements(console, (), data.given)
+    def print_comparison(console: Console) -> None:
+        shown.show_measurements(console, (), data.loaded)
         shown.show_comparison(console, recording.name, comparison, judgement)
 
     messages = () if out is None else (f"signals written to {out}",)
-    telling.say(as_json, lambda: describe_comparison(comparison, judgement, True if learnt else None), show, *messages)
+    telling.print_result(
+        as_json,
+        lambda: describe_comparison(comparison, judgement, True if learnt else None),
+        print_comparison,
+        *messages,
+    )

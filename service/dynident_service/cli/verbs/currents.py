@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dynident_service.cli.options import Effects, Measurements, Result, RobotArgument, RobotReading, Validation
+from dynident_service.cli.options import Effects, Measurements, OutputOptions, RobotArgument, RobotReading, Validation
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.identification import CurrentModel
-    from dynident_service.cli.inputs import Loaded
+    from dynident_service.cli.inputs import LoadedRecording
 
 
 def currents(
@@ -21,7 +21,7 @@ def currents(
     reading: RobotReading,
     validation: Validation,
     effects: Effects,
-    result: Result,
+    result: OutputOptions,
 ) -> None:
     """Identify what every joint's current is made of, without any drive gain.
 
@@ -29,29 +29,35 @@ def currents(
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payloads import PLAIN_EFFECTS
-    from dynident_service.adapters.answers import shown as in_contract
+    from dynident_service.adapters.answers import to_view as in_contract
     from dynident_service.cli import inputs, shown, telling
     from dynident_service.models.current_models import CurrentModelsResult
 
-    machine = inputs.robot_of(robot, reading)
+    machine = inputs.load_robot_argument(robot, reading)
     unknown = all(drive.gain is None for drive in machine.drives)
     if unknown:
         # Then "torque" is the current itself.
         machine = inputs.with_gains(machine, ",".join("1" * machine.n))
-    chosen_effects = inputs.effects_of(effects, machine) or PLAIN_EFFECTS
-    with inputs.read("currents", measurements, machine, reading, validation) as data:
+    chosen_effects = inputs.read_effects(effects, machine) or PLAIN_EFFECTS
+    with inputs.read_recordings("currents", measurements, machine, reading, validation) as data:
         training, held_out = data.recordings, data.other_recordings
         models = identify_currents(machine, training, held_out, effects=chosen_effects, progress=data.progress)
-    checked = (_unscaled(data.given), _unscaled(data.others)) if unknown else (data.given, data.others)
+    checked = (
+        (_without_scale_checks(data.loaded), _without_scale_checks(data.others))
+        if unknown
+        else (data.loaded, data.others)
+    )
 
-    def show(console: Console) -> None:
+    def print_models(console: Console) -> None:
         shown.show_measurements(console, *checked)
-        _show(console, models)
+        _print_current_models(console, models)
 
-    telling.tell(result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=models), show)
+    telling.write_result(
+        result, "parameters", lambda: in_contract(CurrentModelsResult, None, joints=models), print_models
+    )
 
 
-def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
+def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[LoadedRecording]:
     """Without the check of the torque's scale, which currents in place of torques have to fail."""
     return [
         replace(measurement, checks=tuple(check for check in measurement.checks if check.name != "torque_scale"))
@@ -59,29 +65,34 @@ def _unscaled(measurements: Sequence[Loaded]) -> list[Loaded]:
     ]
 
 
-def _show(console: Console, models: Sequence[CurrentModel]) -> None:
-    from dynident.reports.numbers import estimate, number, percent
-    from dynident.reports.words import JUDGED
+def _print_current_models(console: Console, models: Sequence[CurrentModel]) -> None:
+    from dynident.reports.numbers import format_estimate, format_number, format_percent
+    from dynident.reports.words import PARAMETER_JUDGEMENTS
     from dynident_service.cli import terminal
 
     rows = [
         [
             model.joint,
             str(len(model.parameters)),
-            number(model.fit.rms_total, 3),
-            percent(model.fit.relative_total),
-            "–" if model.held_out is None else number(model.held_out.rms_total, 3),
-            "–" if model.held_out is None else percent(model.held_out.relative_total),
+            format_number(model.fit.rms_total, 3),
+            format_percent(model.fit.relative_total),
+            "–" if model.held_out is None else format_number(model.held_out.rms_total, 3),
+            "–" if model.held_out is None else format_percent(model.held_out.relative_total),
         ]
         for model in models
     ]
     heads = ("joint", "parameters", "residual, A", "of the current", "held out, A", "of the current")
-    console.print(terminal.table("The current of every joint", heads, rows))
+    console.print(terminal.build_table("The current of every joint", heads, rows))
     for model in models:
         parameter_rows = [
-            [p.name, *estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])), p.unit, JUDGED[p.judgement].words]
+            [
+                p.name,
+                *format_estimate(p.value, 0.5 * (p.interval[1] - p.interval[0])),
+                p.unit,
+                PARAMETER_JUDGEMENTS[p.judgement].words,
+            ]
             for p in model.parameters
         ]
         console.print(
-            terminal.table(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameter_rows)
+            terminal.build_table(model.joint, ("parameter", "value", "± 95 %", "unit", "judgement"), parameter_rows)
         )

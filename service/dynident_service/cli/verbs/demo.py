@@ -25,12 +25,12 @@ def demo(
     """
     from dynident_service.cli import inputs, terminal
     from dynident_service.demo.scenario import Scenario
-    from dynident_service.demo.story import tell
+    from dynident_service.demo.story import run_demonstration
 
-    scenario = Scenario.of(inputs.robot_of(robot), effect, joint, seed, quick)
-    console = terminal.err() if as_json else terminal.out()
-    story = tell(scenario, out, console)
+    scenario = Scenario.draw(inputs.load_robot_argument(robot), effect, joint, seed, quick)
+    console = terminal.message_console() if as_json else terminal.result_console()
+    story = run_demonstration(scenario, out, console)
     if as_json:
-        terminal.print_json(story.document())
-    if not story.named_right:
+        terminal.print_json(story.to_document())
+    if not story.is_named_correctly:
         raise typer.Exit(1)

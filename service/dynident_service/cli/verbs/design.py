@@ -9,25 +9,33 @@ from typing import Annotated
 import typer
 
 from dynident.excitation.request import DesignRequest
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import FOLDER_TO_READ
-from dynident_service.cli.options import Effects, Json, RobotArgument, RobotTimedReading, SomeFile, SomeFiles, of_file
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.files import READABLE_FOLDER
+from dynident_service.cli.options import (
+    Effects,
+    Json,
+    RobotArgument,
+    RobotTimedReading,
+    SomeFile,
+    SomeFiles,
+    file_option,
+)
 
 
 @dataclass(frozen=True)
-class Beside:
+class DesignFiles:
     """What a design takes from files."""
 
     limits: Annotated[
         SomeFile,
-        of_file(
+        file_option(
             "--limits",
             help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
         ),
     ] = None
     surroundings: Annotated[
         SomeFile,
-        of_file(
+        file_option(
             "--surroundings",
             help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
         ),
@@ -40,7 +48,7 @@ class Beside:
             help="Where the URDF's collision meshes are; may be repeated. Otherwise the folders above the URDF, and "
             "those of ROS_PACKAGE_PATH.",
         ),
-        FOLDER_TO_READ,
+        READABLE_FOLDER,
     ] = None
     floor: Annotated[
         bool,
@@ -51,20 +59,20 @@ class Beside:
     ] = True
     diagnosis: Annotated[
         SomeFile,
-        of_file(
+        file_option(
             "--diagnosis", help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`)."
         ),
     ] = None
     earlier: Annotated[
-        SomeFiles, of_file("--earlier", help="Measurement that the experiment complements; may be repeated.")
+        SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
     ] = None
 
 
 def design(
     robot: RobotArgument,
     effects: Effects,
-    request_options: Annotated[Typed, Asks(DesignRequest)],
-    files: Beside,
+    request_options: Annotated[TypedValues, RequestOptions(DesignRequest)],
+    files: DesignFiles,
     reading: RobotTimedReading,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
@@ -79,28 +87,28 @@ def design(
     from dynident_service.adapters.designs import describe_design
     from dynident_service.cli import inputs, tables, telling, terminal
     from dynident_service.cli.designing import (
-        limits_of,
-        mesh_folders_of,
-        proposed_design,
+        choose_mesh_folders,
+        load_limits,
+        load_proposed_design,
+        load_surroundings,
+        print_warnings,
         show_design,
-        surroundings_of,
-        warn_of_unchecked,
     )
 
     tables.check_ending(out, tables.TRAJECTORY_ENDINGS)
-    machine = inputs.robot_of(robot, reading)
-    typed_request = request_options.request(DesignRequest, effects=inputs.effects_of(effects, machine) or None)
+    machine = inputs.load_robot_argument(robot, reading)
+    typed_request = request_options.build_request(DesignRequest, effects=inputs.read_effects(effects, machine) or None)
     request = replace(
-        typed_request if files.diagnosis is None else proposed_design(files.diagnosis),
-        limits=limits_of(files.limits),
+        typed_request if files.diagnosis is None else load_proposed_design(files.diagnosis),
+        limits=load_limits(files.limits),
         torque_margin=typed_request.torque_margin,
-        surroundings=surroundings_of(
-            files.surroundings, mesh_folders_of(machine, robot, files.meshes), floor=files.floor
+        surroundings=load_surroundings(
+            files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
         ),
     )
-    with inputs.read("design", files.earlier or [], machine, reading, share=0.1) as data:
+    with inputs.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
         experiment = design_experiment(machine, request, data.progress, data.recordings)
     tables.write_trajectory(experiment, out)
     described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
-    telling.say(as_json, described, lambda console: show_design(console, experiment), message)
-    warn_of_unchecked(terminal.err(), experiment)
+    telling.print_result(as_json, described, lambda console: show_design(console, experiment), message)
+    print_warnings(terminal.message_console(), experiment)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Annotated
 
 from dynident.diagnosis.stated import DiagnosisChoices
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.options import Measurements, ModelArgument, Reading, Result
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.options import Measurements, ModelArgument, OutputOptions, Reading
 
 
 def diagnose(
     model: ModelArgument,
     measurements: Measurements,
     reading: Reading,
-    request_options: Annotated[Typed, Asks(DiagnosisChoices)],
-    result: Result,
+    request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
+    result: OutputOptions,
 ) -> None:
     """Name the physics that a model is missing.
 
@@ -25,10 +25,10 @@ def diagnose(
     from dynident_service.adapters.diagnoses import describe_diagnosis
     from dynident_service.cli import inputs, shown, telling
 
-    identification = inputs.model_of(model)
+    identification = inputs.load_model(model)
     robot = identification.model.robot
-    choices = request_options.request(DiagnosisChoices)
-    with inputs.read("diagnose", measurements, robot, reading, share=0.3) as data:
+    choices = request_options.build_request(DiagnosisChoices)
+    with inputs.read_recordings("diagnose", measurements, robot, reading, share=0.3) as data:
         examined = examine(
             identification,
             data.recordings,
@@ -37,7 +37,7 @@ def diagnose(
             progress=data.progress,
         )
         diagnosis = advise(examined)
-    telling.tell(
+    telling.write_result(
         result,
         "diagnosis",
         lambda: describe_diagnosis(diagnosis, robot.name),

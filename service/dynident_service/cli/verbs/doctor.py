@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident_service.cli.verbs.backup import DataDir, storage
+from dynident_service.cli.verbs.backup import DataDir, open_storage
 
 if TYPE_CHECKING:
     from dynident_service.storage.records import Resource
@@ -36,22 +36,22 @@ def doctor(
 
     wrong: Counter[examination.Trouble] = Counter()
     with (
-        storage(data_dir, must_exist=True, as_it_is=True) as (database, objects, _),
+        open_storage(data_dir, must_exist=True, as_it_is=True) as (database, objects, _),
         StoredFilesReader(objects) as reader,
     ):
-        if not any(examination.examine_database(database)):
+        if not any(examination.check_database(database)):
             migrate(database)
 
-        def problem_of(resource: Resource) -> str | None:
+        def find_problem(resource: Resource) -> str | None:
             try:
                 show_resource(resource)
             except Exception as error:  # of what another version stored, this is no closed list
-                return reader.problem_of(resource) or f"its request or its result: {type(error).__name__}: {error}"
-            return reader.problem_of(resource)
+                return reader.find_problem(resource) or f"its request or its result: {type(error).__name__}: {error}"
+            return reader.find_problem(resource)
 
-        read_problem = None if quick else problem_of
-        for finding in examination.examine(database, objects, by_hash=not quick, problem_of=read_problem):
-            mended = repair and finding.is_curable
+        read_problem = None if quick else find_problem
+        for finding in examination.check_storage(database, objects, by_hash=not quick, problem_of=read_problem):
+            mended = repair and finding.is_repairable
             if mended:
                 examination.repair(database, objects, finding)
             else:

@@ -28,11 +28,11 @@ def effects(as_json: Json = False) -> None:
         for effect in CATALOGUE.values()
     ]
     columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
-    table = terminal.table("", columns, rows, right_from=len(columns))
+    table = terminal.build_table("", columns, rows, right_from=len(columns))
 
-    def described() -> BaseModel:
-        from dynident_service.adapters.catalogue import catalogue
+    def describe_catalogue() -> BaseModel:
+        from dynident_service.adapters.catalogue import show_catalogue
 
-        return catalogue()
+        return show_catalogue()
 
-    telling.say(as_json, described, lambda console: console.print(table))
+    telling.print_result(as_json, describe_catalogue, lambda console: console.print(table))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 from dynident.identification.essential_choices import EssentialChoices
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.options import ModelArgument, Result
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.options import ModelArgument, OutputOptions
 
 
 def essential(
     model: ModelArgument,
-    request_options: Annotated[Typed, Asks(EssentialChoices)],
-    result: Result,
+    request_options: Annotated[TypedValues, RequestOptions(EssentialChoices)],
+    result: OutputOptions,
 ) -> None:
     """Find the essential parameters of a model by backward elimination.
 
@@ -23,8 +23,8 @@ def essential(
     from dynident_service.adapters.identifications import describe_essential
     from dynident_service.cli import inputs, shown, telling
 
-    path = essential_parameters(inputs.model_of(model), request_options.request(EssentialChoices).ratio)
-    telling.tell(
+    path = essential_parameters(inputs.load_model(model), request_options.build_request(EssentialChoices).ratio)
+    telling.write_result(
         result,
         "model",
         lambda: describe_essential(path),

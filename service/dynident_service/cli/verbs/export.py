@@ -8,18 +8,20 @@ from typing import Annotated
 import typer
 
 from dynident.export.stated import ENDINGS, FORMATS, ExportChoices
-from dynident_service.cli.asked import Asks, Typed
+from dynident_service.cli.asked import RequestOptions, TypedValues
 from dynident_service.cli.options import Json, ModelArgument
 
 
 def export(
     model: ModelArgument,
-    request_options: Annotated[Typed, Asks(ExportChoices, but=("format",))],
+    request_options: Annotated[TypedValues, RequestOptions(ExportChoices, but=("format",))],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
     ] = None,
-    format: Annotated[str, typer.Option("--format", "-f", help=f"{FORMATS.told()}; else by --out's ending.")] = "",
+    format: Annotated[
+        str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; else by --out's ending.")
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
@@ -33,8 +35,8 @@ def export(
     if not format_name:
         detail = f"say the format: --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
-    choices = request_options.request(ExportChoices)
-    identification = inputs.model_of(model)
+    choices = request_options.build_request(ExportChoices)
+    identification = inputs.load_model(model)
     if is_stopped(identification) and not choices.anyway:
         copied = ", ".join(identification.data.copied)
         why = (
@@ -52,7 +54,9 @@ def export(
         detail = error.detail.replace("(nearest)", "(--nearest)")
         raise DynidentError(detail, pointer="--format", title=error.title) from error
     path = Path(file.name) if out is None else out
-    files.write_whole(path, file.content)
+    files.write_atomically(path, file.content)
     document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
     notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
-    telling.say(as_json, lambda: document, lambda _: None, *notes, f"{message} ({len(file.content) / 1e3:.1f} kB)")
+    telling.print_result(
+        as_json, lambda: document, lambda _: None, *notes, f"{message} ({len(file.content) / 1e3:.1f} kB)"
+    )

@@ -10,11 +10,11 @@ from dynident_service.cli.options import (
     Effects,
     Measurements,
     ModelArgument,
+    OutputOptions,
     Reading,
-    Result,
     SomeFile,
     Validation,
-    of_file,
+    file_option,
 )
 
 
@@ -24,9 +24,9 @@ def extend(
     validation: Validation,
     reading: Reading,
     effects: Effects,
-    result: Result,
+    result: OutputOptions,
     diagnosis: Annotated[
-        SomeFile, of_file("--diagnosis", help="Add what a diagnosis recommends (`dynident diagnose --out`).")
+        SomeFile, file_option("--diagnosis", help="Add what a diagnosis recommends (`dynident diagnose --out`).")
     ] = None,
 ) -> None:
     """Add effects to a model.
@@ -38,22 +38,22 @@ def extend(
     from dynident.verdict import verdict
     from dynident_service.cli import inputs, shown, telling
 
-    identification = inputs.model_of(model)
+    identification = inputs.load_model(model)
     robot = identification.model.robot
-    added = inputs.effects_of(effects, robot)
+    added = inputs.read_effects(effects, robot)
     if diagnosis is not None:
-        stored_diagnosis = inputs.stored_diagnosis(diagnosis)
+        stored_diagnosis = inputs.load_diagnosis(diagnosis)
         added += stored_diagnosis.recommended
         if not added:
             why = f"Nothing is added: the diagnosis recommends nothing. {stored_diagnosis.summary}"
-            telling.tell_unchanged(result, identification, why)
+            telling.write_unchanged_model(result, identification, why)
             return
     if not added:
         raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
-    with inputs.read("extend", measurements, robot, reading, validation) as data:
+    with inputs.read_recordings("extend", measurements, robot, reading, validation) as data:
         extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
-        checks = {item.recording.name: item.checks for item in (*data.given, *data.others)}
+        checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
         model_verdict = verdict(extended, data.recordings, data.other_recordings, checks)
-    telling.tell_rung(result, extended, model.stem, identification, model_verdict)
+    telling.write_extended_model(result, extended, model.stem, identification, model_verdict)
     if model_verdict.stop is not None:
-        raise typer.Exit(shown.STOPPED)
+        raise typer.Exit(shown.EXIT_STOPPED)

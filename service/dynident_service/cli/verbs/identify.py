@@ -8,43 +8,43 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynident.asking import said_of
+from dynident.asking import get_description
 from dynident.identification.choices import IdentificationChoices
 from dynident.recordings.stated import PreprocessingChoices
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import TO_READ
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.files import READABLE_FILE
 from dynident_service.cli.options import (
     Effects,
     Measurements,
-    Result,
+    OutputOptions,
     RobotArgument,
     RobotReading,
     Validation,
-    several_files,
+    repeatable_file_option,
 )
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _FILTERS = ", ".join(
-    f"{filter_field.name} ({unit})" if (unit := said_of(filter_field).unit) else filter_field.name
+    f"{filter_field.name} ({unit})" if (unit := get_description(filter_field).unit) else filter_field.name
     for filter_field in fields(PreprocessingChoices)
 )
 
 
 @dataclass(frozen=True)
-class Beside:
+class FurtherInputs:
     """What is given beside the measurements."""
 
     validation: Validation
     effects: Effects
     friction: Annotated[
         list[Path],
-        several_files(
+        repeatable_file_option(
             "--friction",
             help="Measurement at constant velocities, for the strategy separate_friction; may be repeated.",
         ),
-        TO_READ,
+        READABLE_FILE,
     ]
     preprocessing: Annotated[
         str,
@@ -60,9 +60,9 @@ def identify(
     robot: RobotArgument,
     measurements: Measurements,
     reading: RobotReading,
-    further: Beside,
-    request_options: Annotated[Typed, Asks(IdentificationChoices)],
-    result: Result,
+    further: FurtherInputs,
+    request_options: Annotated[TypedValues, RequestOptions(IdentificationChoices)],
+    result: OutputOptions,
 ) -> None:
     """Identify the base parameters of a robot."""
     from dynident.effects import DEFAULT_EFFECTS
@@ -72,39 +72,39 @@ def identify(
     from dynident.verdict import verdict
     from dynident_service.cli import inputs, parsing, shown, telling
 
-    machine = inputs.robot_of(robot, reading)
-    chosen_effects = inputs.effects_of(further.effects, machine) or DEFAULT_EFFECTS
-    unfiltered = request_options.request(IdentificationChoices, effects=chosen_effects)
+    machine = inputs.load_robot_argument(robot, reading)
+    chosen_effects = inputs.read_effects(further.effects, machine) or DEFAULT_EFFECTS
+    unfiltered = request_options.build_request(IdentificationChoices, effects=chosen_effects)
     everything = [*measurements, *further.friction]
-    with inputs.read("identify", everything, machine, reading, further.validation, further.friction) as data:
-        preprocessing = parsing.preprocessing_request(further.preprocessing)
+    with inputs.read_recordings("identify", everything, machine, reading, further.validation, further.friction) as data:
+        preprocessing = parsing.parse_preprocessing(further.preprocessing)
         recordings, held_out = data.recordings, data.other_recordings
         filters = None if preprocessing == "auto" else preprocessing_from_request(preprocessing, recordings)
         choices = replace(unfiltered, preprocessing=filters)
         identification = identify_model(machine, recordings, held_out, choices, data.progress)
-        checks = {item.recording.name: item.checks for item in (*data.given, *data.others)}
+        checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
         model_verdict = verdict(identification, recordings, held_out, checks)
 
-    def described() -> dict[str, object]:
+    def describe_result() -> dict[str, object]:
         from dynident_service.adapters.identifications import describe_identification
         from dynident_service.adapters.measurements import show_checks
         from dynident_service.adapters.verdicts import show_verdict
-        from dynident_service.models.common import plain
+        from dynident_service.models.common import to_plain_json
 
         return {
-            **plain(describe_identification(identification, None)),
-            "verdict": plain(show_verdict(model_verdict)),
+            **to_plain_json(describe_identification(identification, None)),
+            "verdict": to_plain_json(show_verdict(model_verdict)),
             "measurements": [
-                {"name": item.recording.name, "checks": [plain(check) for check in show_checks(item.checks)]}
-                for item in [*data.given, *data.others]
+                {"name": item.recording.name, "checks": [to_plain_json(check) for check in show_checks(item.checks)]}
+                for item in [*data.loaded, *data.others]
             ],
         }
 
-    def show(console: Console) -> None:
-        shown.show_measurements(console, data.given, data.others)
+    def print_result(console: Console) -> None:
+        shown.show_measurements(console, data.loaded, data.others)
         shown.show_identification(console, identification)
         shown.show_verdict(console, model_verdict)
 
-    telling.tell(result, "model", described, show, lambda: to_bytes(identification))
+    telling.write_result(result, "model", describe_result, print_result, lambda: to_bytes(identification))
     if model_verdict.stop is not None:
-        raise typer.Exit(shown.STOPPED)
+        raise typer.Exit(shown.EXIT_STOPPED)

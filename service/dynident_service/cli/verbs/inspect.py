@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynident.encoding import encode_text
-from dynident_service.cli.files import A_ROBOT, TO_READ
-from dynident_service.cli.options import Beside, Json, Out, Rate
+from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
+from dynident_service.cli.options import Json, Out, Rate, RobotAdditions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,15 +22,15 @@ def inspect(
     file: Annotated[
         Path,
         typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
-        TO_READ,
+        READABLE_FILE,
     ],
-    additions: Beside,
+    additions: RobotAdditions,
     robot: Annotated[
         str | None,
         typer.Option(
             "--robot", "-r", metavar="ROBOT", help="Whose recording it is: without it columns are only listed."
         ),
-        A_ROBOT,
+        KNOWN_ROBOT,
     ] = None,
     rate: Rate = None,
     out: Out = None,
@@ -46,25 +46,27 @@ def inspect(
     from dynident.identification.imports import inspect_file
     from dynident_service.cli import files, inputs, metadata, telling
 
-    machine = None if robot is None else inputs.robot_of(robot, additions)
+    machine = None if robot is None else inputs.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
     if inspection.proposal is not None:
         if as_proposed:
-            metadata.as_proposed(file, inspection, has_gains=True)
+            metadata.accept_proposal(file, inspection, has_gains=True)
         if out is not None:
-            document = json.dumps(metadata.proposed(inspection, rate), indent=2, ensure_ascii=False)
-            files.write_whole(out, encode_text(f"{document}\n"))
+            document = json.dumps(metadata.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            files.write_atomically(out, encode_text(f"{document}\n"))
     messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
-    telling.say(as_json, lambda: _document(inspection), lambda console: _show(console, inspection), *messages)
+    telling.print_result(
+        as_json, lambda: _to_document(inspection), lambda console: _print_inspection(console, inspection), *messages
+    )
 
 
-def _document(inspection: Inspection) -> dict[str, Any]:
+def _to_document(inspection: Inspection) -> dict[str, Any]:
     from dynident_service.adapters.imports import describe_inspection
 
     return describe_inspection(inspection, inspection.sha256).model_dump(mode="json")
 
 
-def _show(console: Console, inspection: Inspection) -> None:
+def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident_service.cli import terminal
 
     console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows looked at")
@@ -75,7 +77,7 @@ def _show(console: Console, inspection: Inspection) -> None:
     rows = [
         [guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason] for guess in inspection.proposal.guesses
     ]
-    table = terminal.table("", ("field", "guess", "sure", "why"), rows, right_from=4)
+    table = terminal.build_table("", ("field", "guess", "sure", "why"), rows, right_from=4)
     console.print(table)
     for question in inspection.proposal.questions:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""

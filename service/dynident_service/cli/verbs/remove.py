@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dynident_service.cli.options import Effects, ModelArgument, Result
+from dynident_service.cli.options import Effects, ModelArgument, OutputOptions
 
 
-def remove(model: ModelArgument, effects: Effects, result: Result) -> None:
+def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> None:
     """Take effects out of a model.
 
     No measurement is needed: the model's file holds the reduced data.
@@ -14,9 +14,9 @@ def remove(model: ModelArgument, effects: Effects, result: Result) -> None:
     from dynident.identification import remove as remove_effects
     from dynident_service.cli import inputs, telling
 
-    identification = inputs.model_of(model)
-    removed = inputs.named_effects(effects)
+    identification = inputs.load_model(model)
+    removed = inputs.parse_unchecked_effects(effects)
     if not removed:
         raise DynidentError("say what to remove: --effects", pointer="--effects")
     reduced_model = remove_effects(identification, removed)
-    telling.tell_rung(result, reduced_model, model.stem, identification)
+    telling.write_extended_model(result, reduced_model, model.stem, identification)

@@ -10,7 +10,7 @@ import typer
 
 from dynident.encoding import encode_text
 from dynident.reports.stated import MEDIA_TYPES, ReportChoices
-from dynident_service.cli.asked import Asks, Typed
+from dynident_service.cli.asked import RequestOptions, TypedValues
 from dynident_service.cli.options import (
     Json,
     Measurements,
@@ -19,18 +19,18 @@ from dynident_service.cli.options import (
     SomeFile,
     SomeFiles,
     Validation,
-    of_file,
+    file_option,
 )
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _ReportExtras:
     """What else the report shows."""
 
-    diagnosis: Annotated[SomeFile, of_file("--diagnosis", help="What `dynident diagnose --out` wrote.")] = None
-    validated: Annotated[SomeFiles, of_file("--validated", help="What `dynident validate --out` wrote; repeat it.")] = (
-        None
-    )
+    diagnosis: Annotated[SomeFile, file_option("--diagnosis", help="What `dynident diagnose --out` wrote.")] = None
+    validated: Annotated[
+        SomeFiles, file_option("--validated", help="What `dynident validate --out` wrote; repeat it.")
+    ] = None
 
 
 def report(
@@ -38,8 +38,8 @@ def report(
     measurements: Measurements,
     validation: Validation,
     reading: Reading,
-    extras: _Shown,
-    request_options: Annotated[Typed, Asks(ReportChoices)],
+    extras: _ReportExtras,
+    request_options: Annotated[TypedValues, RequestOptions(ReportChoices)],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
     ] = Path("report.html"),
@@ -47,26 +47,28 @@ def report(
 ) -> None:
     """Write one self-contained HTML file, or a PDF, about a model."""
     from dynident.identification import check_same_recordings
-    from dynident.progress import part
-    from dynident.reports import html_report, pdf_of
-    from dynident_service.adapters.validation_tables import reported
+    from dynident.progress import scale_progress
+    from dynident.reports import html_report, render_pdf
+    from dynident_service.adapters.validation_tables import build_reported_validation
     from dynident_service.cli import files, inputs, telling
-    from dynident_service.cli.reporting import reported_runs
-    from dynident_service.cli.validating import stored_validation
+    from dynident_service.cli.reporting import build_reported_runs
+    from dynident_service.cli.validating import load_validation
 
     prints = out.suffix.lower() == ".pdf"
-    choices = request_options.request(ReportChoices, format="pdf" if prints else "html")
-    identification = inputs.model_of(model)
-    diagnosis = inputs.stored_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
+    choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
+    identification = inputs.load_model(model)
+    diagnosis = inputs.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
     joints = identification.model.robot.joint_names
-    validations = [reported(stored_validation(path), joints) for path in extras.validated or []]
-    with inputs.read("report", measurements, identification.model.robot, reading, validation, share=0.4) as data:
+    validations = [build_reported_validation(load_validation(path), joints) for path in extras.validated or []]
+    with inputs.read_recordings(
+        "report", measurements, identification.model.robot, reading, validation, share=0.4
+    ) as data:
         check_same_recordings(identification, data.recordings)
-        runs = reported_runs(identification, data.given, data.others, part(data.progress, 0.0, 0.5))
+        runs = build_reported_runs(identification, data.loaded, data.others, scale_progress(data.progress, 0.0, 0.5))
         data.progress(0.5, "drawing")
         page = html_report(identification, runs, diagnosis=diagnosis, validations=validations, title=choices.name)
-        content = pdf_of(page) if prints else encode_text(page)
-    files.write_whole(out, content)
+        content = render_pdf(page) if prints else encode_text(page)
+    files.write_atomically(out, content)
     document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
     message = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
-    telling.say(as_json, lambda: document, lambda _: None, message)
+    telling.print_result(as_json, lambda: document, lambda _: None, message)

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from dynident.encoding import encode_text
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import Json, ModelArgument, Reading, of_file
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import Json, ModelArgument, Reading, file_option
 
 
 def series(
@@ -17,12 +17,12 @@ def series(
     days: Annotated[
         list[Path],
         typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
-        TO_READ,
+        READABLE_FILE,
     ],
     reading: Reading,
     keep: Annotated[
         Path | None,
-        of_file(
+        file_option(
             "--keep", help="Where days are kept: those in it come first and are not read again, new ones are added."
         ),
     ] = None,
@@ -30,7 +30,7 @@ def series(
         Path | None,
         typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
     ] = None,
-    out: Annotated[Path | None, of_file("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
+    out: Annotated[Path | None, file_option("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
     as_json: Json = False,
 ) -> None:
     """Say what has changed in a robot over many days, and from which day on.
@@ -38,27 +38,27 @@ def series(
     The first day is what the others are compared with; motions may differ from day to day.
     """
     from dynident.diagnosis.series import days_to_bytes
-    from dynident.diagnosis.series import series as series_of
-    from dynident.progress import part
-    from dynident.reports.figures.courses import courses_figure
+    from dynident.diagnosis.series import monitor_days as series_of
+    from dynident.progress import scale_progress
+    from dynident.reports.figures.courses import draw_parameter_tracks
     from dynident_service.adapters.diagnoses import describe_series
     from dynident_service.cli import files, inputs, shown, tables, telling, terminal
-    from dynident_service.cli.kept_days import days_of
+    from dynident_service.cli.kept_days import load_continued_days
 
-    identification = inputs.model_of(model)
+    identification = inputs.load_model(model)
     if out is not None:
         tables.check_ending(out)
-    with terminal.progress_bar("compare the days") as progress:
-        measure, measured = days_of(identification, days, reading, keep, part(progress, 0.0, 0.5))
-        monitored = series_of(measure, measured, part(progress, 0.5, 1.0))
+    with terminal.show_progress_bar("compare the days") as progress:
+        measure, measured = load_continued_days(identification, days, reading, keep, scale_progress(progress, 0.0, 0.5))
+        monitored = series_of(measure, measured, scale_progress(progress, 0.5, 1.0))
     if keep is not None:
-        files.write_whole(keep, days_to_bytes(measure, measured))
+        files.write_atomically(keep, days_to_bytes(measure, measured))
     if figure is not None:
-        files.write_whole(figure, encode_text(str(courses_figure(monitored))))
+        files.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
     if out is not None:
-        tables.write_table(tables.courses_table(monitored), out)
+        tables.write_table(tables.build_courses_table(monitored), out)
     outputs = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
-    telling.say(
+    telling.print_result(
         as_json,
         lambda: describe_series(monitored),
         lambda console: shown.show_series(console, monitored, identification.model.robot),

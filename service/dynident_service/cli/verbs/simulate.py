@@ -9,27 +9,27 @@ from typing import Annotated
 import typer
 
 from dynident.simulation.stated import Simulated
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.options import Beside, Json, RobotArgument, SomeFile, of_file, several
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.options import Json, RobotAdditions, RobotArgument, SomeFile, file_option, repeatable_option
 
 
 def simulate(
     robot: RobotArgument,
-    additions: Beside,
+    additions: RobotAdditions,
     effects: Annotated[
         list[str],
-        several(
+        repeatable_option(
             "--effects",
             metavar="EFFECT,…",
             help="What acts besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
             "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given. payload:run=2: in run 2 alone.",
         ),
     ],
-    request_options: Annotated[Typed, Asks(Simulated, but=("effects", "sampling_rate"))],
+    request_options: Annotated[TypedValues, RequestOptions(Simulated, but=("effects", "sampling_rate"))],
     rate: Annotated[float, typer.Option("--rate", help="Sampling rate of the sensors in Hz.")] = 500.0,
     trajectory: Annotated[
         SomeFile,
-        of_file(
+        file_option(
             "--trajectory",
             help="What `dynident design` wrote: t, q_<joint>… and, unless they are to follow from q, dq_… and ddq_…. "
             "A random motion otherwise.",
@@ -41,31 +41,38 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Measure a virtual robot along a trajectory."""
-    from dynident.progress import part
-    from dynident.simulation import beside, measurement_table, simulation_of, true_effects
+    from dynident.progress import scale_progress
+    from dynident.simulation import (
+        build_recording_table,
+        build_simulation_request,
+        replace_usual_effects,
+        resolve_true_effects,
+    )
     from dynident.simulation import simulate as simulate_robot
     from dynident_service.adapters.simulations import describe_simulation
     from dynident_service.cli import inputs, tables, telling, terminal, virtual
 
     tables.check_ending(out)
-    machine = inputs.robot_of(robot, additions)
-    request = request_options.request(Simulated)
-    hidden = true_effects(virtual.acting_effects(effects), machine)
-    with terminal.progress_bar("simulate") as progress:
-        reference = virtual.reference_of(trajectory, machine, request.seed, part(progress, 0.0, 0.2))
-        simulation = simulation_of(request, machine, reference, rate)
+    machine = inputs.load_robot_argument(robot, additions)
+    request = request_options.build_request(Simulated)
+    hidden = resolve_true_effects(virtual.parse_acting_effects(effects), machine)
+    with terminal.show_progress_bar("simulate") as progress:
+        reference = virtual.load_reference(trajectory, machine, request.seed, scale_progress(progress, 0.0, 0.2))
+        simulation = build_simulation_request(request, machine, reference, rate)
         measurement = simulate_robot(
-            machine, replace(simulation, effects=beside(simulation.effects, hidden)), part(progress, 0.2, 1.0)
+            machine,
+            replace(simulation, effects=replace_usual_effects(simulation.effects, hidden)),
+            scale_progress(progress, 0.2, 1.0),
         )
-    tables.write_table(measurement_table(measurement), out)
+    tables.write_table(build_recording_table(measurement), out)
     rows = [
         [joint.name, f"{measurement.noise[j]:.3g} {joint.effort_unit}", f"{measurement.tracking_error[j]:.2g}"]
         for j, joint in enumerate(machine.joints)
     ]
     columns = ("joint", "torque noise, standard deviation", "largest distance from the trajectory (rad or m)")
-    telling.say(
+    telling.print_result(
         as_json,
         lambda: describe_simulation(measurement, rate),
-        lambda console: console.print(terminal.table("", columns, rows)),
+        lambda console: console.print(terminal.build_table("", columns, rows)),
         f"{measurement.n_samples} samples at {rate:g} Hz written to {out}",
     )

@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 import typer
 
-from dynident.validation.request import TRIALS, Stated, trial_of
-from dynident_service.cli.asked import Asks, Typed
-from dynident_service.cli.files import TO_READ
-from dynident_service.cli.options import ModelArgument, Reading, Result, SomeFiles, Validation, of_file
+from dynident.validation.request import TRIALS, Stated, build_trial
+from dynident_service.cli.asked import RequestOptions, TypedValues
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import ModelArgument, OutputOptions, Reading, SomeFiles, Validation, file_option
 
 
 @dataclass(frozen=True)
-class Beside:
+class FurtherInputs:
     """What is given beside the measurements."""
 
     validation: Validation
@@ -28,16 +28,16 @@ class Beside:
             show_default=False,
         ),
     ] = None
-    unloaded: Annotated[SomeFiles, of_file("--unloaded", help="For payload: runs without the load.")] = None
+    unloaded: Annotated[SomeFiles, file_option("--unloaded", help="For payload: runs without the load.")] = None
 
 
 def validate(
     model: ModelArgument,
-    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.told()}.", show_default=False)],
-    request_options: Annotated[Typed, Asks(Stated)],
-    further: Beside,
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.format_help()}.", show_default=False)],
+    request_options: Annotated[TypedValues, RequestOptions(Stated)],
+    further: FurtherInputs,
     reading: Reading,
-    result: Result,
+    result: OutputOptions,
     measurements: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -46,7 +46,7 @@ def validate(
             "simulation: the motion; payload: runs with the load.",
             show_default=False,
         ),
-        TO_READ,
+        READABLE_FILE,
     ] = None,
 ) -> None:
     """Try whether an identified model is to be trusted.
@@ -56,10 +56,10 @@ def validate(
     from dynident.errors import DynidentError
     from dynident_service.cli import inputs, shown_validations, telling, validating
 
-    identification = inputs.model_of(model)
-    options: Any = request_options.request(Stated, methods=validating.methods_of(further.methods or []))
+    identification = inputs.load_model(model)
+    options: Any = request_options.build_request(Stated, methods=validating.parse_methods(further.methods or []))
     try:
-        trial = trial_of(
+        trial = build_trial(
             kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
         )
     except DynidentError as error:
@@ -67,11 +67,13 @@ def validate(
         raise DynidentError(error.detail, pointer=option, title="Unusable option") from error
     paths = measurements or []
     others = [*further.validation, *(further.unloaded or [])]
-    validating.check(trial, len(paths), len(others))
+    validating.check_recording_counts(trial, len(paths), len(others))
     robot = identification.model.robot
-    with inputs.read("validate", paths, robot, reading, others, share=0.3) as data:
-        outcome = validating.run(identification, trial, data.recordings, data.other_recordings, data.progress)
-    telling.tell(
+    with inputs.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
+        outcome = validating.run_validation(
+            identification, trial, data.recordings, data.other_recordings, data.progress
+        )
+    telling.write_result(
         result,
         "result",
         lambda: outcome,

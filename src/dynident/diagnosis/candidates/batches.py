@@ -32,12 +32,12 @@ class Batch:
         return int(self.columns.shape[1])
 
 
-def extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
+def list_extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
     """(c,): all columns of the candidates, ascending."""
     return np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
 
 
-def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
+def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
     """The candidates by their number of columns, in handy portions."""
     portions: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
@@ -48,7 +48,7 @@ def batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, 
     return tuple(portions)
 
 
-def by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
+def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
     """(g, k, k) of every portion, from those of all in a row."""
     sizes = [portion.columns.size * portion.width for portion in portions]
     parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
@@ -67,11 +67,11 @@ class Amplitudes:
     projection: FloatArray
 
     @cached_property
-    def adapted(self) -> FloatArray:
+    def model_adjustments(self) -> FloatArray:
         """(g, b): by how much the model's own parameters are smaller beside each candidate, portion by portion."""
         return np.asarray(self._mixing @ self.projection.T)
 
-    def own(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
+    def select_own_columns(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
         """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
         if self._mixing.shape[0] <= _FEW:
             return np.arange(self._mixing.shape[0]), self._dense[:, columns]

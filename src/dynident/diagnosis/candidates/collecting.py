@@ -18,7 +18,7 @@ _MOST_ROWS = 48
 their products (`benchmarks/rows_or_products.py`), which then take less memory."""
 
 
-class Stretches:
+class BlockNumbering:
     """Which stretch of time a row is of: of about a `usual` length in seconds, never below the `shortest`."""
 
     def __init__(self, usual: float, shortest: float) -> None:
@@ -35,24 +35,24 @@ class Stretches:
         self._begun = {}
         self._end = -np.inf
 
-    def of(self, t: FloatArray) -> IndexArray:
+    def number_times(self, t: FloatArray) -> IndexArray:
         """(m,): the stretch of each of these times, which go on from those before."""
         numbers = np.zeros(len(t), dtype=np.intp)
         first = 0
         while first < len(t):
             if t[first] >= self._end:
-                self._begin(float(t[first]))
+                self._open_block(float(t[first]))
             last = first + max(1, int(np.searchsorted(t[first:], self._end)))
             numbers[first:last] = self._now
             first = last
         return numbers
 
-    def runs(self) -> IndexArray:
+    def list_runs(self) -> IndexArray:
         """(s,): which run every stretch is of, by number."""
         labels = list(dict.fromkeys(self._runs))
         return np.array([labels.index(label) for label in self._runs], dtype=np.intp)
 
-    def _begin(self, start: float) -> None:
+    def _open_block(self, start: float) -> None:
         """Open the stretch that begins at a time or, where the motion has been here before, that of then."""
         for number, period in enumerate(self._periods):
             if period.start <= start < period.end + period.lag:
@@ -69,7 +69,7 @@ class Stretches:
             self._runs.append(self._run)
 
 
-class Collected:
+class RowAccumulator:
     """Rows of every kind and joint, by stretch; as their products alone from where there are many.
 
     Parameters
@@ -80,7 +80,7 @@ class Collected:
     """
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
-        self._heaps = [[_Heap(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
+        self._heaps = [[_JointAccumulator(width + 1, max(expected, 1)) for width in widths] for _ in range(kinds)]
         self._room, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
 
     def push(self, stretch: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
@@ -92,7 +92,7 @@ class Collected:
         if self._pending > self._room:
             self._fold()
 
-    def finished(self, n_stretches: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
+    def finish(self, n_stretches: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
         """The stacks of all joints, and how many rows there are (s, n), for every kind."""
         if self._folded:
             self._fold()
@@ -111,7 +111,7 @@ class Collected:
                 heap.fold()
 
 
-class _Heap:
+class _JointAccumulator:
     """Rows (m, w) of one kind and joint: those that are pending, and the products of those before."""
 
     def __init__(self, width: int, expected: int) -> None:
@@ -136,11 +136,11 @@ class _Heap:
         """Products instead of the pending rows."""
         if self._products is None:
             self._products = np.zeros((0, self._width, self._width))
-        rows, stretch = self._taken()
+        rows, stretch = self._pop_pending()
         # Room is made for all at once: zeros that nobody has written to take no memory.
         last = int(stretch[-1]) if len(stretch) else -1
         if len(self._products) <= last:
-            self._products = _longer(self._products, max(2 * len(self._products), last + 1, self._expected))
+            self._products = _resize(self._products, max(2 * len(self._products), last + 1, self._expected))
         edges = np.flatnonzero(np.diff(stretch)) + 1
         for own, part in zip(np.split(stretch, edges), np.split(rows, edges), strict=True):
             if len(own):
@@ -149,15 +149,15 @@ class _Heap:
     def stack(self, n_stretches: int) -> Stack:
         """All of it."""
         if self._products is not None:
-            return ProductStack(_longer(self._products, n_stretches))
-        rows, stretch = self._taken()
+            return ProductStack(_resize(self._products, n_stretches))
+        rows, stretch = self._pop_pending()
         return RowStack(rows, stretch, n_stretches)
 
     def counts(self, n_stretches: int) -> FloatArray:
         """(s,): rows of every stretch."""
         return np.pad(self._counts, (0, n_stretches - len(self._counts)))
 
-    def _taken(self) -> tuple[FloatArray, IndexArray]:
+    def _pop_pending(self) -> tuple[FloatArray, IndexArray]:
         """The pending rows and their stretches, ascending; none are pending any more."""
         rows, stretch = self._rows, self._stretch
         self._rows, self._stretch = [], []
@@ -168,7 +168,7 @@ class _Heap:
         return together[order], each[order]
 
 
-def _longer(stack: FloatArray, length: int) -> FloatArray:
+def _resize(stack: FloatArray, length: int) -> FloatArray:
     """(length, ...): the first of a stack, or the stack with zeros behind it."""
     if len(stack) >= length:
         return stack[:length]

@@ -21,7 +21,7 @@ _SEED = 20
 _TOGETHER = 64
 
 
-def family_wise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
+def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray:
     """(c,): how often the best of all candidates would look as good by chance as each of them does.
 
     Of two statistics the one that says more, at half the level each (Bonferroni): the scores see what little a single
@@ -37,17 +37,17 @@ def family_wise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> FloatArray
     count, n_stretches = gains.shape
     if not count or n_stretches < 2:
         return np.ones(count)
-    signs = _turns(n_stretches)
-    by_gains, by_scores = _of_gains(gains, signs), _of_scores(scores, signs)
+    signs = _draw_signs(n_stretches)
+    by_gains, by_scores = _test_gains(gains, signs), _test_scores(scores, signs)
     return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores)))
 
 
-def chance_of(gains: FloatArray) -> float:
+def compute_single_p(gains: FloatArray) -> float:
     """How often chance would look as good as what one candidate gains in every stretch (s,), nothing else tried."""
-    return float(_of_gains(gains[None], _turns(len(gains)))[0])
+    return float(_test_gains(gains[None], _draw_signs(len(gains)))[0])
 
 
-def _turns(n_stretches: int) -> FloatArray:
+def _draw_signs(n_stretches: int) -> FloatArray:
     """(draws, s): turns of the signs, of which the first turns none."""
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
     # The observed signs count as one of the draws, so that no p is zero.
@@ -55,33 +55,33 @@ def _turns(n_stretches: int) -> FloatArray:
     return signs
 
 
-def _of_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
+def _test_gains(gains: FloatArray, signs: FloatArray) -> FloatArray:
     """(c,): the share of turns in which any candidate gains as evenly."""
-    values = _roots(gains)
+    values = _compute_signed_roots(gains)
     n_stretches = values.shape[1]
     mean = signs @ values.T / n_stretches
     variance = np.maximum((values**2).mean(axis=1) - mean**2, np.finfo(float).tiny) * n_stretches / (n_stretches - 1)
-    return _reached(evenness(gains), (mean / np.sqrt(variance / n_stretches)).max(axis=1))
+    return _compute_share_reached(compute_evenness(gains), (mean / np.sqrt(variance / n_stretches)).max(axis=1))
 
 
-def _of_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
+def _test_scores(scores: Sequence[FloatArray], signs: FloatArray) -> FloatArray:
     """(c,): the share of turns in which the scores of any candidate sum up to as much."""
     own, largest = np.full(len(scores), -np.inf), np.full(len(signs), -np.inf)
     for width in {each.shape[1] for each in scores}:
         members = [k for k, each in enumerate(scores) if each.shape[1] == width]
         for first in range(0, len(members), _TOGETHER):
             batch = members[first : first + _TOGETHER]
-            values = _standardised(np.array([scores[k] for k in batch]), signs)
+            values = _standardise_scores(np.array([scores[k] for k in batch]), signs)
             own[batch] = values[0]
             largest = np.maximum(largest, values.max(axis=1))
-    return _reached(own, largest)
+    return _compute_share_reached(own, largest)
 
 
-def _reached(own: FloatArray, largest: FloatArray) -> FloatArray:
+def _compute_share_reached(own: FloatArray, largest: FloatArray) -> FloatArray:
     return np.asarray((len(largest) - np.searchsorted(np.sort(largest), own - 1e-9, side="left")) / len(largest))
 
 
-def _standardised(scores: FloatArray, signs: FloatArray) -> FloatArray:
+def _standardise_scores(scores: FloatArray, signs: FloatArray) -> FloatArray:
     """(draws, g): how large the sums of turned scores (g, s, k) are, on one scale whatever k.
 
     Their squares are about those of so many normal variables as agree with their first two moments (Satterthwaite
@@ -98,15 +98,15 @@ def _standardised(scores: FloatArray, signs: FloatArray) -> FloatArray:
     return np.asarray((root - (1.0 - 2.0 / (9.0 * freedom))) / np.sqrt(2.0 / (9.0 * freedom)))
 
 
-def evenness(gains: FloatArray) -> FloatArray:
+def compute_evenness(gains: FloatArray) -> FloatArray:
     """(c,): t of the mean over the stretches of the signed roots of gains (c, s).
 
     Of the roots, since a gain is a square: else one stretch that shows an effect well hides that the others do, too.
     """
-    values = _roots(gains)
+    values = _compute_signed_roots(gains)
     spread = values.std(axis=-1, ddof=1) / np.sqrt(values.shape[-1])
     return np.asarray(np.divide(values.mean(axis=-1), spread, out=np.zeros_like(spread), where=spread > 0))
 
 
-def _roots(gains: FloatArray) -> FloatArray:
+def _compute_signed_roots(gains: FloatArray) -> FloatArray:
     return np.asarray(np.sign(gains) * np.sqrt(np.abs(gains)))

@@ -32,7 +32,7 @@ class JointSums:
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class ProductSums:
     """Weighted sums: WᵀW (b, b), WᵀX (b, c), Wᵀy (b,), Xᵀy (c,), and XᵀX within candidates (g, k, k) by portion."""
 
     ww: FloatArray
@@ -41,14 +41,16 @@ class Sums:
     xy: FloatArray
     xx: tuple[FloatArray, ...]
 
-    def minus(self, other: Sums) -> Sums:
+    def subtract(self, other: ProductSums) -> ProductSums:
         """The products of the rows that are in these and not in the others.
 
         A column that none of these rows has leaves rounding errors alone: it is nothing here, not a small column.
         """
-        seen = _left(np.diag(self.ww), np.diag(other.ww))
-        own = [_left(np.einsum("gkk->gk", a), np.einsum("gkk->gk", b)) for a, b in zip(self.xx, other.xx, strict=True)]
-        return Sums(
+        seen = _is_left(np.diag(self.ww), np.diag(other.ww))
+        own = [
+            _is_left(np.einsum("gkk->gk", a), np.einsum("gkk->gk", b)) for a, b in zip(self.xx, other.xx, strict=True)
+        ]
+        return ProductSums(
             (self.ww - other.ww) * (seen[:, None] & seen),
             (self.wx - other.wx) * seen[:, None],
             (self.wy - other.wy) * seen,
@@ -60,23 +62,23 @@ class Sums:
         )
 
 
-def _left(whole: FloatArray, part: FloatArray) -> BoolArray:
+def _is_left(whole: FloatArray, part: FloatArray) -> BoolArray:
     """Which squares of columns have anything of their own once a part of the rows is taken away."""
     return np.asarray(whole - part > _ROUNDING * whole)
 
 
-class StretchesFit:
+class FoldFit:
     """The model fitted on some stretches, and what is left of every candidate column beside it.
 
     `chi` (b,) are the model's parameters, `projection` (b, c) what the model says of every candidate column.
     """
 
-    def __init__(self, sums: Sums, portions: Sequence[Batch]) -> None:
+    def __init__(self, sums: ProductSums, portions: Sequence[Batch]) -> None:
         scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
         # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
         # lacks solvable.
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-        solved = _solution(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
+        solved = _solve_normal_equations(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]
         right = sums.xy - sums.wx.T @ self.chi
         self._right, self._rest, self._whole = [], [], []
@@ -88,9 +90,9 @@ class StretchesFit:
             self._whole.append(np.maximum(squares, np.finfo(float).tiny))
             self._right.append(right[portion.columns] * is_present)
 
-    def amplitudes(self, number: int) -> FloatArray:
+    def fit_amplitudes(self, number: int) -> FloatArray:
         """(g, k): parameters of a portion's candidates, each fitted beside the model."""
-        scale, normal = self._scaled(number)
+        scale, normal = self._scale_products(number)
         normal = normal + _OWN_RIDGE * np.eye(normal.shape[2])
         right = self._right[number] / scale
         if normal.shape[2] == 1:
@@ -98,26 +100,26 @@ class StretchesFit:
         inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
         return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
 
-    def units(self, number: int) -> FloatArray:
+    def compute_unit_directions(self, number: int) -> FloatArray:
         """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
-        scale, normal = self._scaled(number)
+        scale, normal = self._scale_products(number)
         values, vectors = np.linalg.eigh(normal)
         is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
         root = np.where(is_determined, 1.0 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
         return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
 
-    def separability(self, number: int) -> FloatArray:
+    def compute_separability(self, number: int) -> FloatArray:
         """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""
         share = np.einsum("gkk->gk", self._rest[number]) / self._whole[number]
         return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
 
-    def _scaled(self, number: int) -> tuple[FloatArray, FloatArray]:
+    def _scale_products(self, number: int) -> tuple[FloatArray, FloatArray]:
         """The columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
         scale = np.sqrt(self._whole[number])
         return scale, self._rest[number] / (scale[:, :, None] * scale[:, None, :])
 
 
-def _solution(normal: FloatArray, right: FloatArray) -> FloatArray:
+def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
     """Solution (b, k) of normal equations (b, b); of all that fit equally well the smallest.
 
     Without one of the runs, the others may not determine the model: joints that stand still, a single posture.

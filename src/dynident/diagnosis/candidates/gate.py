@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.family import evenness
+from dynident.diagnosis.candidates.family import compute_evenness
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
-from dynident.diagnosis.residuals.stretches import t_of, usual_of
+from dynident.diagnosis.residuals.stretches import compute_median_error, compute_t
 from dynident.effects import CATALOGUE
 
 ALPHA = 0.01
@@ -37,7 +37,7 @@ _MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedCandidate:
+class ScoredCandidate:
     """A candidate with its score in interleaved and contiguous folds.
 
     `drop` is the share of the squared held-out error that it removes: of an effect of a single joint or of the whole
@@ -87,7 +87,7 @@ class JudgedCandidate:
         return float(self.gains.sum())
 
     @property
-    def told_of(self) -> list[int]:
+    def reported_joints(self) -> list[int]:
         """Joints that errors are told of: those named; of an effect of the whole robot all that it acts on."""
         named = len(self.candidate.joints)
         if not named or named == len(self.joints):
@@ -99,12 +99,12 @@ class JudgedCandidate:
     @property
     def error_drop(self) -> float:
         """Share of the held-out error, in N m, that it removes on the joints that it is told of."""
-        joints = self.told_of
+        joints = self.reported_joints
         before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
         return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
 
     @property
-    def passes(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the improvement is large enough to matter, and no chance: among all that was tried, and by itself.
 
         By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
@@ -112,13 +112,13 @@ class JudgedCandidate:
         matters = self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP
         return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
 
-    def lasts(self, least_drop: float, least_t: float) -> bool:
+    def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
         """Whether it still improves the prediction beside all that was found."""
         return self.drop >= least_drop and self.t >= least_t
 
 
 @dataclass(frozen=True, eq=False)
-class Bar:
+class BaselineErrors:
     """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
 
     `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
@@ -129,16 +129,16 @@ class Bar:
     factor: FloatArray
 
     @classmethod
-    def of(cls, before: FloatArray, noise: FloatArray) -> Bar:
+    def from_errors(cls, before: FloatArray, noise: FloatArray) -> BaselineErrors:
         """From squared errors (s, n) and the noise (n,)."""
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
-        return cls(weighted, np.minimum(1.0, _CAP * usual_of(whole) / np.maximum(whole, 1e-300)))
+        return cls(weighted, np.minimum(1.0, _CAP * compute_median_error(whole) / np.maximum(whole, 1e-300)))
 
 
-def judge(
-    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[Bar] | None = None
-) -> JudgedCandidate:
+def combine_scores(
+    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[BaselineErrors] | None = None
+) -> ScoredCandidate:
     """Put a candidate's scores in the two kinds of folds together.
 
     Parameters
@@ -148,7 +148,7 @@ def judge(
     noise : (n,)
     bars : what the model alone leaves, one a kind of folds, where that is at hand
     """
-    bars = bars or [Bar.of(score.before, noise) for score in scores]
+    bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
     drops, totals, gains = [], [], []
     index = list(joints)
     for score, bar in zip(scores, bars, strict=True):
@@ -161,17 +161,17 @@ def judge(
         totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
     # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
     alone = len(scores[0].candidate.joints) < 2
-    mean_gain = _mean(gains)
-    before = _mean([score.before for score in scores])
-    after = _mean([np.minimum(score.after, 2.0 * score.before) for score in scores])
-    return JudgedCandidate(
+    mean_gain = _average_arrays(gains)
+    before = _average_arrays([score.before for score in scores])
+    after = _average_arrays([np.minimum(score.after, 2.0 * score.before) for score in scores])
+    return ScoredCandidate(
         candidate=scores[0].candidate,
         joints=joints,
         before=before,
         after=after,
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
         total_drop=min(totals),
-        t=float(evenness(mean_gain[None])[0]),
+        t=float(compute_evenness(mean_gain[None])[0]),
         gains=mean_gain,
         separability=scores[0].separability,
         amplitudes=scores[0].amplitudes,
@@ -181,19 +181,19 @@ def judge(
     )
 
 
-def _mean(values: Sequence[FloatArray]) -> FloatArray:
+def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:
     """Of a few large arrays: without stacking them."""
     first, *others = values
     return np.asarray(sum(others, first) / len(values))
 
 
-def indistinguishable(best: JudgedCandidate, other: JudgedCandidate) -> bool:
+def are_indistinguishable(best: ScoredCandidate, other: ScoredCandidate) -> bool:
     """Whether the stretches do not tell two explanations apart: mean difference below its standard error."""
     difference = best.gains - other.gains
-    return abs(t_of(difference)) < 1.0 or np.allclose(difference, 0.0)
+    return abs(compute_t(difference)) < 1.0 or np.allclose(difference, 0.0)
 
 
-def simplest(judged: Sequence[JudgedCandidate]) -> tuple[JudgedCandidate, tuple[JudgedCandidate, ...]]:
+def select_simplest(judged: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]:
     """The simplest candidate that the best one does not beat by a finding; and those the data cannot tell from it.
 
     Fewer columns are preferred as long as what more of them gain would not pass the gate itself; among equally many
@@ -201,25 +201,27 @@ def simplest(judged: Sequence[JudgedCandidate]) -> tuple[JudgedCandidate, tuple[
     """
     ordered = sorted(judged, key=lambda scored: -scored.total_gain)
     best = ordered[0]
-    plain = [scored for scored in ordered if scored is best or not _beats(best, scored)]
+    plain = [scored for scored in ordered if scored is best or not _is_worth_complexity(best, scored)]
     slimmest = min(scored.complexity for scored in plain)
     slim = [scored for scored in plain if scored.complexity == slimmest]
     # Of those on other joints that gain as much, the one whose gain is most even: on a wrong joint gains are by chance.
     elsewhere = [scored for scored in slim if scored.candidate.joints != slim[0].candidate.joints]
-    chosen = max([slim[0], *(scored for scored in elsewhere if indistinguishable(slim[0], scored))], key=lambda i: i.t)
-    return chosen, tuple(scored for scored in ordered if scored is not chosen and indistinguishable(chosen, scored))
+    chosen = max(
+        [slim[0], *(scored for scored in elsewhere if are_indistinguishable(slim[0], scored))], key=lambda i: i.t
+    )
+    return chosen, tuple(scored for scored in ordered if scored is not chosen and are_indistinguishable(chosen, scored))
 
 
-def _beats(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
+def _is_worth_complexity(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     """Whether the more complex candidate removes enough more of the error, often enough."""
-    return simpler.complexity >= best.complexity or gains_more(best, simpler)
+    return simpler.complexity >= best.complexity or has_larger_gain(best, simpler)
 
 
-def gains_more(best: JudgedCandidate, simpler: JudgedCandidate) -> bool:
+def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
     """Whether a candidate removes so much more of the error than another that it may be more complex."""
     difference = best.gains - simpler.gains
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
     if more >= _MUCH_MORE * best.total_gain:
         return True
-    return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and t_of(difference) >= 2.0
+    return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and compute_t(difference) >= 2.0

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray
-from dynident.diagnosis.residuals.leads import Leads
+from dynident.diagnosis.residuals.leads import ShapeProposals
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, columns_of, effect_by_id, role_of
-from dynident.effects.catalogue import is_change
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
+from dynident.effects.catalogue import is_lasting_change
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -55,37 +55,37 @@ class Pool:
     faint: frozenset[Candidate] = frozenset()
 
     @property
-    def at_first(self) -> list[Candidate]:
+    def initial_candidates(self) -> list[Candidate]:
         """The candidates that a search begins with: those that may last, and are not faint."""
         return [
             candidate
             for candidate in self.candidates
-            if not effect_by_id(candidate.effect).is_transient and candidate not in self.faint
+            if not get_effect(candidate.effect).is_transient and candidate not in self.faint
         ]
 
     @cached_property
     def is_friction(self) -> BoolArray:
         """(columns,): which columns are those of friction."""
-        return np.array([effect_by_id(column.effect).is_friction for column in self.observation.columns])
+        return np.array([get_effect(column.effect).is_friction for column in self.observation.columns])
 
     @cached_property
     def is_dry(self) -> BoolArray:
         """(columns,): which of them are Coulomb friction."""
-        return np.array([role_of(column) == "dry" for column in self.observation.columns])
+        return np.array([get_role(column) == "dry" for column in self.observation.columns])
 
-    def candidate(self, choice: EffectChoice) -> Candidate | None:
+    def find_candidate(self, choice: EffectChoice) -> Candidate | None:
         """The candidate of a choice; none where all its columns are the model's, or zero."""
         return next((candidate for candidate in self.candidates if candidate.choice == choice), None)
 
     def is_change(self, candidate: Candidate) -> bool:
         """Whether a candidate is something that the later runs have and the others have not."""
-        return is_change(candidate.choice, self.since)
+        return is_lasting_change(candidate.choice, self.since)
 
 
 def build_pool(
     model: Model,
     effects: Sequence[str] | None = None,
-    leads: Leads | None = None,
+    leads: ShapeProposals | None = None,
     resolved: Resolution | None = None,
 ) -> Pool:
     """Build the columns of a model and of everything that might be missing in it.
@@ -102,34 +102,36 @@ def build_pool(
     """
     # The links and rotors are the model itself: without them nothing can be diagnosed.
     chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if not CATALOGUE[name].is_inertia]
-    proposals = leads or Leads()
-    choices = [choice for effect in chosen for choice in _choices(effect, model, proposals)]
-    resolvable = [choice for choice in choices if resolved is None or shows(choice, model.robot, resolved)]
-    changed = [choice for effect in chosen if effect.may_change for choice in changes_in(effect, model, proposals)]
-    pool = pool_of(model, [*resolvable, *changed])
-    faint = _among(pool, chosen, model, proposals.angle_lines.faint)
-    clear = _among(pool, chosen, model, proposals.angle_lines.clear)
+    proposals = leads or ShapeProposals()
+    choices = [choice for effect in chosen for choice in _list_choices(effect, model, proposals)]
+    resolvable = [choice for choice in choices if resolved is None or is_resolved(choice, model.robot, resolved)]
+    changed = [
+        choice for effect in chosen if effect.may_change for choice in list_change_candidates(effect, model, proposals)
+    ]
+    pool = build_pool_of_choices(model, [*resolvable, *changed])
+    faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
+    clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)
     return replace(pool, since=proposals.since, faint=faint - clear)
 
 
-def _among(
+def _select_waves(
     pool: Pool, effects: Sequence[Effect], model: Model, lines: Sequence[tuple[int, float]]
 ) -> frozenset[Candidate]:
     """The candidates that are waves over a joint's angle at these lines."""
-    waves = {choice for effect in effects for choice in _waves(effect, model, lines)}
+    waves = {choice for effect in effects for choice in _list_waves(effect, model, lines)}
     return frozenset(candidate for candidate in pool.candidates if candidate.choice in waves)
 
 
-def _waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]) -> list[EffectChoice]:
+def _list_waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]) -> list[EffectChoice]:
     """An effect that is a wave over a joint's angle, at these lines: (joint index, waves per turn)."""
     if effect.proposal != "angle_spectrum":
         return []
     spec, joints = effect.shapes[0], model.robot.joint_names
-    waves = dict.fromkeys((j, wave) for j, k in lines for wave in spec.sensible(k))
+    waves = dict.fromkeys((j, wave) for j, k in lines for wave in spec.list_allowed_values(k))
     return [EffectChoice(effect.id, (joints[j],), ((spec.name, wave),)) for j, wave in waves]
 
 
-def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
+def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
     """The columns of a model and of these choices; what the model has already, or is zero, is no candidate.
 
     `beside`: the columns that stand for the model where they are not those that it keeps.
@@ -143,7 +145,7 @@ def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Colu
     seen: set[tuple[int, ...]] = set()
     for choice in choices:
         numbers = []
-        for column in columns_of([choice], signals):
+        for column in build_columns([choice], signals):
             if not column.torque.nnz():
                 continue
             if column.key not in index:
@@ -155,109 +157,114 @@ def pool_of(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Colu
             seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
     # What the model has is compiled already.
-    observation = model.observation.extended(columns[model.n_parameters :], signals)
+    observation = model.observation.extend(columns[model.n_parameters :], signals)
     return Pool(observation, n_base, tuple(candidates))
 
 
-def columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
+def select_columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
     """Those of a candidate's columns that are of one joint."""
     return tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
 
 
-def _choices(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
     robot = model.robot.tree
-    possible = places_of(effect, model.robot)
+    possible = find_places(effect, model.robot)
     if not possible or (effect.needs_temperature and not leads.has_temperature):
         return []
     if effect.needs_session and leads.session < _SHORTEST_SESSION:
         return []
     if effect.in_some_runs:
         # Which link carries it is looked for once the runs are known: a step between runs shows with the last one's.
-        carries = tuple(robot.joint_names[j] for j in effect.unless_named(robot))
+        carries = tuple(robot.joint_names[j] for j in effect.get_default_joints(robot))
         return [EffectChoice(effect.id, carries, (), runs) for runs in leads.run_groups]
     if effect.scope == "robot":
-        return _whole_robot(effect, model, leads)
-    free = [j for j in possible if not _taken(effect, model, robot.joint_names[j])]
+        return _list_robot_choices(effect, model, leads)
+    free = [j for j in possible if not _is_in_model(effect, model, robot.joint_names[j])]
     if effect.proposal == "angle_spectrum":
-        waves = _waves(effect, model, leads.angle_lines.clear + leads.angle_lines.faint)
+        waves = _list_waves(effect, model, leads.angle_lines.clear + leads.angle_lines.faint)
         return [choice for choice in waves if robot.joint_names.index(choice.joints[0]) in free]
     choices = [
-        EffectChoice(effect.id, (robot.joint_names[j],), _key(shape)) for j in free for shape in effect.grid(robot, j)
+        EffectChoice(effect.id, (robot.joint_names[j],), _sort_shape(shape))
+        for j in free
+        for shape in effect.grid(robot, j)
     ]
     if effect.is_friction and len(free) > 1:
-        choices += _groups(effect, model, free)
+        choices += _list_groups(effect, model, free)
     return choices
 
 
-def changes_in(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+def list_change_candidates(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
     """An effect in the later runs alone: what it is more, or less, than before.
 
     Friction of all joints together is asked about where no temperature can say that they were warm.
     """
     robot, since = model.robot.tree, leads.since
-    possible = places_of(effect, model.robot)
+    possible = find_places(effect, model.robot)
     if not since or not possible:
         return []
     if effect.scope == "robot":
-        return [EffectChoice(effect.id, (), _key(shape), since) for shape in effect.grid(robot, 0)]
+        return [EffectChoice(effect.id, (), _sort_shape(shape), since) for shape in effect.grid(robot, 0)]
     choices = [
-        EffectChoice(effect.id, (robot.joint_names[j],), _key(shape), since)
+        EffectChoice(effect.id, (robot.joint_names[j],), _sort_shape(shape), since)
         for j in possible
         for shape in effect.grid(robot, j)
     ]
     if effect.shown_by:
-        choices = [choice for choice in choices if _shows(effect, choice, model)]
+        choices = [choice for choice in choices if _acts_visibly(effect, choice, model)]
     if effect.is_friction and len(possible) > 1 and not leads.has_temperature:
-        choices += [replace(choice, runs=since) for choice in _groups(effect, model, list(possible))]
+        choices += [replace(choice, runs=since) for choice in _list_groups(effect, model, list(possible))]
     return choices
 
 
-def _shows(effect: Effect, choice: EffectChoice, model: Model) -> bool:
-    columns = columns_of([choice], model.signals)
+def _acts_visibly(effect: Effect, choice: EffectChoice, model: Model) -> bool:
+    columns = build_columns([choice], model.signals)
     return any(column.torque.nnz() and column.parameter in effect.shown_by for column in columns)
 
 
-def _whole_robot(effect: Effect, model: Model, leads: Leads) -> list[EffectChoice]:
+def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
     """Choices of an effect that belongs to the whole robot."""
     if effect.proposal == "burst":
-        return [EffectChoice(effect.id, (), _key({"t0": start, "t1": end}), (run,)) for run, start, end in leads.bursts]
+        return [
+            EffectChoice(effect.id, (), _sort_shape({"t0": start, "t1": end}), (run,))
+            for run, start, end in leads.bursts
+        ]
     if any(choice.effect == effect.id for choice in model.effects) and effect.proposal == "grid":
         return []
     if effect.proposal == "time_spectrum":
         # What shakes goes on from run to run, but a clock that starts anew in each loses its phase.
         shapes = [((effect.shapes[0].name, line),) for line in leads.time_lines]
         return [EffectChoice(effect.id, (), shape, runs) for shape in shapes for runs in ((), *leads.single_runs)]
-    return [EffectChoice(effect.id, (), _key(shape)) for shape in effect.grid(model.robot, 0)]
+    return [EffectChoice(effect.id, (), _sort_shape(shape)) for shape in effect.grid(model.robot, 0)]
 
 
-def shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
+def is_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
     """Whether a choice's shape constants are large enough to be seen in the data."""
-    joints = [j for name in choice.joints for j in robot.movers(name)]
+    joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = CATALOGUE[choice.effect].shapes
-    return all(resolved.shows(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
+    return all(resolved.is_resolved(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
 
-def width_shows(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
+def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
     """The same for constants that are a speed, or a travel since a halt, alone.
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
     """
-    joints = [j for name in choice.joints for j in robot.movers(name)]
+    joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in specs]
-    return all(resolved.shows(s, v, joints, _HALF_A_STEP) for s, v in zip(specs, values, strict=True))
+    return all(resolved.is_resolved(s, v, joints, _HALF_A_STEP) for s, v in zip(specs, values, strict=True))
 
 
 def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
     """Whether a choice's slip distance is at the limit of what the data resolve: how it slips inside is not seen."""
-    joints = [j for name in choice.joints for j in robot.movers(name)]
+    joints = [j for name in choice.joints for j in robot.get_movers(name)]
     slips = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "displacement"]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in slips]
-    return any(not resolved.shows(s, v, joints, 1.0 / _HALF_A_STEP) for s, v in zip(slips, values, strict=True))
+    return any(not resolved.is_resolved(s, v, joints, 1.0 / _HALF_A_STEP) for s, v in zip(slips, values, strict=True))
 
 
-def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:
+def find_places(effect: Effect, robot: Robot) -> tuple[int, ...]:
     """Joints of the tree that an effect is looked for on: of those that follow others, friction alone is sought.
 
     A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
@@ -266,10 +273,10 @@ def places_of(effect: Effect, robot: Robot) -> tuple[int, ...]:
     if linkage is None or effect.in_some_runs:
         return possible
     rubs = effect.is_friction and effect.sits_on != "motor"
-    return tuple(j for j in possible if j in linkage.driven or (rubs and not linkage.repeats(j)))
+    return tuple(j for j in possible if j in linkage.driven or (rubs and not linkage.follows_one_driven_joint(j)))
 
 
-def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
+def _list_groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
     """One friction family on all joints at once, where the shape constants are in the same units for all of them."""
     robot = model.robot.tree
     if any(spec.relative_to_velocity for spec in effect.shapes):
@@ -283,15 +290,15 @@ def _groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]
     else:
         grid = effect.grid(robot, free[0])
     names = tuple(robot.joint_names[j] for j in free)
-    return [EffectChoice(effect.id, names, _key(shape)) for shape in grid]
+    return [EffectChoice(effect.id, names, _sort_shape(shape)) for shape in grid]
 
 
-def _taken(effect: Effect, model: Model, joint: str) -> bool:
+def _is_in_model(effect: Effect, model: Model, joint: str) -> bool:
     """Whether an effect is in the model already on that joint (a second line may be missing beside a first)."""
     if effect.proposal == "angle_spectrum":
         return False
     return any(c.effect == effect.id and (not c.joints or joint in c.joints) for c in model.effects)
 
 
-def _key(shape: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+def _sort_shape(shape: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     return tuple(sorted((name, float(value)) for name, value in shape.items()))

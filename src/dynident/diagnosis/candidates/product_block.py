@@ -9,8 +9,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Amplitudes, Batch
-from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
-from dynident.diagnosis.candidates.products import Products, present, standing
+from dynident.diagnosis.candidates.fit import FoldFit, JointSums
+from dynident.diagnosis.candidates.products import Products, find_present, locate_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,30 +33,30 @@ class ProductBlock:
     portions: tuple[Batch, ...]
 
     @classmethod
-    def of(
+    def from_products(
         cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
     ) -> ProductBlock:
         """Take what is needed out of a joint's products."""
         where = data.position[joint]
-        have, wp = present(where, base)
-        place, xp = standing(where, extra)
+        have, wp = find_present(where, base)
+        place, xp = locate_columns(where, extra)
         y = np.full(1, int((where >= 0).sum()), dtype=np.intp)
         # Whatever stands at the end for the columns that the joint lacks is set to zero.
         padded = np.append(xp, 0)
-        wx, xy = data.taken(joint, wp[:, None], padded), data.taken(joint, padded, y)
+        wx, xy = data.take_products(joint, wp[:, None], padded), data.take_products(joint, padded, y)
         wx[:, :, -1], xy[:, -1] = 0.0, 0.0
         pairs = []
         for portion in portions:
             places = where[extra[portion.columns]]
             lacking = places < 0
             places = np.where(lacking, 0, places)
-            own = data.taken(joint, places[:, :, None], places[:, None, :])
+            own = data.take_products(joint, places[:, :, None], places[:, None, :])
             own[:, lacking[:, :, None] | lacking[:, None, :]] = 0.0
             pairs.append(own)
-        ww, wy = data.taken(joint, wp[:, None], wp), data.taken(joint, wp, y)
-        return cls(have, place, ww, wx, wy, xy, data.taken(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
+        ww, wy = data.take_products(joint, wp[:, None], wp), data.take_products(joint, wp, y)
+        return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
-    def at(self, stretches: IndexArray) -> ProductBlock:
+    def select_stretches(self, stretches: IndexArray) -> ProductBlock:
         """Of some of the stretches."""
         return ProductBlock(
             self.have,
@@ -70,7 +70,7 @@ class ProductBlock:
             self.portions,
         )
 
-    def sums(self) -> JointSums:
+    def sum_products(self) -> JointSums:
         """Over all stretches."""
         return JointSums(
             self.ww.sum(axis=0),
@@ -80,7 +80,7 @@ class ProductBlock:
             np.concatenate([np.zeros(0), *(pairs.sum(axis=0).ravel() for pairs in self.pairs)]),
         )
 
-    def errors(self, fit: StretchesFit) -> ProductErrors:
+    def compute_errors(self, fit: FoldFit) -> ProductErrors:
         """Its squared errors for a fit."""
         return ProductErrors(self, fit)
 
@@ -91,7 +91,7 @@ class ProductErrors:
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
 
-    def __init__(self, block: ProductBlock, fit: StretchesFit) -> None:
+    def __init__(self, block: ProductBlock, fit: FoldFit) -> None:
         self._block = block
         chi = fit.chi[block.have]
         self._projection = fit.projection[block.have]
@@ -101,16 +101,16 @@ class ProductErrors:
         self._w_rest = block.wy - block.ww @ chi
         self._x_rest = block.xy - chi @ block.wx
 
-    def scores(self) -> FloatArray:
+    def compute_scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
         return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
 
-    def beside(self, amplitudes: Amplitudes) -> FloatArray:
+    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
         """(g, s): squared errors with each candidate, portion by portion."""
         each = zip(self._block.portions, self._block.pairs, amplitudes.each, strict=True)
-        return np.concatenate([self._of_portion(portion, pairs, own) for portion, pairs, own in each])
+        return np.concatenate([self._compute_portion_errors(portion, pairs, own) for portion, pairs, own in each])
 
-    def _of_portion(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
+    def _compute_portion_errors(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
         """(g, s)"""
         block = self._block
         shift = np.einsum("bgk,gk->bg", self._projection[:, portion.columns], amplitudes)

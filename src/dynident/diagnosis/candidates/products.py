@@ -31,11 +31,11 @@ class Stack(Protocol):
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
 
-    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+    def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
 
 
-def added_up(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
+def sum_by_stretch(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
     """(…, s): values (…, m) summed over the rows of every stretch; `stretch` (m,) is ascending."""
     sums = np.zeros((*values.shape[:-1], n_stretches))
     if len(stretch):
@@ -64,11 +64,11 @@ class RowStack:
         """Sum of the squared torque."""
         return float((self.columns[-1] ** 2).sum())
 
-    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+    def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()] * self.columns[second.ravel()]
-        return added_up(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
+        return sum_by_stretch(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
 
 
 class ProductStack:
@@ -90,7 +90,7 @@ class ProductStack:
         """Sum of the squared torque."""
         return float(self.values[:, -1, -1].sum())
 
-    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+    def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): the products at these places, whose shapes are broadcast."""
         wide = self.values.shape[1]
         places = rows * wide + columns
@@ -113,7 +113,7 @@ class Products:
     run: IndexArray
 
     @classmethod
-    def of(
+    def from_grams(
         cls, grams: Iterable[FloatArray], position: Iterable[IndexArray], counts: FloatArray, run: IndexArray
     ) -> Products:
         """From the products (s, p_j + 1, p_j + 1) of every joint."""
@@ -129,15 +129,15 @@ class Products:
         """Number of joints."""
         return len(self.stacks)
 
-    def total(self, joint: int, places: IndexArray) -> FloatArray:
+    def sum_products(self, joint: int, places: IndexArray) -> FloatArray:
         """(k, k): a joint's products over all stretches, at some of its places."""
         where = np.ix_(places, places)
         first, *others = self.stacks[joint]
         return sum((stack.total[where] for stack in others), first.total[where])
 
-    def taken(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
+    def take_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
-        first, *others = (stack.taken(rows, columns) for stack in self.stacks[joint])
+        first, *others = (stack.take_products(rows, columns) for stack in self.stacks[joint])
         for other in others:
             first += other
         return first
@@ -147,7 +147,7 @@ class Products:
         return np.array([sum(stack.torque_squared for stack in own) for own in self.stacks])
 
 
-def products(reduction: Reduction) -> Products:
+def products_from_reduction(reduction: Reduction) -> Products:
     """Inner products from triangular factors."""
     grams, position = [], []
     for equation in reduction.equations:
@@ -156,10 +156,10 @@ def products(reduction: Reduction) -> Products:
         where[equation.columns] = np.arange(len(equation.columns))
         position.append(where)
     counts = np.array([equation.counts for equation in reduction.equations]).T.astype(np.float64)
-    return Products.of(grams, position, counts, runs_of(reduction.spans))
+    return Products.from_grams(grams, position, counts, number_runs(reduction.spans))
 
 
-def runs_of(spans: FloatArray) -> IndexArray:
+def number_runs(spans: FloatArray) -> IndexArray:
     """(s,): number of the run of every stretch, whose first and last times are spans (s, 2)."""
     pause = spans[1:, 0] - spans[:-1, 1]
     least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
@@ -167,7 +167,7 @@ def runs_of(spans: FloatArray) -> IndexArray:
     return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
-def folds(n_stretches: int, kind: str) -> list[IndexArray]:
+def split_folds(n_stretches: int, kind: str) -> list[IndexArray]:
     """Stretches left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
     order = np.arange(n_stretches)
     count = min(N_FOLDS, n_stretches)
@@ -176,7 +176,7 @@ def folds(n_stretches: int, kind: str) -> list[IndexArray]:
     return [np.asarray(part, dtype=np.intp) for part in np.array_split(order, count)]
 
 
-def folds_of(data: Products, kind: str) -> list[IndexArray]:
+def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
     """The folds of some data, ascending: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
@@ -186,9 +186,9 @@ def folds_of(data: Products, kind: str) -> list[IndexArray]:
     if kind == "runs":
         return each
     if kind == "parts":
-        return [part for own in each for part in _parts(own)]
+        return [part for own in each for part in _split_tenths(own)]
     if kind == "interleaved":
-        return folds(data.n_stretches, kind)
+        return split_folds(data.n_stretches, kind)
     long = [own for own in each if len(own) >= N_FOLDS]
     short = [own for own in each if len(own) < N_FOLDS]
     together = [np.concatenate(short)] if short else []
@@ -196,39 +196,39 @@ def folds_of(data: Products, kind: str) -> list[IndexArray]:
     return [np.sort(fold) for fold in map(np.concatenate, parts) if len(fold)]
 
 
-def runs_can_be_left_out(data: Products, base: IndexArray) -> bool:
+def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
     """Whether there are several runs, and the columns of a model are known without any one of them."""
-    runs = folds_of(data, "runs")
-    return len(runs) > 1 and not any(_takes_all(data, base, run) for run in runs)
+    runs = split_data_folds(data, "runs")
+    return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
 
 
-def _parts(stretches: IndexArray) -> list[IndexArray]:
+def _split_tenths(stretches: IndexArray) -> list[IndexArray]:
     return [part for part in np.array_split(stretches, min(N_PARTS, len(stretches))) if len(part)]
 
 
-def _takes_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
+def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
     """Whether a fold holds a whole run and with it nearly all that some column of the model shows."""
     outside = np.delete(data.run, part)
     if not set(data.run[part]) - set(outside):
         return False
     inside, whole = np.zeros(len(base)), np.zeros(len(base))
     for joint, where in enumerate(data.position):
-        have, places = present(where, base)
-        squares = data.taken(joint, places, places)
+        have, places = find_present(where, base)
+        squares = data.take_products(joint, places, places)
         inside[have] += squares[part].sum(axis=0)
         whole[have] += squares.sum(axis=0)
     return bool((inside > _NEARLY_ALL * whole).any())
 
 
-def standing(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """(c,): where each of `columns` stands among the x that a joint has, x where it lacks it; (x,): their places."""
-    have, places = present(where, columns)
+    have, places = find_present(where, columns)
     place = np.full(len(columns), len(have), dtype=np.intp)
     place[have] = np.arange(len(have))
     return place, places
 
 
-def present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
+def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Which of `columns` a joint has, and where in its products they stand."""
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)

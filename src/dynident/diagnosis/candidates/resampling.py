@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.gate import JudgedCandidate
-from dynident.effects import effect_by_id
+from dynident.diagnosis.candidates.gate import ScoredCandidate
+from dynident.effects import get_effect
 
 FOUND_AGAIN = 0.9
 """In so many of the resamplings a name has to come first again."""
@@ -20,7 +20,7 @@ _MORE = 0.2
 """A candidate with more parameters takes the place of a simpler one if it gains so much more."""
 
 
-def share_found_again(names: Sequence[JudgedCandidate], rivals: Sequence[JudgedCandidate], run: IndexArray) -> float:
+def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredCandidate], run: IndexArray) -> float:
     """Share of resamplings in which one of these names for a finding is not overtaken by another.
 
     Parameters
@@ -34,31 +34,31 @@ def share_found_again(names: Sequence[JudgedCandidate], rivals: Sequence[JudgedC
     """
     if not rivals:
         return 1.0
-    margins = np.array([[_margin(name, rival) for rival in rivals] for name in names])
+    margins = np.array([[_compute_margin(name, rival) for rival in rivals] for name in names])
     s = len(names[0].gains)
     drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
-    share = _share_not_overtaken(margins, drawn)
+    share = _compute_share_ahead(margins, drawn)
     runs = np.unique(run)
     if len(runs) < 2:
         return share
     without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
-    return min(share, _share_not_overtaken(margins, without))
+    return min(share, _compute_share_ahead(margins, without))
 
 
-def _share_not_overtaken(margins: FloatArray, counts: FloatArray) -> float:
+def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:
     """Of draws (d, s) the share in which a name (f, r, s) is ahead of all rivals."""
     return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
 
 
-def other_name(chosen: JudgedCandidate, rival: JudgedCandidate) -> bool:
+def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
     """Whether a candidate would be another name: another effect, that is not known to be the same function."""
-    mine, theirs = effect_by_id(chosen.candidate.effect), effect_by_id(rival.candidate.effect)
+    mine, theirs = get_effect(chosen.candidate.effect), get_effect(rival.candidate.effect)
     if theirs.id == mine.id:
         return False
     return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
 
 
-def _margin(chosen: JudgedCandidate, rival: JudgedCandidate) -> FloatArray:
+def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArray:
     """(s,): by how much each stretch speaks for the chosen candidate; below zero in sum it would not be chosen."""
     if rival.complexity > chosen.complexity:
         return np.asarray(chosen.gains - (1.0 - _MORE) * rival.gains)

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.diagnosis.candidates.batches import Amplitudes, Batch
-from dynident.diagnosis.candidates.fit import JointSums, StretchesFit
-from dynident.diagnosis.candidates.products import RowStack, added_up, present, standing
+from dynident.diagnosis.candidates.fit import FoldFit, JointSums
+from dynident.diagnosis.candidates.products import RowStack, find_present, locate_columns, sum_by_stretch
 from dynident.diagnosis.candidates.row_pairs import Pairs
 
 
@@ -32,7 +32,7 @@ class RowBlock:
     pairs: Pairs
 
     @classmethod
-    def of(
+    def from_stacks(
         cls,
         stacks: Sequence[RowStack],
         where: IndexArray,
@@ -49,8 +49,8 @@ class RowBlock:
         columns : the model's (b,), and the candidates' (c,)
         """
         base, extra = columns
-        have, wp = present(where, base)
-        place, xp = standing(where, extra)
+        have, wp = find_present(where, base)
+        place, xp = locate_columns(where, extra)
         needed = np.concatenate([wp, xp, [-1]])
         parts = [stack.columns[needed] for stack in stacks]
         stretch = np.concatenate([stack.stretch for stack in stacks])
@@ -58,7 +58,7 @@ class RowBlock:
         if len(stacks) > 1:
             order = np.argsort(stretch, kind="stable")
             whole, stretch = whole.take(order, axis=1), stretch[order]
-        return cls(have, place, whole, stretch, n_stretches, Pairs.of(place, len(xp), portions))
+        return cls(have, place, whole, stretch, n_stretches, Pairs.from_places(place, len(xp), portions))
 
     @property
     def w(self) -> FloatArray:
@@ -75,7 +75,7 @@ class RowBlock:
         """(m,)"""
         return np.asarray(self.columns[-1])
 
-    def at(self, stretches: IndexArray) -> RowBlock:
+    def select_stretches(self, stretches: IndexArray) -> RowBlock:
         """Of some of the stretches, ascending."""
         number = np.full(self.n_stretches, -1, dtype=np.intp)
         number[stretches] = np.arange(len(stretches))
@@ -83,7 +83,7 @@ class RowBlock:
         own = np.flatnonzero(stretch >= 0)
         return replace(self, columns=self.columns.take(own, axis=1), stretch=stretch[own], n_stretches=len(stretches))
 
-    def sums(self) -> JointSums:
+    def sum_products(self) -> JointSums:
         """Over all stretches."""
         w, x = len(self.have), len(self.x)
         products = self.w @ self.columns.T
@@ -92,10 +92,10 @@ class RowBlock:
             products[:, w : w + x],
             products[:, -1],
             self.x @ self.y,
-            self.pairs.products(self.x),
+            self.pairs.compute_products(self.x),
         )
 
-    def errors(self, fit: StretchesFit) -> RowErrors:
+    def compute_errors(self, fit: FoldFit) -> RowErrors:
         """Its squared errors for a fit."""
         return RowErrors(self, fit)
 
@@ -106,29 +106,29 @@ class RowErrors:
     A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
     """
 
-    def __init__(self, block: RowBlock, fit: StretchesFit) -> None:
+    def __init__(self, block: RowBlock, fit: FoldFit) -> None:
         self._block, self._projection = block, fit.projection[block.have]
         self._has = np.flatnonzero(block.place < len(block.x))
         self._rest = block.y - fit.chi[block.have] @ block.w
         self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
-    def scores(self) -> FloatArray:
+    def compute_scores(self) -> FloatArray:
         """(s, c): Zᵀρ."""
-        scores = -self._added_up(self._block.w * self._rest).T @ self._projection
-        scores[:, self._has] += self._added_up(self._block.x * self._rest).T
+        scores = -self._add_up(self._block.w * self._rest).T @ self._projection
+        scores[:, self._has] += self._add_up(self._block.x * self._rest).T
         return np.asarray(scores)
 
-    def beside(self, amplitudes: Amplitudes) -> FloatArray:
+    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
         """(g, s): squared errors with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
-            residuals = amplitudes.adapted[:, self._block.have] @ self._block.w
+            residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
             residuals += self._rest
             # Most candidates have columns of their own on few joints.
-            rows, own = amplitudes.own(self._has)
+            rows, own = amplitudes.select_own_columns(self._has)
             residuals[rows] -= own @ self._block.x
             np.square(residuals, out=residuals)
-            return np.asarray(np.nan_to_num(self._added_up(residuals), nan=np.inf))
+            return np.asarray(np.nan_to_num(self._add_up(residuals), nan=np.inf))
 
-    def _added_up(self, values: FloatArray) -> FloatArray:
-        return added_up(values, self._block.stretch, self._block.n_stretches)
+    def _add_up(self, values: FloatArray) -> FloatArray:
+        return sum_by_stretch(values, self._block.stretch, self._block.n_stretches)

@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.batches import Batch
 
 
 @dataclass(frozen=True, eq=False)
-class _Several:
+class _SharedColumns:
     """Candidates with p columns on the joint: these (g, p), and where their products (g, p, p) belong."""
 
     columns: IndexArray
@@ -29,10 +29,10 @@ class Pairs:
     size: int
     squares: IndexArray
     own: IndexArray
-    several: tuple[_Several, ...]
+    several: tuple[_SharedColumns, ...]
 
     @classmethod
-    def of(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
+    def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
         """Of a joint that has `n_columns` of the candidates': the `place` (c,) of each, at the end if it lacks it."""
         squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
         for portion in portions:
@@ -48,11 +48,11 @@ class Pairs:
                 which = np.nonzero(has[members])[1].reshape(-1, p)
                 rows = members[:, None]
                 where = flat[rows[:, :, None], which[:, :, None], which[:, None, :]]
-                several.append(_Several(places[rows, which], where))
+                several.append(_SharedColumns(places[rows, which], where))
             start += places.size * k
         return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
 
-    def products(self, x: FloatArray) -> FloatArray:
+    def compute_products(self, x: FloatArray) -> FloatArray:
         """(size,): of the columns x (c, m)."""
         products = np.zeros(self.size)
         products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.fit import StretchesFit, Sums
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.products import Products, folds_of
+from dynident.diagnosis.candidates.products import Products, split_data_folds
 
 _SPANNED = 1e-6
 
@@ -37,7 +37,7 @@ class Score:
     measured: FloatArray
 
 
-def held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
+def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
     """(s, n): squared error of the model alone in every stretch, fitted without the fold that the stretch is in."""
     return score_candidates(data, base, (), noise, kind)[0]
 
@@ -57,32 +57,37 @@ def score_candidates(
     -------
     (s, n) : squared errors of the model alone; and a score for every candidate.
     """
-    blocks = Blocks.of(data, base, candidates)
-    return scored(data, blocks, blocks.summed(noise), candidates, noise, kind)
+    blocks = JointBlocks.from_products(data, base, candidates)
+    return score_blocks(data, blocks, blocks.sum_products(noise), candidates, noise, kind)
 
 
-def scored(
-    data: Products, blocks: Blocks, total: Sums, candidates: Sequence[Candidate], noise: FloatArray, kind: str
+def score_blocks(
+    data: Products,
+    blocks: JointBlocks,
+    total: ProductSums,
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+    kind: str,
 ) -> tuple[FloatArray, list[Score]]:
     """The same from the products that it takes and their sums over all stretches, where they are at hand."""
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
-    for left_out in folds_of(data, kind):
-        here = blocks.at(left_out)
+    for left_out in split_data_folds(data, kind):
+        here = blocks.select_stretches(left_out)
         # Sums over the training blocks are those of all blocks minus those left out: no product is summed twice.
-        fit = StretchesFit(total.minus(here.summed(noise)), blocks.portions)
-        amplitudes = blocks.amplitudes(fit)
+        fit = FoldFit(total.subtract(here.sum_products(noise)), blocks.portions)
+        amplitudes = blocks.fit_amplitudes(fit)
         for j, block in enumerate(here.joints):
-            errors = block.errors(fit)
+            errors = block.compute_errors(fit)
             before[left_out, j] = errors.alone
             if len(members):
-                after[members[:, None], left_out, j] = errors.beside(amplitudes)
-    whole = StretchesFit(total, blocks.portions)
+                after[members[:, None], left_out, j] = errors.compute_errors_with(amplitudes)
+    whole = FoldFit(total, blocks.portions)
     separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
-        separability[portion.members] = whole.separability(number)
-        for member, own in zip(portion.members, whole.amplitudes(number), strict=True):
+        separability[portion.members] = whole.compute_separability(number)
+        for member, own in zip(portion.members, whole.fit_amplitudes(number), strict=True):
             amplitudes_of[member] = own
     measured = data.torque_squared()
     return before, [
@@ -91,7 +96,7 @@ def scored(
     ]
 
 
-def contributions(
+def compute_contributions(
     data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[FloatArray]:
     """(s, k) of every candidate with k columns: what each stretch adds to the scores of its parameters (Rao's test).
@@ -100,47 +105,51 @@ def contributions(
     left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
     """
-    blocks = Blocks.of(data, base, candidates)
-    return contributed(blocks, blocks.summed(noise), len(candidates), noise)
+    blocks = JointBlocks.from_products(data, base, candidates)
+    return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
 
 
-def contributed(blocks: Blocks, total: Sums, count: int, noise: FloatArray) -> list[FloatArray]:
+def compute_block_contributions(
+    blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
+) -> list[FloatArray]:
     """The same of `count` candidates from the products that it takes and their sums, where they are at hand."""
-    fit = StretchesFit(total, blocks.portions)
+    fit = FoldFit(total, blocks.portions)
     sums = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
-        sums += block.errors(fit).scores() / sigma**2
+        sums += block.compute_errors(fit).compute_scores() / sigma**2
     scores = [np.zeros((0, 0))] * count
     for number, portion in enumerate(blocks.portions):
-        for member, columns, unit in zip(portion.members, portion.columns, fit.units(number), strict=True):
+        for member, columns, unit in zip(
+            portion.members, portion.columns, fit.compute_unit_directions(number), strict=True
+        ):
             scores[member] = sums[:, columns] @ unit
     return scores
 
 
-def deviations(blocks: Blocks, count: int, noise: FloatArray) -> list[FloatArray]:
+def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
     """(k,) of every candidate with k columns: the standard deviations of its parameters fitted beside the model.
 
     From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
     """
-    total = blocks.summed(noise)
-    scores = contributed(blocks, total, count, noise)
-    fit = StretchesFit(total, blocks.portions)
+    total = blocks.sum_products(noise)
+    scores = compute_block_contributions(blocks, total, count, noise)
+    fit = FoldFit(total, blocks.portions)
     more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
     deviations_of = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):
-        for member, unit in zip(portion.members, fit.units(number), strict=True):
+        for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
             spread = scores[member] @ unit.T
-            deviations_of[member] = np.where(_told(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
+            deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
     return deviations_of
 
 
-def _told(unit: FloatArray) -> BoolArray:
+def _are_spanned(unit: FloatArray) -> BoolArray:
     """(k,): which of the parameters the directions `unit` (k, k) span, those of which nothing is left being zero."""
     return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
 
 
-def fitted_errors(
+def compute_fitted_errors(
     data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Squared errors (s, n) of the model and of the model with a candidate, both fitted to all stretches.
@@ -149,11 +158,11 @@ def fitted_errors(
     -------
     before (s, n), after (s, n), the candidate's separability, its amplitudes
     """
-    blocks = Blocks.of(data, base, [candidate])
-    fit = StretchesFit(blocks.summed(noise), blocks.portions)
-    amplitudes = blocks.amplitudes(fit)
+    blocks = JointBlocks.from_products(data, base, [candidate])
+    fit = FoldFit(blocks.sum_products(noise), blocks.portions)
+    amplitudes = blocks.fit_amplitudes(fit)
     before, after = np.zeros((data.n_stretches, data.n_joints)), np.zeros((data.n_stretches, data.n_joints))
     for j, block in enumerate(blocks.joints):
-        errors = block.errors(fit)
-        before[:, j], after[:, j] = errors.alone, errors.beside(amplitudes)[0]
-    return before, after, float(fit.separability(0)[0]), amplitudes.each[0][0]
+        errors = block.compute_errors(fit)
+        before[:, j], after[:, j] = errors.alone, errors.compute_errors_with(amplitudes)[0]
+    return before, after, float(fit.compute_separability(0)[0]), amplitudes.each[0][0]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.repetition import uniform_runs
+from dynident.diagnosis.comparing.repetition import split_uniform_intervals
 from dynident.estimation.statistics import NORMAL_95
 
 LONGEST = 5.0
@@ -48,22 +48,22 @@ def autocorrelation(
     -------
     Autocorrelation
     """
-    runs = uniform_runs(t, segment)
+    runs = split_uniform_intervals(t, segment)
     parts = [residual[first:last] for first, last in runs]
     most = max((last - first for first, last in runs), default=1)
     step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-    all_lags = correlation(parts, most)
+    all_lags = correlate_intervals(parts, most)
     values = all_lags[: min(most, int(longest / step) + 1)]
     return Autocorrelation(
         lag=step * np.arange(len(values), dtype=np.float64),
         value=values,
         limit=NORMAL_95 / float(np.sqrt(max(len(residual), 1))),
         n_samples=len(residual),
-        effective_samples=_effective(all_lags, len(residual)),
+        effective_samples=_count_effective_samples(all_lags, len(residual)),
     )
 
 
-def correlation(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
+def correlate_intervals(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
     """Return the autocorrelation (n_lags,) of intervals (m_i,) with a common mean, at lags of 0, 1, … samples.
 
     Of the two usual divisors the one that keeps it positive semidefinite: the number of samples, not of products.
@@ -81,23 +81,23 @@ def correlation(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
     return np.asarray(sums / sums[0])
 
 
-def independent_squares(parts: Sequence[FloatArray]) -> float:
+def count_independent_squares(parts: Sequence[FloatArray]) -> float:
     """Return how many independent samples the mean square of these intervals (m_i,) is worth: m / Σ ρ²."""
     count = sum(len(part) for part in parts)
     if count == 0:
         return 0.0
-    autocorrelations = correlation(parts, max(len(part) for part in parts))
-    end = _end_of_memory(autocorrelations)
+    autocorrelations = correlate_intervals(parts, max(len(part) for part in parts))
+    end = _find_end_of_memory(autocorrelations)
     return count / (1.0 + 2.0 * float((autocorrelations[1:end] ** 2).sum()))
 
 
-def _effective(autocorrelations: FloatArray, count: int) -> float:
+def _count_effective_samples(autocorrelations: FloatArray, count: int) -> float:
     """Return m / (1 + 2 Σ ρ), at most m: a residual that alternates is not worth more than its number of samples."""
-    end = _end_of_memory(autocorrelations)
+    end = _find_end_of_memory(autocorrelations)
     return float(min(count, count / max(1.0 + 2.0 * float(autocorrelations[1:end].sum()), 1e-9)))
 
 
-def _end_of_memory(autocorrelations: FloatArray) -> int:
+def _find_end_of_memory(autocorrelations: FloatArray) -> int:
     """Return the first lag where two neighbours sum to less than zero: beyond it there is only noise (Geyer 1992)."""
     pairs = autocorrelations[: len(autocorrelations) // 2 * 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs <= 0)

@@ -9,19 +9,19 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.effects import role_of
+from dynident.effects import get_role
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, distance_to_band
+from dynident.estimation import Errors, compute_band_distance
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.study.poses import entries_at_rest
-from dynident.identification.study.prediction import prediction_deviation
-from dynident.progress import Progress, silent
+from dynident.identification.study.poses import evaluate_at_rest
+from dynident.identification.study.prediction import compute_prediction_deviation
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident.recordings.poses import is_of_poses, pose_rows
-from dynident.regressors.row_phases import RowPhases, changed_at_rest
-from dynident.regressors.stream import SampleFunction, parallel_filtered
+from dynident.recordings.poses import has_poses, read_pose_rows
+from dynident.regressors.row_phases import RowPhases, changes_at_rest
+from dynident.regressors.stream import SampleFunction, filter_in_parallel
 from dynident.threads import single_threaded
 
 _STRETCH = 0.5
@@ -94,7 +94,7 @@ class Comparison:
     def residual(self) -> FloatArray:
         """Measured minus predicted torque (m, n); at standstill the distance to the band; 0 without known torque."""
         standing = self.phase == Phase.STANDING
-        residual = np.where(standing, distance_to_band(self.measured, self.lower, self.upper), self.raw_residual)
+        residual = np.where(standing, compute_band_distance(self.measured, self.lower, self.upper), self.raw_residual)
         return np.where(self.has_torque, residual, 0.0)
 
     @property
@@ -108,14 +108,14 @@ class Comparison:
         return np.asarray(self.phase == Phase.MOVING)
 
     @property
-    def telling(self) -> BoolArray:
+    def counted_rows(self) -> BoolArray:
         """Rows (m, n) that count for a diagnosis: also at reversals where the joint's friction has a path memory."""
         return np.asarray(self.moving | ((self.phase == Phase.REVERSING) & self.remembering))
 
     @cached_property
-    def told(self) -> FloatArray:
+    def counted_residual(self) -> FloatArray:
         """Residual (m, n) on the rows that count for a diagnosis, zero elsewhere."""
-        return np.where(self.telling, self.residual, 0.0)
+        return np.where(self.counted_rows, self.residual, 0.0)
 
     @property
     def band(self) -> FloatArray:
@@ -125,19 +125,19 @@ class Comparison:
     @cached_property
     def errors(self) -> Errors:
         """Errors on the whole recording, by joint."""
-        return self._errors(self.residual, self.has_torque)
+        return self._compute_errors(self.residual, self.has_torque)
 
     @cached_property
     def moving_errors(self) -> Errors:
         """Errors where each joint moves."""
-        return self._errors(self.residual, self.moving)
+        return self._compute_errors(self.residual, self.moving)
 
     @cached_property
     def raw_errors(self) -> Errors:
         """Errors on the whole recording, without a band at standstill."""
-        return self._errors(self.raw_residual, self.has_torque)
+        return self._compute_errors(self.raw_residual, self.has_torque)
 
-    def _errors(self, residual: FloatArray, rows: BoolArray) -> Errors:
+    def _compute_errors(self, residual: FloatArray, rows: BoolArray) -> Errors:
         squares, measured = (residual**2 * rows).sum(axis=0), (self.measured**2 * rows).sum(axis=0)
         return Errors(squares, measured, rows.sum(axis=0).astype(np.float64))
 
@@ -151,9 +151,11 @@ class Comparison:
         ratios = np.divide(local, rms, out=np.zeros_like(local), where=rms > 0)
         order = np.argsort(-ratios, axis=None, kind="stable")[:_WORST]
         places = zip(*np.unravel_index(order, ratios.shape), strict=True)
-        return tuple(self._stretch(parts[k], int(j), float(local[k, j]), float(ratios[k, j])) for k, j in places)
+        return tuple(
+            self._build_worst_stretch(parts[k], int(j), float(local[k, j]), float(ratios[k, j])) for k, j in places
+        )
 
-    def _stretch(self, rows: IndexArray, joint: int, rms: float, ratio: float) -> WorstStretch:
+    def _build_worst_stretch(self, rows: IndexArray, joint: int, rms: float, ratio: float) -> WorstStretch:
         worst = rows[int(np.argmax(np.abs(self.residual[rows, joint])))]
         return WorstStretch(
             joint=self.joint_names[joint],
@@ -166,7 +168,7 @@ class Comparison:
             speed=tuple(self.dq[worst].tolist()),
         )
 
-    def signal(self, name: str) -> FloatArray:
+    def get_signal(self, name: str) -> FloatArray:
         """Return a signal (m,) by name: t, or q_, dq_, ddq_, load_, tau_, temperature_ followed by a joint's name.
 
         Parameters
@@ -195,7 +197,7 @@ class Comparison:
 
 
 @single_threaded
-def compare(identification: Identification, recording: Recording, progress: Progress = silent) -> Comparison:
+def compare(identification: Identification, recording: Recording, progress: Progress = ignore_progress) -> Comparison:
     """Predict the torque along a recording and compare it with the measured one.
 
     Parameters
@@ -215,7 +217,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     """
     robot = identification.model.robot
     n = robot.n
-    parts = list(_parts(identification, recording, progress))
+    parts = list(_yield_parts(identification, recording, progress))
     if not parts:
         raise DynidentError(
             f"no rows of {recording.name} are left after filtering; use a longer recording or wider windows",
@@ -226,7 +228,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, off_halts, *more = (
         signals[:, k * n : (k + 1) * n] for k in range(signals.shape[1] // n)
     )
-    phases = RowPhases.of(identification.model.observation, recording, identification.preprocessing)
+    phases = RowPhases.from_recording(identification.model.observation, recording, identification.preprocessing)
     return Comparison(
         joint_names=robot.joint_names,
         units=tuple(joint.effort_unit for joint in robot.joints),
@@ -250,23 +252,23 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     )
 
 
-def _parts(
+def _yield_parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield times, segment numbers and the signals side by side, as they leave the filter."""
-    if is_of_poses(recording):
-        yield _poses(identification, recording)
+    if has_poses(recording):
+        yield _compare_poses(identification, recording)
         return
     observation, at_rest = identification.model.observation, identification.model.at_rest
     entries = SampleFunction(observation, identification.estimate.reference, recording)
     resting = SampleFunction(at_rest, identification.estimate.reference, recording)
-    phases = RowPhases.of(observation, recording, identification.preprocessing)
-    looked_at = phases.about(phases.frictional)
-    rigid = np.array([role_of(column) == "link" for column in observation.columns])
+    phases = RowPhases.from_recording(observation, recording, identification.preprocessing)
+    looked_at = phases.with_friction_of(phases.frictional)
+    rigid = np.array([get_role(column) == "link" for column in observation.columns])
     load_values = np.where(rigid, identification.values, 0.0)
     # At standstill friction holds anything between its two directions. So the prediction is split into what does not
     # depend on the direction and the effects that do, taken both ways.
-    unchanged = np.where(changed_at_rest(at_rest), 0.0, identification.values)
+    unchanged = np.where(changes_at_rest(at_rest), 0.0, identification.values)
     covariance = identification.statistics.covariance
     n_entries, n = len(observation.entry_rows), observation.robot.n
     first = n_entries + len(at_rest.entry_rows)
@@ -277,16 +279,16 @@ def _parts(
 
     end = recording.segments[-1].start_time + recording.segments[-1].length * recording.period
     start = recording.segments[0].start_time
-    for segment, t, rows in parallel_filtered(recording, identification.preprocessing, values):
+    for segment, t, rows in filter_in_parallel(recording, identification.preprocessing, values):
         w = rows[:, :n_entries]
-        predicted = observation.torque(w, identification.values)
-        load = observation.torque(w, load_values)
-        deviation = prediction_deviation(observation, w, covariance)
-        phase = phases.at(int(segment), t)
-        off_halts = looked_at.holds(int(segment), t)
+        predicted = observation.compute_torque(w, identification.values)
+        load = observation.compute_torque(w, load_values)
+        deviation = compute_prediction_deviation(observation, w, covariance)
+        phase = phases.phases_at(int(segment), t)
+        off_halts = looked_at.find_valid_samples(int(segment), t)
         base, either = (
-            observation.torque(w, unchanged),
-            at_rest.torque(rows[:, n_entries:first], identification.values),
+            observation.compute_torque(w, unchanged),
+            at_rest.compute_torque(rows[:, n_entries:first], identification.values),
         )
         band = [np.where(phase == Phase.STANDING, base + way, predicted) for way in (either[:, n:], either[:, :n])]
         lower, upper = np.minimum(*band), np.maximum(*band)
@@ -300,15 +302,15 @@ def _parts(
         )
 
 
-def _poses(identification: Identification, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compare_poses(identification: Identification, recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the same for poses at rest, whose rows are equations as they are."""
-    t, q, measured = pose_rows(recording)
+    t, q, measured = read_pose_rows(recording)
     model, still = identification.model, np.zeros_like(q)
-    entries = entries_at_rest(model, q)
-    predicted = model.observation.torque(entries, identification.values)
-    rigid = np.array([role_of(column) == "link" for column in model.kept])
-    load = model.observation.torque(entries, np.where(rigid, identification.values, 0.0))
-    deviation = prediction_deviation(model.observation, entries, identification.statistics.covariance)
+    entries = evaluate_at_rest(model, q)
+    predicted = model.observation.compute_torque(entries, identification.values)
+    rigid = np.array([get_role(column) == "link" for column in model.kept])
+    load = model.observation.compute_torque(entries, np.where(rigid, identification.values, 0.0))
+    deviation = compute_prediction_deviation(model.observation, entries, identification.statistics.covariance)
     rows = np.full_like(q, float(Phase.MOVING))
     parts = [measured, predicted, predicted, predicted, deviation, q, still, still, load, rows, still + 1.0]
     return t, np.zeros(len(t)), np.hstack(parts)

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.repetition import Repeat, repeats_between, share_repeated, tracks_of
+from dynident.diagnosis.comparing.repetition import Repeat, compute_repeated_share, find_common_repeats, load_tracks
 from dynident.recordings import Recording
 from dynident.recordings.sample_hashes import SHARED, SampleHashes
-from dynident.recordings.spectra import used_runs
+from dynident.recordings.spectra import find_used_runs
 
 COPIED = 0.996
 """Correlation of what is fast in the torques of two stretches with one motion, from which on they are one recording.
@@ -30,7 +30,7 @@ _FEW = 50
 
 
 @dataclass(frozen=True)
-class Common:
+class DataOverlap:
     """Overlap of a held-out recording with one of the fit: `share` of its moving time, `copied` or `repeated`."""
 
     held_out: str
@@ -52,7 +52,7 @@ class Common:
         )
 
 
-def common_content(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[Common, ...]:
+def find_overlaps(fitted: Sequence[Recording], held_out: Sequence[Recording]) -> tuple[DataOverlap, ...]:
     """Find what each held-out recording has in common with those of the fit, as far as it decides what they show.
 
     The same samples are found however short the windows are; the same motion, and samples that were filtered or
@@ -70,27 +70,27 @@ def common_content(fitted: Sequence[Recording], held_out: Sequence[Recording]) -
     """
     if not held_out:
         return ()
-    known = [(other, tracks_of(other), SampleHashes.of(other)) for other in fitted]
+    known = [(other, load_tracks(other), SampleHashes.from_recording(other)) for other in fitted]
     overlaps = []
     for recording in held_out:
-        own, samples = tracks_of(recording), SampleHashes.of(recording)
+        own, samples = load_tracks(recording), SampleHashes.from_recording(recording)
         for other, fitted_tracks, fitted_hashes in known:
             # Exact copies are found by hashes of the samples, which is cheap. Only then are motions compared.
-            shared = samples.share_in(fitted_hashes)
+            shared = samples.measure_share_in(fitted_hashes)
             if shared > SHARED:
-                overlaps.append(Common(recording.name, other.name, "copied", shared))
+                overlaps.append(DataOverlap(recording.name, other.name, "copied", shared))
                 continue
-            share = share_repeated(own, fitted_tracks)
+            share = compute_repeated_share(own, fitted_tracks)
             if share < MOSTLY:
                 continue
             kind: Literal["copied", "repeated"] = "repeated"
-            if likeness(recording, other, repeats_between(own, fitted_tracks)) > COPIED:
+            if correlate_fast_torque(recording, other, find_common_repeats(own, fitted_tracks)) > COPIED:
                 kind = "copied"
-            overlaps.append(Common(recording.name, other.name, kind, share))
+            overlaps.append(DataOverlap(recording.name, other.name, kind, share))
     return tuple(overlaps)
 
 
-def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> float:
+def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> float:
     """Return the correlation of the fast part of the torques during the same motion; 0 where there is too little.
 
     Parameters
@@ -106,7 +106,7 @@ def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> 
     t = np.arange(start, end, _STEP)
     if len(t) < _FEW:
         return 0.0
-    own, other = _fast(tried, t), _fast(learnt, t + longest.lag)
+    own, other = _filter_fast_torque(tried, t), _filter_fast_torque(learnt, t + longest.lag)
     if own is None or other is None:
         return 0.0
     sizes = np.sqrt((own**2).sum(axis=0) * (other**2).sum(axis=0))
@@ -114,9 +114,9 @@ def likeness(tried: Recording, learnt: Recording, repeats: Sequence[Repeat]) -> 
     return float(np.median((own * other).sum(axis=0)[moving] / sizes[moving])) if moving.any() else 0.0
 
 
-def _fast(recording: Recording, t: FloatArray) -> FloatArray | None:
+def _filter_fast_torque(recording: Recording, t: FloatArray) -> FloatArray | None:
     """Return the torques (m, n) at times t without their slow part; None where the recording does not span them."""
-    for first, length in used_runs(recording):
+    for first, length in find_used_runs(recording):
         segment = next(s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
         begin = segment.start_time + (first - segment.first_row) * recording.period
         times: FloatArray = begin + np.arange(length + 1, dtype=np.float64) * recording.period
@@ -126,11 +126,11 @@ def _fast(recording: Recording, t: FloatArray) -> FloatArray | None:
         # Moving averages at any time from one cumulative sum: their difference is a band-pass that needs no common
         # clock.
         integral = np.concatenate([np.zeros((1, recording.n)), np.cumsum(tau, axis=0) * recording.period])
-        return _mean(times, integral, t, _FAST) - _mean(times, integral, t, _SLOW)
+        return _compute_moving_mean(times, integral, t, _FAST) - _compute_moving_mean(times, integral, t, _SLOW)
     return None
 
 
-def _mean(times: FloatArray, integral: FloatArray, t: FloatArray, width: float) -> FloatArray:
+def _compute_moving_mean(times: FloatArray, integral: FloatArray, t: FloatArray, width: float) -> FloatArray:
     """Return the mean (m, n) over `width` s about each of t, from integrals from the beginning."""
     return np.stack(
         [

@@ -11,7 +11,7 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.autocorrelation import autocorrelation
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.comparing.noise import NoiseFloor, floor_of
-from dynident.diagnosis.comparing.repetition import share_repeated, tracks, tracks_of
+from dynident.diagnosis.comparing.repetition import compute_repeated_share, load_tracks, split_tracks
 from dynident.recordings import Preprocessing, Recording
 from dynident.threads import single_threaded
 
@@ -74,14 +74,16 @@ def judge(
         autocorrelation(comparison.t, comparison.segment, comparison.residual[:, j]).effective_samples
         for j in range(len(rms))
     ]
-    repeated = _repeated(comparison, recording, learnt)
-    return Judgement(noise, over, np.array(memory), repeated, _notes(comparison, noise, over, repeated))
+    repeated = _find_repeated_motion(comparison, recording, learnt)
+    return Judgement(noise, over, np.array(memory), repeated, _word_notes(comparison, noise, over, repeated))
 
 
-def _repeated(comparison: Comparison, recording: Recording, learnt: Sequence[Recording]) -> RepeatedMotion | None:
-    own_tracks = tracks(comparison.t, comparison.segment, comparison.q)
+def _find_repeated_motion(
+    comparison: Comparison, recording: Recording, learnt: Sequence[Recording]
+) -> RepeatedMotion | None:
+    own_tracks = split_tracks(comparison.t, comparison.segment, comparison.q)
     motions = [
-        RepeatedMotion(other.name, share_repeated(own_tracks, tracks_of(other)))
+        RepeatedMotion(other.name, compute_repeated_share(own_tracks, load_tracks(other)))
         for other in learnt
         # The same motion with another payload is new data: it does test the model.
         if other.payload == recording.payload
@@ -90,7 +92,7 @@ def _repeated(comparison: Comparison, recording: Recording, learnt: Sequence[Rec
     return most if most is not None and most.share >= _REPEATED else None
 
 
-def _notes(
+def _word_notes(
     comparison: Comparison, noise: NoiseFloor, over: FloatArray, repeated: RepeatedMotion | None
 ) -> tuple[str, ...]:
     notes = []

@@ -11,9 +11,9 @@ from scipy import stats
 from scipy.interpolate import make_interp_spline
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.autocorrelation import independent_squares
+from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.comparing.repetition import Repeat, Track, own_repeats, tracks
+from dynident.diagnosis.comparing.repetition import Repeat, Track, find_own_repeats, split_tracks
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 
 NoiseSource = Literal["repeated_periods", "high_frequency"]
@@ -64,11 +64,11 @@ def floor_of(comparison: Comparison, recording: Recording, preprocessing: Prepro
     -------
     NoiseFloor
     """
-    floor = from_repetitions(comparison)
-    return floor or NoiseFloor(sensor_noise([recording], preprocessing), "high_frequency")
+    floor = estimate_noise_from_repetitions(comparison)
+    return floor or NoiseFloor(estimate_sensor_noise([recording], preprocessing), "high_frequency")
 
 
-def sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
+def estimate_sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) -> FloatArray:
     """Estimate the rms (n,) of the torque sensor's noise behind the parallel filter, N m or N.
 
     From second differences of the raw torque, which motion hardly reaches at a controller's sampling rate: white noise
@@ -98,45 +98,47 @@ def sensor_noise(recordings: Sequence[Recording], preprocessing: Preprocessing) 
     return np.asarray(np.sqrt(variance * float(taps @ taps)))
 
 
-def from_repetitions(comparison: Comparison) -> NoiseFloor | None:
+def estimate_noise_from_repetitions(comparison: Comparison) -> NoiseFloor | None:
     """Estimate the noise floor from intervals where the motion comes again; None where there are too few.
 
     Two torques of the same motion differ by the noise of both, so the floor is the rms of their difference over √2.
     Where the motion is not repeated exactly, the model takes out what that makes: of the differences of torque and of
     residual the smaller one counts, joint by joint.
     """
-    runs = tracks(comparison.t, comparison.segment, comparison.q)
-    repeats = own_repeats(runs)
-    pairs = [_pair(comparison, runs, repeat) for repeat in repeats]
+    runs = split_tracks(comparison.t, comparison.segment, comparison.q)
+    repeats = find_own_repeats(runs)
+    pairs = [_pair_repetition(comparison, runs, repeat) for repeat in repeats]
     if sum(len(measured[0]) for measured, _ in pairs) < _FEWEST_PAIRS:
         return None
-    squares = [_mean_square([second - first for first, second in signals]) for signals in zip(*pairs, strict=True)]
+    squares = [
+        _compute_mean_square([second - first for first, second in signals]) for signals in zip(*pairs, strict=True)
+    ]
     floor = np.sqrt(0.5 * np.minimum(*squares))
     longest = max(repeats, key=lambda repeat: repeat.duration)
     period = longest.lag if longest.a == longest.b else longest.duration
     repetitions = 1.0 + sum(r.duration for r in repeats) / period
     # A row between two others of its kind is in two pairs: its information counts once.
     once = repetitions / (2.0 * max(repetitions - 1.0, 1.0))
-    fit = _lack_of_fit([rests for _, rests in pairs], once)
+    fit = _test_lack_of_fit([rests for _, rests in pairs], once)
     return NoiseFloor(floor, "repeated_periods", period, repetitions, fit)
 
 
-def _lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: float) -> LackOfFit:
+def _test_lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: float) -> LackOfFit:
     """Test the residuals (m_i, n) of one pass and the next for lack of fit: their mean against their difference."""
     differences = [second - first for first, second in pairs]
-    noise = 0.5 * _mean_square(differences)
-    common = 2.0 * _mean_square([0.5 * (first + second) for first, second in pairs])
+    noise = 0.5 * _compute_mean_square(differences)
+    common = 2.0 * _compute_mean_square([0.5 * (first + second) for first, second in pairs])
     safe = np.where(noise > 0, noise, 1.0)
     f = np.where(noise > 0, common / safe, np.where(common > 0, np.inf, 1.0))
-    freedom = once * np.array([independent_squares([d[:, j] for d in differences]) for j in range(len(f))])
+    freedom = once * np.array([count_independent_squares([d[:, j] for d in differences]) for j in range(len(f))])
     return LackOfFit(f, np.asarray(stats.f.sf(f, freedom, freedom)))
 
 
-def _mean_square(parts: Sequence[FloatArray]) -> FloatArray:
+def _compute_mean_square(parts: Sequence[FloatArray]) -> FloatArray:
     return np.asarray((np.concatenate(parts) ** 2).mean(axis=0))
 
 
-def _pair(
+def _pair_repetition(
     comparison: Comparison, runs: Sequence[Track], repeat: Repeat
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     """Return torque (m, n), and residual (m, n), of the rows of a repetition, and of the same place the next time."""
@@ -144,7 +146,7 @@ def _pair(
     rows = np.flatnonzero((a.t >= repeat.start) & (a.t <= repeat.end))
     later = a.t[rows] + repeat.lag
     n = len(comparison.joint_names)
-    signals = np.hstack([comparison.measured, comparison.told])
+    signals = np.hstack([comparison.measured, comparison.counted_residual])
     # The next pass is sampled at other instants, so its signals are interpolated at those of the first.
     there = make_interp_spline(b.t, signals[b.first : b.first + len(b.t)], _DEGREE)(later)
     here = signals[a.first + rows]

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.recordings import Recording
-from dynident.recordings.spectra import used_runs
+from dynident.recordings.spectra import find_used_runs
 
 _SAME = 0.01
 """Share of a joint's range by which positions may differ and still be the same; real arms repeat to within half."""
@@ -72,7 +72,7 @@ class Repeat:
         return self.end - self.start
 
 
-def uniform_runs(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
+def split_uniform_intervals(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
     """Cut rows t, segment (m,) where a segment ends or time jumps; return (first, end) of every interval."""
     if len(t) < 2:
         return [(0, len(t))] if len(t) else []
@@ -82,41 +82,41 @@ def uniform_runs(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
     return list(pairwise(borders))
 
 
-def tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ...]:
+def split_tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ...]:
     """Cut rows t, segment (m,), q (m, n) into tracks; those that are too short are left out."""
     return tuple(
         Track(t[first:end], q[first:end], first)
-        for first, end in uniform_runs(t, segment)
+        for first, end in split_uniform_intervals(t, segment)
         if end - first > 2 * _DEGREE and t[end - 1] - t[first] >= _SHORTEST
     )
 
 
-def tracks_of(recording: Recording) -> tuple[Track, ...]:
+def load_tracks(recording: Recording) -> tuple[Track, ...]:
     """Return the positions of a recording inside its windows as tracks, thinned to what a motion needs."""
-    return tuple(track for own in _tracks_by_segment(recording) for track in own)
+    return tuple(track for own in _load_tracks_by_segment(recording) for track in own)
 
 
-def periods_of(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
+def find_periods(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
     """Find where the motion of each segment is repeated within the segment."""
-    repeats_by_segment = (own_repeats(own) for own in _tracks_by_segment(recording))
+    repeats_by_segment = (find_own_repeats(own) for own in _load_tracks_by_segment(recording))
     return tuple(tuple(repeat for repeat in repeats if repeat.a == repeat.b) for repeats in repeats_by_segment)
 
 
-def _tracks_by_segment(recording: Recording) -> list[list[Track]]:
+def _load_tracks_by_segment(recording: Recording) -> list[list[Track]]:
     stride = max(1, int(recording.sampling_rate / _TRACK_RATE), -(-recording.n_samples // _TRACK_ROWS))
     tracks_by_segment: list[list[Track]] = [[] for _ in recording.segments]
-    for first, length in used_runs(recording):
+    for first, length in find_used_runs(recording):
         parts = [rows.q for rows in recording.source.rows(first, length, 65_536)]
         q = np.concatenate(parts)[::stride]
         ((number, segment),) = (
             (k, s) for k, s in enumerate(recording.segments) if s.first_row <= first < s.first_row + s.length
         )
         row = first - segment.first_row + stride * np.arange(len(q), dtype=np.float64)
-        tracks_by_segment[number] += tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
+        tracks_by_segment[number] += split_tracks(segment.start_time + row * recording.period, np.zeros(len(q)), q)
     return tracks_by_segment
 
 
-def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
+def find_own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
     """Find where a motion repeats itself: each interval with its next repetition.
 
     Parameters
@@ -131,20 +131,20 @@ def own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
     if not own:
         return ()
     own = own[:_MOST_RUNS]
-    tolerance = _tolerance(own)
-    periods = [repeat for k, track in enumerate(own) for repeat in _periodic(track, k, tolerance)]
+    tolerance = _compute_tolerance(own)
+    periods = [repeat for k, track in enumerate(own) for repeat in _find_periodic_repeats(track, k, tolerance)]
     if periods:
         return tuple(periods)
     # Runs that are one period each: every one beside the one before it.
     return tuple(
         repeat
         for k in range(len(own) - 1)
-        for repeat in _best(own[k], own[k + 1], k, k + 1, tolerance)
-        if repeat.duration >= _ALMOST_A_PERIOD * min(_span(own[k]), _span(own[k + 1]))
+        for repeat in _find_best_repeats(own[k], own[k + 1], k, k + 1, tolerance)
+        if repeat.duration >= _ALMOST_A_PERIOD * min(_get_duration(own[k]), _get_duration(own[k + 1]))
     )
 
 
-def repeats_between(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
+def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Repeat, ...]:
     """Find intervals of a motion that another motion has as well, at the lag at which most of it is alike.
 
     Parameters
@@ -157,16 +157,16 @@ def repeats_between(tried: Sequence[Track], learnt: Sequence[Track]) -> tuple[Re
     """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return ()
-    tolerance = _tolerance(learnt)
+    tolerance = _compute_tolerance(learnt)
     return tuple(
         repeat
         for k, track in enumerate(tried[:_MOST_RUNS])
         for number, other in enumerate(learnt[:_MOST_RUNS])
-        for repeat in _best(track, other, k, number, tolerance)
+        for repeat in _find_best_repeats(track, other, k, number, tolerance)
     )
 
 
-def share_repeated(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
+def compute_repeated_share(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
     """Return the share of a motion's moving time (0 to 1) that repeats another motion.
 
     Parameters
@@ -175,58 +175,61 @@ def share_repeated(tried: Sequence[Track], learnt: Sequence[Track]) -> float:
     """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return 0.0
-    tolerance = _tolerance(learnt)
+    tolerance = _compute_tolerance(learnt)
     moving, repeated = 0, 0
     for track in tried[:_MOST_RUNS]:
         known = np.zeros(len(track.t), dtype=bool)
         for other in learnt[:_MOST_RUNS]:
-            for lag in _lags(track, other, tolerance):
-                known |= _same(track, other, lag, tolerance)
+            for lag in _find_lags(track, other, tolerance):
+                known |= _select_same_rows(track, other, lag, tolerance)
         moving += int(track.moving.sum())
         repeated += int((track.moving & known).sum())
     return repeated / moving if moving else 0.0
 
 
-def _span(track: Track) -> float:
+def _get_duration(track: Track) -> float:
     return float(track.t[-1] - track.t[0])
 
 
-def _tolerance(own: Sequence[Track]) -> FloatArray:
+def _compute_tolerance(own: Sequence[Track]) -> FloatArray:
     low = np.min([track.q.min(axis=0) for track in own], axis=0)
     high = np.max([track.q.max(axis=0) for track in own], axis=0)
     ranges = np.asarray(high - low)
     return np.asarray(_SAME * np.where(ranges < _STANDING * ranges.max(), ranges.max(), ranges))
 
 
-def _periodic(track: Track, number: int, tolerance: FloatArray) -> list[Repeat]:
+def _find_periodic_repeats(track: Track, number: int, tolerance: FloatArray) -> list[Repeat]:
     """Return the repetitions at the shortest lag at which nearly a whole period comes twice."""
     # A slow motion is near itself at any short lag: a period can only begin once it has been somewhere else.
-    away = _moved_away(track)
+    away = _find_departure_lag(track)
     if away is None:
         return []
-    for lag in sorted(_lags(track, track, tolerance, smallest=away)):
-        repeats = _stretches(track, _same(track, track, lag, tolerance), lag, number, number)
+    for lag in sorted(_find_lags(track, track, tolerance, smallest=away)):
+        repeats = _build_repeats(track, _select_same_rows(track, track, lag, tolerance), lag, number, number)
         if any(repeat.duration >= _ALMOST_A_PERIOD * lag for repeat in repeats):
             return repeats
     return []
 
 
-def _best(a: Track, b: Track, number_a: int, number_b: int, tolerance: FloatArray) -> list[Repeat]:
+def _find_best_repeats(a: Track, b: Track, number_a: int, number_b: int, tolerance: FloatArray) -> list[Repeat]:
     """Return the repetitions at the lag at which most is repeated."""
-    options = [_stretches(a, _same(a, b, lag, tolerance), lag, number_a, number_b) for lag in _lags(a, b, tolerance)]
+    options = [
+        _build_repeats(a, _select_same_rows(a, b, lag, tolerance), lag, number_a, number_b)
+        for lag in _find_lags(a, b, tolerance)
+    ]
     return max(options, key=lambda repeats: sum(repeat.duration for repeat in repeats), default=[])
 
 
-def _same(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
+def _select_same_rows(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
     """Return (m,): rows of `a` where `b` is `lag` later, in intervals that are long enough and move."""
-    close = _close(a, b, lag, tolerance)
-    for first, last in _runs(close):
+    close = _select_close_rows(a, b, lag, tolerance)
+    for first, last in _yield_runs(close):
         if a.t[last - 1] - a.t[first] < _SHORTEST or not a.moving[first:last].any():
             close[first:last] = False
     return close
 
 
-def _close(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
+def _select_close_rows(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
     later = a.t + lag
     overlapping = (later >= b.t[0]) & (later <= b.t[-1])
     close = np.zeros(len(a.t), dtype=bool)
@@ -234,10 +237,10 @@ def _close(a: Track, b: Track, lag: float, tolerance: FloatArray) -> BoolArray:
     return close
 
 
-def _sharpened(a: Track, b: Track, lag: float, tolerance: FloatArray) -> float:
+def _refine_lag(a: Track, b: Track, lag: float, tolerance: FloatArray) -> float:
     """Refine a lag by the rows that nearly agree, so that other rows do not pull at it."""
     for widening in (8.0, 4.0, 2.0, 1.0):
-        rows = np.flatnonzero(_close(a, b, lag, widening * tolerance))
+        rows = np.flatnonzero(_select_close_rows(a, b, lag, widening * tolerance))
         if not len(rows):
             continue
         # Gauss-Newton with one unknown: the gap of the positions divided by their speed is an error of time.
@@ -248,30 +251,32 @@ def _sharpened(a: Track, b: Track, lag: float, tolerance: FloatArray) -> float:
     return lag
 
 
-def _stretches(a: Track, same: BoolArray, lag: float, number_a: int, number_b: int) -> list[Repeat]:
-    return [Repeat(number_a, number_b, float(a.t[first]), float(a.t[last - 1]), lag) for first, last in _runs(same)]
+def _build_repeats(a: Track, same: BoolArray, lag: float, number_a: int, number_b: int) -> list[Repeat]:
+    return [
+        Repeat(number_a, number_b, float(a.t[first]), float(a.t[last - 1]), lag) for first, last in _yield_runs(same)
+    ]
 
 
-def _runs(marked: BoolArray) -> Iterator[tuple[int, int]]:
+def _yield_runs(marked: BoolArray) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
     return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def _moved_away(track: Track) -> float | None:
+def _find_departure_lag(track: Track) -> float | None:
     """Return the lag after which the motion has left its place, s; None where it never does."""
-    distance = _distance(track.q, track.q)[len(track.t) - 1 :]
+    distance = _compute_distances(track.q, track.q)[len(track.t) - 1 :]
     away = np.flatnonzero(distance > _AWAY)
     return float(away[0] * track.step) if len(away) else None
 
 
-def _lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
+def _find_lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
     """Return lags in s at which the two motions are most alike, best first, from `smallest` on where it is given."""
     step = a.step
     t_b = np.arange(b.t[0], b.t[-1] + 1e-9, step)
-    distance = _distance(a.q, b.q if b is a else b.curve(t_b))
+    distance = _compute_distances(a.q, b.q if b is a else b.curve(t_b))
     lags = np.arange(-len(a.t) + 1, len(t_b) if b is not a else len(a.t))
     overlap = np.minimum(len(a.t), len(t_b) - lags) - np.maximum(0, -lags)
-    long_enough = overlap[: len(distance)] * step >= max(_SHORTEST, 0.2 * min(_span(a), _span(b)))
+    long_enough = overlap[: len(distance)] * step >= max(_SHORTEST, 0.2 * min(_get_duration(a), _get_duration(b)))
     lags = lags[: len(distance)]
     inner = np.zeros(len(distance), dtype=bool)
     inner[1:-1] = (distance[1:-1] < distance[:-2]) & (distance[1:-1] <= distance[2:])
@@ -280,10 +285,10 @@ def _lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = No
         chosen &= lags * step >= smallest
     best = sorted(np.flatnonzero(chosen), key=lambda k: distance[k])[:_LAGS]
     start = b.t[0] - a.t[0]
-    return [_sharpened(a, b, float(lags[k] * step + start), tolerance) for k in best]
+    return [_refine_lag(a, b, float(lags[k] * step + start), tolerance) for k in best]
 
 
-def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
+def _compute_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return (m_a + m_b - 1,): the mean square distance of two motions at every lag, 1 for unrelated motions.
 
     Joints count by their own spread in `a`, those that hardly move not at all.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft, signal
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.repetition import uniform_runs
+from dynident.diagnosis.comparing.repetition import split_uniform_intervals
 from dynident.errors import DynidentError
 
 Over = Literal["time", "angle"]
@@ -38,12 +38,12 @@ class ResidualSpectrum:
     amplitude: FloatArray
     resolution: float
 
-    def peaks(self, most: int = 5) -> tuple[int, ...]:
+    def list_highest_peaks(self, most: int = 5) -> tuple[int, ...]:
         """Return the indices of the highest peaks, highest first."""
         indices, _ = signal.find_peaks(self.amplitude)
         return tuple(int(k) for k in sorted(indices, key=lambda k: -self.amplitude[k])[:most])
 
-    def stands_out(self, k: int) -> bool:
+    def is_line(self, k: int) -> bool:
         """Return whether the value at an index is a line above its surroundings, and not mere noise."""
         reach = max(8, len(self.amplitude) // 10)
         around = self.amplitude[max(0, k - reach) : k + reach + 1]
@@ -66,7 +66,7 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
     DynidentError
         Where no interval without gaps is long enough.
     """
-    runs = [(first, last) for first, last in uniform_runs(t, segment) if last - first >= _SHORTEST]
+    runs = [(first, last) for first, last in split_uniform_intervals(t, segment) if last - first >= _SHORTEST]
     if not runs:
         raise DynidentError(
             f"no stretch without gaps has {_SHORTEST} rows; use a longer recording or wider windows",

@@ -22,7 +22,7 @@ from dynident.diagnosis.comparing.spectrum import (
     time_spectrum,
 )
 from dynident.errors import DynidentError
-from dynident.recordings.arrow import as_floats, named_columns
+from dynident.recordings.arrow import table_column_to_floats, table_from_arrays
 from dynident.recordings.phases import Phase
 
 SIGNALS = ("measured", "predicted", "lower", "upper", "residual", "phase", "deviation", "q", "dq", "ddq", "load")
@@ -54,7 +54,7 @@ class JointSignals:
     ddq: FloatArray
     load: FloatArray
 
-    def rows(self, chosen: BoolArray | IndexArray) -> JointSignals:
+    def select_rows(self, chosen: BoolArray | IndexArray) -> JointSignals:
         """Return some of the rows."""
         return replace(self, **{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
@@ -112,7 +112,7 @@ def write_comparison(comparison: Comparison, path: Path) -> Path:
         for index, joint in enumerate(comparison.joint_names):
             columns[f"{signal}_{joint}"] = values[:, index]
     header = {"joint_names": comparison.joint_names, "units": comparison.units, "noise": comparison.noise.tolist()}
-    table = named_columns(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
+    table = table_from_arrays(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header).encode()})
     # Measured numbers hardly ever come twice: dictionaries of them take six times as long, and more room.
     pq.write_table(table, path, row_group_size=ROW_GROUP, use_dictionary=False)
     return path
@@ -131,33 +131,33 @@ class StoredComparison:
         self._units: list[str] = header["units"]
         self._noise: list[float] = header["noise"]
 
-    def unit(self, joint: str) -> str:
+    def get_unit(self, joint: str) -> str:
         """Return the unit of a joint's torques."""
-        return self._units[self._index(joint)]
+        return self._units[self._find_joint(joint)]
 
-    def signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
+    def read_signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
         """Return one joint's signals between two times in s."""
-        index = self._index(joint)
-        groups = self._groups_of(start, end)
+        index = self._find_joint(joint)
+        groups = self._find_row_groups(start, end)
         t, segment, measured, predicted, deviation, q, dq, ddq, load = self._read(
             "t",
             "segment",
             *(f"{signal}_{joint}" for signal in ("measured", "predicted", "deviation", "q", "dq", "ddq", "load")),
             groups=groups,
         )
-        residual, lower, upper, phase = self._at_rest(joint, measured, predicted, groups)
+        residual, lower, upper, phase = self._read_band_at_standstill(joint, measured, predicted, groups)
         band = _NORMAL_95 * np.sqrt(deviation**2 + self._noise[index] ** 2)
         standing = phase == Phase.STANDING
         every = JointSignals(t, segment, measured, predicted, lower, upper, standing, residual, band, q, dq, ddq, load)
-        return every.rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
+        return every.select_rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
 
-    def residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
+    def compute_residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
         """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not."""
-        self._index(joint)
+        self._find_joint(joint)
         names = [x] if y is None else [x, y]
-        columns = [self._column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
+        columns = [self._find_column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
         over_x, *rest = self._read(*columns)
-        residual = self._residual(joint)
+        residual = self._read_residual(joint)
         over_y = rest[0] if rest else np.zeros_like(over_x)
         numbers_of_bins = [bins, bins if rest else 1]
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
@@ -172,31 +172,31 @@ class StoredComparison:
             np.asarray(count, dtype=np.float64),
         )
 
-    def spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
+    def compute_spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
         """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
-        revolute = self.unit(joint) == "N m"
+        revolute = self.get_unit(joint) == "N m"
         t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
-        residual = self._residual(joint)
+        residual = self._read_residual(joint)
         if over == "time":
             residual_spectrum = time_spectrum(t, segment, residual)
-            return JointSpectrum(residual_spectrum, "Hz", _peaks(residual_spectrum, None))
+            return JointSpectrum(residual_spectrum, "Hz", _list_peaks(residual_spectrum, None))
         residual_spectrum = angle_spectrum(q, dq, residual, HIGHEST_IN_A_RADIAN if revolute else HIGHEST_IN_A_METRE)
         if revolute:
-            return JointSpectrum(residual_spectrum, "cycles/rad", _peaks(residual_spectrum, 2.0 * np.pi))
-        return JointSpectrum(residual_spectrum, "cycles/m", _peaks(residual_spectrum, None))
+            return JointSpectrum(residual_spectrum, "cycles/rad", _list_peaks(residual_spectrum, 2.0 * np.pi))
+        return JointSpectrum(residual_spectrum, "cycles/m", _list_peaks(residual_spectrum, None))
 
-    def autocorrelation(self, joint: str, longest: float) -> Autocorrelation:
+    def compute_autocorrelation(self, joint: str, longest: float) -> Autocorrelation:
         """Compute the autocorrelation of a joint's residual up to a lag in s."""
-        self._index(joint)
+        self._find_joint(joint)
         t, segment = self._read("t", "segment")
-        return autocorrelation(t, segment, self._residual(joint), longest)
+        return autocorrelation(t, segment, self._read_residual(joint), longest)
 
-    def _residual(self, joint: str) -> FloatArray:
+    def _read_residual(self, joint: str) -> FloatArray:
         """Return (m,): measured minus predicted; at standstill the distance to the band of static friction."""
         measured, predicted = self._read(f"measured_{joint}", f"predicted_{joint}")
-        return self._at_rest(joint, measured, predicted)[0]
+        return self._read_band_at_standstill(joint, measured, predicted)[0]
 
-    def _at_rest(
+    def _read_band_at_standstill(
         self, joint: str, measured: FloatArray, predicted: FloatArray, groups: list[int] | None = None
     ) -> tuple[FloatArray, ...]:
         """Return residual, lower, upper and phase (m,) each; files of older versions have no band at standstill."""
@@ -205,7 +205,7 @@ class StoredComparison:
         columns = (f"{signal}_{joint}" for signal in ("residual", "lower", "upper", "phase"))
         return tuple(self._read(*columns, groups=groups))
 
-    def _groups_of(self, start: float | None, end: float | None) -> list[int] | None:
+    def _find_row_groups(self, start: float | None, end: float | None) -> list[int] | None:
         """Return the row groups that may hold a time from `start` to `end`; None for all of them."""
         if start is None and end is None:
             return None
@@ -222,15 +222,15 @@ class StoredComparison:
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
         names = sorted(set(columns))
         table = self._file.read(names) if groups is None else self._file.read_row_groups(groups, names)
-        return [as_floats(table[name]) for name in columns]
+        return [table_column_to_floats(table[name]) for name in columns]
 
-    def _index(self, joint: str) -> int:
+    def _find_joint(self, joint: str) -> int:
         if joint not in self.joint_names:
             detail = f"there is no joint {joint!r}; there are: {', '.join(self.joint_names)}"
             raise DynidentError(detail, pointer="joint", title="Unknown joint")
         return self.joint_names.index(joint)
 
-    def _column(self, name: str, pointer: str) -> str:
+    def _find_column(self, name: str, pointer: str) -> str:
         kind, _, joint = name.partition("_")
         stored = {"q": "q", "dq": "dq", "ddq": "ddq", "load": "load", "tau": "measured"}
         if f"temperature_{self.joint_names[0]}" in self._file.schema_arrow.names:
@@ -246,9 +246,9 @@ class StoredComparison:
         raise DynidentError(detail, pointer=pointer, title="Unknown signal")
 
 
-def _peaks(spectrum: ResidualSpectrum, turn: float | None) -> tuple[SpectralPeak, ...]:
+def _list_peaks(spectrum: ResidualSpectrum, turn: float | None) -> tuple[SpectralPeak, ...]:
     return tuple(
         SpectralPeak(frequency, float(spectrum.amplitude[k]), None if turn is None else turn * frequency)
-        for k in spectrum.peaks()
+        for k in spectrum.list_highest_peaks()
         for frequency in [float(spectrum.frequency[k])]
     )

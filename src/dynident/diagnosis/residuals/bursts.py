@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.estimation.robust import robust_scale
+from dynident.estimation.robust import estimate_robust_scale
 
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
 
 
-def bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
+def find_bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
     """Stretches where the residual is far above the rest of the recording: (segment index, from, to in s)."""
-    residual = np.where(comparison.telling, comparison.residual, np.nan)
-    silent = ~comparison.telling.any(axis=0)
-    usual = robust_scale(np.where(silent, 0.0, residual))
+    residual = np.where(comparison.counted_rows, comparison.residual, np.nan)
+    silent = ~comparison.counted_rows.any(axis=0)
+    usual = estimate_robust_scale(np.where(silent, 0.0, residual))
     # Where a joint stands, its torque says nothing of what else pulls at it.
     power = np.nan_to_num((residual / np.maximum(usual, 1e-300)) ** 2).sum(axis=1) / max(residual.shape[1], 1)
     if len(power) < 20:

@@ -10,11 +10,11 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.result import FailureSpot
 
-_BINS = 16
-_FEWEST = 20
+_MAP_BINS = 16
+_FEWEST_IN_MAP_BIN = 20
 
 
-def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
+def build_failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
     """For every joint and variable, the bin where the residual is largest against the joint's own rms."""
     first = comparisons[0]
     spots = []
@@ -31,27 +31,27 @@ def failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
             ("load", np.concatenate([c.load[:, j] for c in comparisons]), first.units[j]),
             ("time", np.concatenate([c.t for c in comparisons]), "s"),
         ):
-            spot = _worst_bin(residual, values, rms)
+            spot = _find_worst_bin(residual, values, rms)
             if spot is not None:
                 low, high, local_rms = spot
                 spots.append(FailureSpot(name, variable, unit, low, high, local_rms, local_rms / rms))
     return tuple(sorted(spots, key=lambda spot: -spot.ratio))
 
 
-def _worst_bin(residual: FloatArray, values: FloatArray, rms: float) -> tuple[float, float, float] | None:
-    edges = _edges(values)
+def _find_worst_bin(residual: FloatArray, values: FloatArray, rms: float) -> tuple[float, float, float] | None:
+    edges = _compute_edges(values)
     if edges is None:
         return None
     which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
     counts = np.bincount(which, minlength=len(edges) - 1)
     squares = np.bincount(which, weights=residual**2, minlength=len(edges) - 1)
-    local = np.where(counts >= _FEWEST, np.sqrt(squares / np.maximum(counts, 1)), 0.0)
+    local = np.where(counts >= _FEWEST_IN_MAP_BIN, np.sqrt(squares / np.maximum(counts, 1)), 0.0)
     k = int(np.argmax(local))
     return (float(edges[k]), float(edges[k + 1]), float(local[k])) if local[k] > rms else None
 
 
-def _edges(values: FloatArray) -> FloatArray | None:
+def _compute_edges(values: FloatArray) -> FloatArray | None:
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return None
-    return np.linspace(low, high, _BINS + 1)
+    return np.linspace(low, high, _MAP_BINS + 1)

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.residuals.bursts import bursts
-from dynident.diagnosis.residuals.lines import AngleLines, angle_lines, motion_lines
-from dynident.diagnosis.residuals.vibration import shaking
+from dynident.diagnosis.residuals.bursts import find_bursts
+from dynident.diagnosis.residuals.lines import AngleLines, find_angle_lines, find_motion_lines
+from dynident.diagnosis.residuals.vibration import find_base_vibration
 from dynident.identification import Identification
 from dynident.recordings import Recording
 
@@ -19,7 +19,7 @@ _MOST_GROUPS = 16
 
 
 @dataclass(frozen=True)
-class Leads:
+class ShapeProposals:
     """Where to look for effects that a grid cannot offer, from the recordings and their residual.
 
     `angle_lines`: lines in the residual over a joint's angle; `time_lines`: Hz of lines over time; `bursts`: (run
@@ -42,33 +42,33 @@ class Leads:
         return [group for group in self.run_groups if len(group) == 1]
 
 
-def find_leads(
+def propose_shapes(
     comparisons: Sequence[Comparison],
     recordings: Sequence[Recording],
     identification: Identification,
     since: tuple[str, ...] = (),
-) -> Leads:
+) -> ShapeProposals:
     """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
     highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
-    motion = motion_lines(comparisons, highest)
+    motion = find_motion_lines(comparisons, highest)
     signals, reference = identification.model.signals, identification.estimate.next_reference()
-    return Leads(
-        angle_lines=angle_lines(comparisons, identification.model.robot),
-        time_lines=tuple(shaking(comparisons, signals, reference, highest, motion)),
+    return ShapeProposals(
+        angle_lines=find_angle_lines(comparisons, identification.model.robot),
+        time_lines=tuple(find_base_vibration(comparisons, signals, reference, highest, motion)),
         bursts=tuple(
-            (recording.run_label(segment), start, end)
+            (recording.name_segment(segment), start, end)
             for comparison, recording in zip(comparisons, recordings, strict=True)
-            for segment, start, end in bursts(comparison)
+            for segment, start, end in find_bursts(comparison)
         ),
         # What the later runs have is asked of each link by itself.
-        run_groups=() if since else tuple(run_groups(recordings)),
+        run_groups=() if since else tuple(list_run_groups(recordings)),
         has_temperature=all(recording.has_temperature for recording in recordings),
-        session=session_length(recordings),
+        session=compute_session_length(recordings),
         since=since,
     )
 
 
-def session_length(recordings: Sequence[Recording]) -> float:
+def compute_session_length(recordings: Sequence[Recording]) -> float:
     """Seconds from the first to the last sample; 0 where t starts anew in every recording, so that it is no clock."""
     spans = sorted(
         (segment.start_time, segment.start_time + segment.length * recording.period)
@@ -80,9 +80,9 @@ def session_length(recordings: Sequence[Recording]) -> float:
     return spans[-1][1] - spans[0][0]
 
 
-def run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
+def list_run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
     """Sets of runs that something may have been attached in: those that say so, single ones, the first or last few."""
-    labels = list(dict.fromkeys(label for recording in recordings for label in recording.run_labels))
+    labels = list(dict.fromkeys(label for recording in recordings for label in recording.segment_names))
     groups: list[tuple[str, ...]] = []
     if any(recording.payload is not None for recording in recordings):
         groups.append(())

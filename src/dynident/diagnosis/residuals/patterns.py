@@ -13,8 +13,8 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.residuals.bursts import bursts
-from dynident.diagnosis.residuals.stretches import stretches, t_of
+from dynident.diagnosis.residuals.bursts import find_bursts
+from dynident.diagnosis.residuals.stretches import compute_t, number_blocks
 from dynident.diagnosis.result import UnknownPattern, Variable
 
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
@@ -30,7 +30,7 @@ _MORE_BY_TWO = 1.25
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _PatternRows:
     """All recordings in a row: signals (m, n), time (m,), and the stretch that every row is in (m,)."""
 
     residual: FloatArray
@@ -43,30 +43,30 @@ class _Rows:
     stretch: IndexArray
 
     @classmethod
-    def of(cls, comparisons: Sequence[Comparison]) -> _Rows:
-        def joined(name: str) -> FloatArray:
+    def from_comparisons(cls, comparisons: Sequence[Comparison]) -> _PatternRows:
+        def concatenate_signal(name: str) -> FloatArray:
             return np.concatenate([getattr(c, name) for c in comparisons])
 
         return cls(
-            residual=np.concatenate([c.told for c in comparisons]),
-            telling=np.concatenate([c.telling for c in comparisons]),
-            q=joined("q"),
-            dq=joined("dq"),
-            ddq=joined("ddq"),
-            load=joined("load"),
-            t=joined("t"),
-            stretch=stretches(comparisons),
+            residual=np.concatenate([c.counted_residual for c in comparisons]),
+            telling=np.concatenate([c.counted_rows for c in comparisons]),
+            q=concatenate_signal("q"),
+            dq=concatenate_signal("dq"),
+            ddq=concatenate_signal("ddq"),
+            load=concatenate_signal("load"),
+            t=concatenate_signal("t"),
+            stretch=number_blocks(comparisons),
         )
 
 
-def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
+def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
     """Dependences of the residual that are left, the largest share of the residual's variance first."""
-    rows = _Rows.of(comparisons)
+    rows = _PatternRows.from_comparisons(comparisons)
     patterns: list[UnknownPattern] = []
     for j, name in enumerate(comparisons[0].joint_names):
         best: dict[Variable, float] = {}
-        for variable, which in _partitions(rows, j):
-            share = max(_believed(rows, j, which, target) for target in _targets(rows, j))
+        for variable, which in _yield_partitions(rows, j):
+            share = max(_compute_held_out_share(rows, j, which, target) for target in _list_targets(rows, j))
             if variable == "other_joints" and share < _MORE_BY_TWO * best.get("position", 0.0):
                 continue
             best[variable] = max(best.get(variable, 0.0), share)
@@ -74,34 +74,34 @@ def unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern,
         patterns += [
             UnknownPattern(name, v, share) for v, share in best.items() if share >= max(_SHARE, _NEARLY * most)
         ]
-    patterns += _in_bursts(comparisons, {pattern.joint for pattern in patterns})
+    patterns += _find_burst_patterns(comparisons, {pattern.joint for pattern in patterns})
     return tuple(sorted(patterns, key=lambda pattern: -pattern.share))
 
 
-def _targets(rows: _Rows, j: int) -> tuple[FloatArray, FloatArray]:
+def _list_targets(rows: _PatternRows, j: int) -> tuple[FloatArray, FloatArray]:
     """What bin means are taken of: the residual (m,), and the residual against the joint's direction."""
     return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
 
 
-def _partitions(rows: _Rows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
+def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
     """Ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
     sign = np.sign(rows.dq[:, j])
-    position = _bins(rows.q[:, j], _COARSE_BINS)
-    yield "position", _bins(rows.q[:, j], _BINS)
-    yield "velocity", _bins(rows.dq[:, j], _BINS)
-    yield "acceleration", _bins(rows.ddq[:, j], _BINS)
-    yield "acceleration", _bins(rows.ddq[:, j] * sign, _BINS)
-    yield "load", _bins(rows.load[:, j], _BINS)
-    yield "time", _bins(rows.t, _BINS)
+    position = _number_bins(rows.q[:, j], _COARSE_BINS)
+    yield "position", _number_bins(rows.q[:, j], _BINS)
+    yield "velocity", _number_bins(rows.dq[:, j], _BINS)
+    yield "acceleration", _number_bins(rows.ddq[:, j], _BINS)
+    yield "acceleration", _number_bins(rows.ddq[:, j] * sign, _BINS)
+    yield "load", _number_bins(rows.load[:, j], _BINS)
+    yield "time", _number_bins(rows.t, _BINS)
     for k in range(rows.q.shape[1]):
         if k != j:
-            other = _bins(rows.q[:, k], _COARSE_BINS)
-            yield "other_joints", _bins(rows.q[:, k], _BINS)
-            yield "other_joints", _bins(rows.dq[:, k], _BINS)
+            other = _number_bins(rows.q[:, k], _COARSE_BINS)
+            yield "other_joints", _number_bins(rows.q[:, k], _BINS)
+            yield "other_joints", _number_bins(rows.dq[:, k], _BINS)
             yield "other_joints", position * _COARSE_BINS + other
 
 
-def _bins(values: FloatArray, count: int) -> IndexArray:
+def _number_bins(values: FloatArray, count: int) -> IndexArray:
     """Number of the bin (m,) of every row; all the same where a signal does not move."""
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
@@ -110,7 +110,7 @@ def _bins(values: FloatArray, count: int) -> IndexArray:
     return numbers
 
 
-def _believed(rows: _Rows, j: int, which: IndexArray, turn: FloatArray) -> float:
+def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn: FloatArray) -> float:
     """Held-out share of the residual's variance that bin means explain; 0 where it is not even over the stretches."""
     telling = rows.telling[:, j]
     residual = (rows.residual[:, j] * turn)[telling]
@@ -135,21 +135,21 @@ def _believed(rows: _Rows, j: int, which: IndexArray, turn: FloatArray) -> float
         )
         # Σ r² - (r - m)² over the rows of a bin.
         gains[test] = (2 * sums[test] * means - counts[test] * means**2).sum(axis=1)
-    share, t = float(gains.sum()) / total, t_of(gains)
+    share, t = float(gains.sum()) / total, compute_t(gains)
     return share if t >= _T or (share >= _LARGE and t >= _T_OF_LARGE) else 0.0
 
 
-def _in_bursts(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:
+def _find_burst_patterns(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:
     """Joints whose residual is large in a few stretches of time, and depends on nothing else."""
     names = comparisons[0].joint_names
     inside, whole = np.zeros(len(names)), np.zeros(len(names))
     for c in comparisons:
-        whole += (c.told**2).sum(axis=0)
-        for segment, start, end in bursts(c):
+        whole += (c.counted_residual**2).sum(axis=0)
+        for segment, start, end in find_bursts(c):
             if end - start < _SHORTEST_BURST:
                 continue
             hot = (c.segment == segment) & (c.t >= start) & (c.t <= end)
-            inside += (c.told[hot] ** 2).sum(axis=0)
+            inside += (c.counted_residual[hot] ** 2).sum(axis=0)
     share = inside / np.maximum(whole, np.finfo(float).tiny)
     if not share.any() or share.max() < _BURST_SHARE:
         return []

@@ -45,7 +45,7 @@ class Resolution:
     speed: FloatArray
     fastest: FloatArray
 
-    def shows(self, spec: ShapeSpec, value: float, joints: Sequence[int], within: float = 1.0) -> bool:
+    def is_resolved(self, spec: ShapeSpec, value: float, joints: Sequence[int], within: float = 1.0) -> bool:
         """Whether a shape constant is large enough to be seen on these joints, known to within a factor."""
         if spec.resolved_by is None or not len(joints):
             return True
@@ -55,21 +55,21 @@ class Resolution:
         return within * value >= float(np.max(limit[list(joints)]))
 
 
-def resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
+def compute_resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
     """What recordings filtered like this can resolve, from the accelerations at their reversals."""
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:
         return Resolution(np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.inf))
     corner = 2 * np.pi * min(cutoffs)
-    acceleration = np.array([_at_reversals(comparisons, j) for j in range(n)])
-    travelled = np.array([_travelled(comparisons, j) for j in range(n)])
+    acceleration = np.array([_compute_reversal_acceleration(comparisons, j) for j in range(n)])
+    travelled = np.array([_compute_nearest_travel(comparisons, j) for j in range(n)])
     fastest = np.max([np.abs(c.dq).max(axis=0) for c in comparisons], axis=0)
-    speed = np.array([_slowest(comparisons, j) for j in range(n)])
+    speed = np.array([_compute_slowest_speed(comparisons, j) for j in range(n)])
     return Resolution(np.minimum(acceleration / corner**2, travelled), travelled, speed, fastest)
 
 
-def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
+def _compute_reversal_acceleration(comparisons: Sequence[Comparison], joint: int) -> float:
     """Median acceleration of a joint where it turns round freely; beyond all where it never does."""
     accelerations = []
     for c in comparisons:
@@ -79,7 +79,7 @@ def _at_reversals(comparisons: Sequence[Comparison], joint: int) -> float:
     return float(np.quantile(values, _SHARP_TURNS)) if len(values) else np.inf
 
 
-def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
+def _compute_nearest_travel(comparisons: Sequence[Comparison], joint: int) -> float:
     """Distance from its last halt that a small share of a joint's moving rows are within; beyond all without any."""
     distances = []
     for c in comparisons:
@@ -92,7 +92,7 @@ def _travelled(comparisons: Sequence[Comparison], joint: int) -> float:
     return float(np.quantile(values, _NEAREST_SHARE)) if len(values) else np.inf
 
 
-def _slowest(comparisons: Sequence[Comparison], joint: int) -> float:
+def _compute_slowest_speed(comparisons: Sequence[Comparison], joint: int) -> float:
     """Speed that a small share of the rows in which a joint moves are below; beyond all where it never moves."""
     rows_of = [c.off_halts[:, joint] & (c.free[joint] | (c.phase[:, joint] != Phase.REVERSING)) for c in comparisons]
     values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, rows_of, strict=True)])

@@ -13,7 +13,7 @@ from dynident.diagnosis.comparing.compare import Comparison
 _STRETCHES = 30
 
 
-def stretches(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
+def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
     """Number (m,) of the stretch that every row of all comparisons is in."""
     length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
     offset, numbers = 0, []
@@ -23,7 +23,7 @@ def stretches(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
     return np.concatenate(numbers)
 
 
-def t_of(gain: FloatArray) -> float:
+def compute_t(gain: FloatArray) -> float:
     """t of the mean of a gain (s,) over stretches of time."""
     if len(gain) < 2:
         return 0.0
@@ -31,7 +31,7 @@ def t_of(gain: FloatArray) -> float:
     return float(gain.mean() / (spread / np.sqrt(len(gain)))) if spread > 0 else 0.0
 
 
-def usual_of(errors: FloatArray) -> float:
+def compute_median_error(errors: FloatArray) -> float:
     """The median of squared errors (s,) over the stretches that have any; 0 where none has.
 
     Stretches without rows leave none: where many passive joints rub, those in which none of them turns are few.

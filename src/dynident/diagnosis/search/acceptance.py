@@ -8,12 +8,12 @@ from dynident.arrays import FloatArray
 from dynident.diagnosis.candidates.gate import (
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
-    JudgedCandidate,
+    ScoredCandidate,
 )
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.search.state import State
-from dynident.effects import Effect, effect_by_id
-from dynident.effects.catalogue import is_change
+from dynident.effects import Effect, get_effect
+from dynident.effects.catalogue import is_lasting_change
 
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""
@@ -52,81 +52,89 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 """Where it gains this share of its error, a smaller t will do."""
 
 
-def acceptable(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
+def is_acceptable(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
     """Whether a candidate is a finding."""
-    return _surely_there(state, data, scored) and _of_enough(state, scored)
+    return _is_surely_there(state, data, scored) and _explains_enough_of_runs(state, scored)
 
 
-def too_small_for_runs(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
+def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
     """Whether a candidate would be a finding, were it not of some runs and too small for that."""
-    return bool(scored.candidate.runs) and not _of_enough(state, scored) and _surely_there(state, data, scored)
+    return (
+        bool(scored.candidate.runs)
+        and not _explains_enough_of_runs(state, scored)
+        and _is_surely_there(state, data, scored)
+    )
 
 
-def _of_enough(state: State, scored: JudgedCandidate) -> bool:
+def _explains_enough_of_runs(state: State, scored: ScoredCandidate) -> bool:
     """Whether a candidate explains so much as one of some runs alone has to."""
     if not scored.candidate.runs:
         return True
-    return scored.drop >= (_LEAST_OF_CHANGE if is_change(scored.candidate.choice, state.since) else _LEAST_OF_RUNS)
+    return scored.drop >= (
+        _LEAST_OF_CHANGE if is_lasting_change(scored.candidate.choice, state.since) else _LEAST_OF_RUNS
+    )
 
 
-def _surely_there(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
-    effect = effect_by_id(scored.candidate.effect)
-    if scored.separability < VISIBLE or not scored.passes or too_small(state, data, scored):
+def _is_surely_there(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
+    effect = get_effect(scored.candidate.effect)
+    if scored.separability < VISIBLE or not scored.is_significant or is_too_small(state, data, scored):
         return False
     if scored.separability * scored.t < _LEAST_REACH:
         return False
     if effect.first_order and scored.separability < _BLURRED and scored.drop < _DROP_OF_BLURRED:
         return False
-    if any(shadowed(scored, finding.judged, state.floor) for finding in state.picks):
+    if any(is_shadowed(scored, finding.judged, state.floor) for finding in state.picks):
         return False
     # What pulls at two joints, and explains one of them alone, is a function of that joint.
-    return not effect.pulls_on_each or all(gains_on(state, data, scored, j) for j in scored.joints)
+    return not effect.pulls_on_each or all(has_gain_on_joint(state, data, scored, j) for j in scored.joints)
 
 
-def too_small(state: State, data: PhasedProducts, scored: JudgedCandidate) -> bool:
+def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
     """Whether a candidate removes less of the sensors' noise than its kind has to."""
-    most = max(gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
-    return most < least_gain(effect_by_id(scored.candidate.effect))
+    most = max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
+    return most < get_least_gain(get_effect(scored.candidate.effect))
 
 
-def gains_on(state: State, data: PhasedProducts, scored: JudgedCandidate, joint: int) -> bool:
+def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidate, joint: int) -> bool:
     """Whether a candidate that acts on several joints lowers the error of this one: enough, and evenly."""
     before = scored.before[:, joint] / state.noise[joint] ** 2
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     even = float(gain.mean()) >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
-    large = gain_over_floor(scored, joint, state.floor, data) >= least_gain(effect_by_id(scored.candidate.effect))
+    large = compute_gain_over_floor(scored, joint, state.floor, data) >= get_least_gain(
+        get_effect(scored.candidate.effect)
+    )
     return share >= JOINT_DROP and even and large
 
 
-def shadowed(scored: JudgedCandidate, finding: JudgedCandidate, floor: FloatArray) -> bool:
+def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatArray) -> bool:
     """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
 
     What friction leaves is on its own joint; where else a cable pulls is not known.
     """
-    rough = effect_by_id(finding.candidate.effect)
+    rough = get_effect(finding.candidate.effect)
     if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
         return False
-    return explained(scored, floor) < _SHADOW * explained(finding, floor)
+    return compute_explained_error(scored, floor) < _SHADOW * compute_explained_error(finding, floor)
 
 
-def explained(scored: JudgedCandidate, floor: FloatArray) -> float:
+def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float:
     """Squared error that a candidate removes, in units of the sensors' noise (n,)."""
     removed = (scored.before - scored.after).sum(axis=0)
     unit = np.maximum(floor**2, _QUIET * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
-def least_gain(effect: Effect) -> float:
+def get_least_gain(effect: Effect) -> float:
     """Share of the sensor noise's power that an effect has to remove."""
     at_reversals = any(spec.resolved_by is not None for spec in effect.shapes)
     return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
 
 
-def gain_over_floor(scored: JudgedCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
+def compute_gain_over_floor(scored: ScoredCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
     """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
     removed = float((scored.before - scored.after)[:, joint].sum()) / max(
-        float(data.counts(scored.candidate.columns)[:, joint].sum()), 1.0
+        float(data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
     )
     return removed / max(float(floor[joint]) ** 2, np.finfo(float).tiny)

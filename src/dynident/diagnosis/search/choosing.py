@@ -6,16 +6,28 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.arrays import IndexArray
-from dynident.diagnosis.candidates.gate import ALPHA, SMALLEST_ERROR_DROP, JudgedCandidate, gains_more, simplest
+from dynident.diagnosis.candidates.gate import (
+    ALPHA,
+    SMALLEST_ERROR_DROP,
+    ScoredCandidate,
+    has_larger_gain,
+    select_simplest,
+)
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.plausible import is_physically_possible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, other_name, share_found_again
-from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.acceptance import VISIBLE, acceptable, gains_on, too_small, too_small_for_runs
-from dynident.diagnosis.search.state import State, judge_all
-from dynident.effects import effect_by_id
-from dynident.effects.catalogue import is_change
+from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, compute_stability, is_other_name
+from dynident.diagnosis.residuals.stretches import compute_t
+from dynident.diagnosis.search.acceptance import (
+    VISIBLE,
+    has_gain_on_joint,
+    is_acceptable,
+    is_too_small,
+    is_too_small_for_runs,
+)
+from dynident.diagnosis.search.state import State, score_all
+from dynident.effects import get_effect
+from dynident.effects.catalogue import is_lasting_change
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3
@@ -29,45 +41,47 @@ _SHADOWS = 3
 _NEARLY, _DECIDED = 0.97, 1.5
 
 
-def choose(
-    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[JudgedCandidate]
-) -> tuple[JudgedCandidate, tuple[JudgedCandidate, ...]] | None:
+def select_candidate(
+    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[ScoredCandidate]
+) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
     """The next effect to add and its equals on this data; None where nothing passes.
 
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
     less of the same than a torque before its cause is the shadow of something that has no name here.
     """
-    large = [scored for scored in judged if acceptable(state, data, scored)]
-    natural = {id(scored) for scored in large if plausible(data, pool, state.base, state.noise, scored)}
+    large = [scored for scored in judged if is_acceptable(state, data, scored)]
+    natural = {id(scored) for scored in large if is_physically_possible(data, pool, state.base, state.noise, scored)}
     passing = [scored for scored in large if id(scored) in natural]
     unnatural = [scored for scored in large if id(scored) not in natural]
-    doubted: list[JudgedCandidate] = []
-    shy = [scored for scored in judged if too_small_for_runs(state, data, scored)]
+    doubted: list[ScoredCandidate] = []
+    shy = [scored for scored in judged if is_too_small_for_runs(state, data, scored)]
     while passing:
-        best, equal = simplest(_each_its_own(passing))
-        plainer = _plainer(data, pool, state, best, judged)
+        best, equal = select_simplest(_drop_split_groups(passing))
+        plainer = _find_plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
-        lasting = _lasting(state, chosen, passing)
+        lasting = _find_warmth(state, chosen, passing)
         chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
         others = [
-            scored for scored in [*passing, *doubted] if other_name(chosen, scored) and not _goes_with(chosen, scored)
+            scored
+            for scored in [*passing, *doubted]
+            if is_other_name(chosen, scored) and not _is_part_of_change(chosen, scored)
         ]
         if lasting:
             # Wear that warmth says is no rival to it.
-            others = [scored for scored in others if not is_change(scored.candidate.choice, state.since)]
-        chosen, twins = _most_usual(state, chosen, _twins(chosen, others, data.moving.run))
+            others = [scored for scored in others if not is_lasting_change(scored.candidate.choice, state.since)]
+        chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, data.moving.run))
         beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
         equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
-        hidden = [*_of_its_kind(chosen, unnatural), *_told_by_more(data, pool, state, chosen, judged)]
-        if _stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
-            slim = without_idle_joints(data, pool, state, chosen, judged)
+        hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
+        if _is_stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
+            slim = drop_idle_joints(data, pool, state, chosen, judged)
             # A single joint that is left of a group has to stand by itself.
             whole = slim is chosen or len(slim.candidate.joints) > 1
-            by_itself = whole or acceptable(state, data, replace(slim, p=chosen.p))
-            shows = by_itself and _shows_where_joints_move(data, pool, state, slim)
-            if shows and not _shadow(data, pool, state, slim, shy):
-                equivalents = equal + _rivals(slim, judged, equal)
-                return replace(slim, p=chosen.p), equivalents + says_more(state, slim, passing, equivalents)
+            by_itself = whole or is_acceptable(state, data, replace(slim, p=chosen.p))
+            shows = by_itself and _helps_where_joints_move(data, pool, state, slim)
+            if shows and not _is_shadow_of_run_effect(data, pool, state, slim, shy):
+                equivalents = equal + _find_confused(slim, judged, equal)
+                return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
         else:
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
@@ -75,21 +89,21 @@ def choose(
     return None
 
 
-def _twins(chosen: JudgedCandidate, others: Sequence[JudgedCandidate], run: IndexArray) -> list[JudgedCandidate]:
+def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run: IndexArray) -> list[ScoredCandidate]:
     """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
     mine, runs = set(chosen.joints), chosen.candidate.runs
 
-    def undecided(scored: JudgedCandidate) -> bool:
-        level = abs(t_of(chosen.gains - scored.gains)) < _DECIDED
-        return level or share_found_again([chosen], [scored], run) < FOUND_AGAIN
+    def is_undecided(scored: ScoredCandidate) -> bool:
+        level = abs(compute_t(chosen.gains - scored.gains)) < _DECIDED
+        return level or compute_stability([chosen], [scored], run) < FOUND_AGAIN
 
     alike = [scored for scored in others if scored.candidate.runs == runs and not mine.isdisjoint(scored.joints)]
-    return [scored for scored in alike if scored.total_gain >= _NEARLY * chosen.total_gain and undecided(scored)]
+    return [scored for scored in alike if scored.total_gain >= _NEARLY * chosen.total_gain and is_undecided(scored)]
 
 
-def _plainer(
-    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
-) -> JudgedCandidate | None:
+def _find_plainer(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> ScoredCandidate | None:
     """What says as much of the same joints with fewer parameters, though it alone would just have missed the level.
 
     That something is there is what the test says; what it is called is another question.
@@ -100,16 +114,16 @@ def _plainer(
         if scored.candidate.joints == chosen.candidate.joints
         and scored.freedom < chosen.freedom
         and scored.p > ALPHA
-        and not gains_more(chosen, scored)
-        and acceptable(state, data, replace(scored, p=chosen.p))
-        and plausible(data, pool, state.base, state.noise, scored)
+        and not has_larger_gain(chosen, scored)
+        and is_acceptable(state, data, replace(scored, p=chosen.p))
+        and is_physically_possible(data, pool, state.base, state.noise, scored)
     ]
     return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
 
 
-def _lasting(state: State, chosen: JudgedCandidate, passing: Sequence[JudgedCandidate]) -> JudgedCandidate | None:
+def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
     """Warmth that says as much as what only the later day is said to have: that is no wear."""
-    if not is_change(chosen.candidate.choice, state.since):
+    if not is_lasting_change(chosen.candidate.choice, state.since):
         return None
     places = set(chosen.candidate.joints)
     lasting = [
@@ -123,39 +137,39 @@ def _lasting(state: State, chosen: JudgedCandidate, passing: Sequence[JudgedCand
     return max(lasting, key=lambda scored: scored.total_gain, default=None)
 
 
-def _goes_with(chosen: JudgedCandidate, scored: JudgedCandidate) -> bool:
+def _is_part_of_change(chosen: ScoredCandidate, scored: ScoredCandidate) -> bool:
     """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
     mine, other = chosen.candidate, scored.candidate
-    together = effect_by_id(mine.effect).changes_with
+    together = get_effect(mine.effect).changes_with
     return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
 
 
-def _is_warmth(scored: JudgedCandidate) -> bool:
-    effect = effect_by_id(scored.candidate.effect)
+def _is_warmth(scored: ScoredCandidate) -> bool:
+    effect = get_effect(scored.candidate.effect)
     return effect.needs_temperature or effect.needs_session
 
 
-def _of_its_kind(chosen: JudgedCandidate, others: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
+def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     """Those that are sensitivities of the predicted torque as well."""
-    if not effect_by_id(chosen.candidate.effect).first_order:
+    if not get_effect(chosen.candidate.effect).first_order:
         return []
-    return [scored for scored in others if effect_by_id(scored.candidate.effect).first_order]
+    return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
 
 
-def _shows_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate) -> bool:
+def _helps_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> bool:
     """Whether what remembers the path lowers the error where joints move on, too, and not alone where they turn.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
     """
-    turns, starts = data.kinds(chosen.candidate.columns)
+    turns, starts = data.find_row_kinds(chosen.candidate.columns)
     if not turns:
         return True
-    (scored,) = judge_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
+    (scored,) = score_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
     return scored.error_drop >= SMALLEST_ERROR_DROP
 
 
-def _shadow(
-    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, shy: Sequence[JudgedCandidate]
+def _is_shadow_of_run_effect(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]
 ) -> bool:
     """Whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
 
@@ -167,18 +181,18 @@ def _shadow(
         for scored in shy
         if not places.isdisjoint(scored.joints)
         and scored.candidate.runs != chosen.candidate.runs
-        and gains_more(scored, chosen)
+        and has_larger_gain(scored, chosen)
     ]
     for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
-        (rescored,) = judge_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
+        (rescored,) = score_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
         if rescored.total_gain < _STILL * chosen.total_gain:
             return True
     return False
 
 
-def _told_by_more(
-    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
-) -> list[JudgedCandidate]:
+def _find_larger_rivals(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> list[ScoredCandidate]:
     """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
 
     The chosen one is no surer a name for want of it.
@@ -189,57 +203,59 @@ def _told_by_more(
         if scored.candidate.joints == chosen.candidate.joints
         and scored.candidate.runs == chosen.candidate.runs
         and scored.total_gain > chosen.total_gain
-        and scored.passes
+        and scored.is_significant
         and scored.separability >= VISIBLE
-        and too_small(state, data, scored)
-        and data.kinds(scored.candidate.columns) == data.kinds(chosen.candidate.columns)
-        and plausible(data, pool, state.base, state.noise, scored)
+        and is_too_small(state, data, scored)
+        and data.find_row_kinds(scored.candidate.columns) == data.find_row_kinds(chosen.candidate.columns)
+        and is_physically_possible(data, pool, state.base, state.noise, scored)
     ]
 
 
-def _most_usual(
-    state: State, chosen: JudgedCandidate, twins: list[JudgedCandidate]
-) -> tuple[JudgedCandidate, list[JudgedCandidate]]:
+def _prefer_usual_change(
+    state: State, chosen: ScoredCandidate, twins: list[ScoredCandidate]
+) -> tuple[ScoredCandidate, list[ScoredCandidate]]:
     """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
     seldom = is_seldom_change(state, chosen)
-    usual = [scored for scored in twins if is_change(scored.candidate.choice, state.since) and not _is_seldom(scored)]
+    usual = [
+        scored for scored in twins if is_lasting_change(scored.candidate.choice, state.since) and not _is_seldom(scored)
+    ]
     if not (seldom and usual):
         return chosen, twins
     best = max(usual, key=lambda scored: scored.total_gain)
     return best, [chosen, *(scored for scored in twins if scored is not best)]
 
 
-def is_seldom_change(state: State, scored: JudgedCandidate) -> bool:
+def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
     """Whether it is said of the later runs, and robots seldom get it from one day to the next."""
-    return is_change(scored.candidate.choice, state.since) and _is_seldom(scored)
+    return is_lasting_change(scored.candidate.choice, state.since) and _is_seldom(scored)
 
 
-def _is_seldom(scored: JudgedCandidate) -> bool:
-    return effect_by_id(scored.candidate.effect).seldom_changes
+def _is_seldom(scored: ScoredCandidate) -> bool:
+    return get_effect(scored.candidate.effect).seldom_changes
 
 
-def _stable(
-    data: PhasedProducts, pool: Pool, state: State, names: Sequence[JudgedCandidate], passing: Sequence[JudgedCandidate]
+def _is_stable(
+    data: PhasedProducts, pool: Pool, state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]
 ) -> bool:
     """Whether the same finding, by any of its names, is made in resampled data.
 
     Another finding beside it is none that could take its place.
     """
-    others = [scored for scored in passing if all(other_name(name, scored) for name in names)]
+    others = [scored for scored in passing if all(is_other_name(name, scored) for name in names)]
     run, chosen = data.moving.run, names[0]
-    if share_found_again(names, others, run) >= FOUND_AGAIN:
+    if compute_stability(names, others, run) >= FOUND_AGAIN:
         return True
     base = state.base + chosen.candidate.columns
-    rescored = judge_all(data, pool, base, [scored.candidate for scored in others], state.noise)
+    rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
     rivals = [
         before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
     ]
-    return share_found_again(names, rivals, run) >= FOUND_AGAIN
+    return compute_stability(names, rivals, run) >= FOUND_AGAIN
 
 
-def _best_alone(effect: str, judged: Sequence[JudgedCandidate]) -> dict[str, JudgedCandidate]:
+def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str, ScoredCandidate]:
     """The best candidate of an effect on every joint by itself, each with its own shape constants."""
-    best: dict[str, JudgedCandidate] = {}
+    best: dict[str, ScoredCandidate] = {}
     for scored in judged:
         joints = scored.candidate.joints
         if scored.candidate.effect != effect or len(joints) != 1:
@@ -249,67 +265,67 @@ def _best_alone(effect: str, judged: Sequence[JudgedCandidate]) -> dict[str, Jud
     return best
 
 
-def _each_its_own(passing: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
+def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
-    alone = {effect: _best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
+    alone = {effect: _find_best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
 
-    def one_by_one(scored: JudgedCandidate) -> float:
+    def sum_single_gains(scored: ScoredCandidate) -> float:
         own = alone[scored.candidate.effect]
         return sum(own[joint].total_gain for joint in scored.candidate.joints if joint in own)
 
     return [
         scored
         for scored in passing
-        if len(scored.candidate.joints) < 2 or one_by_one(scored) < _ONE_BY_ONE * scored.total_gain
+        if len(scored.candidate.joints) < 2 or sum_single_gains(scored) < _ONE_BY_ONE * scored.total_gain
     ]
 
 
-def _rivals(
-    chosen: JudgedCandidate, judged: Sequence[JudgedCandidate], equal: Sequence[JudgedCandidate]
-) -> tuple[JudgedCandidate, ...]:
+def _find_confused(
+    chosen: ScoredCandidate, judged: Sequence[ScoredCandidate], equal: Sequence[ScoredCandidate]
+) -> tuple[ScoredCandidate, ...]:
     """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
     known = {scored.candidate.effect for scored in equal} | {chosen.candidate.effect}
-    confused = effect_by_id(chosen.candidate.effect).confused_with
-    rivals: dict[str, JudgedCandidate] = {}
+    confused = get_effect(chosen.candidate.effect).confused_with
+    rivals: dict[str, ScoredCandidate] = {}
     for scored in judged:
         name = scored.candidate.effect
-        near = scored.total_gain >= _NEARLY * chosen.total_gain and t_of(chosen.gains - scored.gains) < _DECIDED
+        near = scored.total_gain >= _NEARLY * chosen.total_gain and compute_t(chosen.gains - scored.gains) < _DECIDED
         if name in confused and name not in known and scored.candidate.joints == chosen.candidate.joints and near:
             rivals.setdefault(name, scored)
     return tuple(rivals.values())
 
 
-def says_more(
+def find_richer_changes(
     state: State,
-    chosen: JudgedCandidate,
-    passing: Sequence[JudgedCandidate],
-    equivalents: Sequence[JudgedCandidate],
-) -> tuple[JudgedCandidate, ...]:
+    chosen: ScoredCandidate,
+    passing: Sequence[ScoredCandidate],
+    equivalents: Sequence[ScoredCandidate],
+) -> tuple[ScoredCandidate, ...]:
     """Other changes that say more of the same joints, with more parameters, though not surely more.
 
     The simpler name stands, but what changed may as well be this: a base that leans, of which an offset says the most.
     """
-    if not is_change(chosen.candidate.choice, state.since):
+    if not is_lasting_change(chosen.candidate.choice, state.since):
         return ()
     known = {scored.candidate.effect for scored in (chosen, *equivalents)}
-    richer: dict[str, JudgedCandidate] = {}
+    richer: dict[str, ScoredCandidate] = {}
     for scored in sorted(passing, key=lambda scored: -scored.total_gain):
         same = scored.candidate.runs == chosen.candidate.runs and set(chosen.joints) <= set(scored.joints)
         if scored.candidate.effect not in known and same and scored.total_gain >= chosen.total_gain:
             richer.setdefault(scored.candidate.effect, scored)
-    return tuple(scored for scored in richer.values() if not gains_more(scored, chosen))
+    return tuple(scored for scored in richer.values() if not has_larger_gain(scored, chosen))
 
 
-def without_idle_joints(
-    data: PhasedProducts, pool: Pool, state: State, chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]
-) -> JudgedCandidate:
+def drop_idle_joints(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> ScoredCandidate:
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
-    movers = pool.observation.robot.movers
-    gaining = [name for name in chosen.candidate.joints if gains_on(state, data, chosen, movers(name)[0])]
+    movers = pool.observation.robot.get_movers
+    gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, data, chosen, movers(name)[0])]
     if not gaining or len(gaining) == len(chosen.candidate.joints):
         return chosen
     columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in gaining)
     smaller = Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
-    return judge_all(data, pool, state.base, [smaller], state.noise)[0]
+    return score_all(data, pool, state.base, [smaller], state.noise)[0]

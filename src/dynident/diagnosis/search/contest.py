@@ -12,15 +12,15 @@ from dataclasses import replace
 
 from scipy.special import fdtri
 
-from dynident.diagnosis.candidates.gate import ALPHA, JudgedCandidate, indistinguishable
+from dynident.diagnosis.candidates.gate import ALPHA, ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
-from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, share_found_again
-from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.choosing import choose, is_seldom_change
-from dynident.diagnosis.search.state import State, judge_all
+from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
+from dynident.diagnosis.candidates.resampling import FOUND_AGAIN, compute_stability
+from dynident.diagnosis.residuals.stretches import compute_t
+from dynident.diagnosis.search.choosing import is_seldom_change, select_candidate
+from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice
-from dynident.identification.shapes.shapes import between
+from dynident.identification.shapes.shapes import list_between
 from dynident.regressors.model import Model
 
 # `benchmarks/equal_terms.py` calibrates these; seeds 1 to 3 and 5.
@@ -41,16 +41,16 @@ _STARTS = 6
 """Values of a grid from which constants are searched for: their error has several valleys. The best was reached from
 these in 177 of 181 cases, from half as many in 161."""
 
-Choice = tuple[JudgedCandidate, tuple[JudgedCandidate, ...]]
+Choice = tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]
 """A finding by its name, and its equals."""
 
 
-def settled(
+def compare_names(
     model: Model,
     pool: Pool,
     state: State,
     choice: Choice,
-    judged: Sequence[JudgedCandidate],
+    judged: Sequence[ScoredCandidate],
     products: Callable[[Pool], PhasedProducts],
 ) -> Choice:
     """The finding by the name that it has on equal terms, and its equals.
@@ -63,47 +63,49 @@ def settled(
     judged : all candidates on the grid
     products : inner products of the columns of a pool
     """
-    contenders = _contenders(choice[0], judged)
+    contenders = _find_contenders(choice[0], judged)
     if all(scored.candidate.effect == choice[0].candidate.effect for scored in contenders):
         return choice
-    parents = {finer: scored for scored in [*contenders, choice[0]] for finer in between(scored.candidate.choice)}
-    finer = finer_pool(model, pool, state, list(parents))
+    parents = {finer: scored for scored in [*contenders, choice[0]] for finer in list_between(scored.candidate.choice)}
+    finer = build_finer_pool(model, pool, state, list(parents))
     data = products(finer)
     # With those of each kind of rows apart: what is about joints that start has none in common with other friction.
-    for rivals in _by_rows(data, finer):
+    for rivals in _group_by_row_kinds(data, finer):
         own = [candidate for candidate in finer.candidates if candidate.effect == choice[0].candidate.effect]
-        choice = _weighed(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
+        choice = _compare_on_common_rows(data, finer, state, choice, list(dict.fromkeys([*own, *rivals])), parents)
     return choice
 
 
-def _by_rows(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
+def _group_by_row_kinds(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
     """The candidates, those together that are about the same kinds of rows."""
     kinds: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in finer.candidates:
-        kinds.setdefault(data.kinds(candidate.columns), []).append(candidate)
+        kinds.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
     return list(kinds.values())
 
 
-def _weighed(
+def _compare_on_common_rows(
     data: PhasedProducts,
     finer: Pool,
     state: State,
     choice: Choice,
     candidates: Sequence[Candidate],
-    parents: Mapping[EffectChoice, JudgedCandidate],
+    parents: Mapping[EffectChoice, ScoredCandidate],
 ) -> Choice:
     """The choice, or another name that says more of the rows that are equations for all of these candidates."""
     chosen = choice[0]
     finer_state = replace(state, base=tuple(range(finer.n_base)))
-    each = [data.kinds(candidate.columns) for candidate in candidates]
+    each = [data.find_row_kinds(candidate.columns) for candidate in candidates]
     common = all(turns for turns, _ in each), all(starts for _, starts in each)
-    rescored = judge_all(data, finer, finer_state.base, candidates, state.noise, kinds=common)
+    rescored = score_all(data, finer, finer_state.base, candidates, state.noise, kinds=common)
     # That something is there is what the test on the grid says; here it is asked what it is called.
     rescored = [replace(scored, p=parents[scored.candidate.choice].p) for scored in rescored]
-    picked = choose(data, finer, finer_state, rescored)
+    picked = select_candidate(data, finer, finer_state, rescored)
     if picked is None:
         return choice
-    slim = choose(data, finer, finer_state, [scored for scored in rescored if _slimmer(state, scored, picked[0])])
+    slim = select_candidate(
+        data, finer, finer_state, [scored for scored in rescored if _is_slimmer(state, scored, picked[0])]
+    )
     picked = slim or picked
     winner = parents.get(picked[0].candidate.choice)
     if winner is None:
@@ -112,26 +114,26 @@ def _weighed(
         return replace(winner, p=chosen.p), choice[1]
     own = [scored for scored in rescored if scored.candidate.effect == chosen.candidate.effect]
     before = max(own, key=lambda scored: scored.total_gain)
-    if slim is None and share_found_again([picked[0]], [before], data.moving.run) < FOUND_AGAIN:
+    if slim is None and compute_stability([picked[0]], [before], data.moving.run) < FOUND_AGAIN:
         return choice
     equal = {scored.candidate.effect: parents.get(scored.candidate.choice) for scored in picked[1]}
     others = [scored for effect, scored in equal.items() if scored is not None and effect != winner.candidate.effect]
     return replace(winner, p=chosen.p), tuple(others)
 
 
-def _slimmer(state: State, slim: JudgedCandidate, other: JudgedCandidate) -> bool:
+def _is_slimmer(state: State, slim: ScoredCandidate, other: ScoredCandidate) -> bool:
     """Whether a name with fewer constants says as much; what robots seldom get from day to day is no better for it."""
-    return slim.freedom < other.freedom and says_as_much(slim, other) and not is_seldom_change(state, slim)
+    return slim.freedom < other.freedom and explains_as_much(slim, other) and not is_seldom_change(state, slim)
 
 
-def says_as_much(slim: JudgedCandidate, other: JudgedCandidate) -> bool:
+def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
     """Whether a candidate gains as much as one with more constants, each of which is the best of many."""
     less = other.total_gain - slim.total_gain
-    told_apart = t_of(other.gains - slim.gains) >= _APART and _is_no_constant(less, other)
-    return (less <= _AS_MUCH * other.total_gain and not told_apart) or indistinguishable(other, slim)
+    told_apart = compute_t(other.gains - slim.gains) >= _APART and _exceeds_constant(less, other)
+    return (less <= _AS_MUCH * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
 
 
-def _is_no_constant(more: float, other: JudgedCandidate) -> bool:
+def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
     """Whether a name gains more than a constant does that is fitted to what it leaves, by chance.
 
     A stretch counts as one sample. That constants are the best of many is why t alone says too much.
@@ -140,7 +142,7 @@ def _is_no_constant(more: float, other: JudgedCandidate) -> bool:
     return more * (stretches - 1) >= float(fdtri(1, stretches - 1, 1.0 - ALPHA)) * float(other.after_weighted.sum())
 
 
-def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
+def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     """The best candidates of every effect that gains nearly as much on joints of the chosen one, its own among them."""
     mine = chosen.candidate
     near = [
@@ -150,7 +152,7 @@ def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> l
         and not set(scored.joints).isdisjoint(chosen.joints)
         and scored.total_gain >= _CONTENDS * chosen.total_gain
     ]
-    contenders: list[JudgedCandidate] = []
+    contenders: list[ScoredCandidate] = []
     for effect in dict.fromkeys(scored.candidate.effect for scored in near):
         own = [scored for scored in near if scored.candidate.effect == effect]
         same = [scored for scored in own if scored.candidate.joints == mine.joints]
@@ -159,7 +161,7 @@ def _contenders(chosen: JudgedCandidate, judged: Sequence[JudgedCandidate]) -> l
     return contenders
 
 
-def starts(judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
+def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
     """The candidates from which constants between those of the grid are searched for: the best few of every effect."""
     best = sorted(judged, key=lambda scored: -scored.total_gain)
     effects = dict.fromkeys(scored.candidate.effect for scored in best)
@@ -170,7 +172,7 @@ def starts(judged: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
     ]
 
 
-def finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
+def build_finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
     """The columns of the search so far and, behind them, these choices."""
     base = [pool.observation.columns[k] for k in state.base]
-    return replace(pool_of(model, choices, base), since=pool.since)
+    return replace(build_pool_of_choices(model, choices, base), since=pool.since)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import BoolArray
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.products import Products, present
-from dynident.diagnosis.candidates.scoring import fitted_errors, held_out_errors
+from dynident.diagnosis.candidates.products import Products, find_present
+from dynident.diagnosis.candidates.scoring import compute_fitted_errors, compute_held_out_errors
 from dynident.diagnosis.search.state import State
 
 MOST_FROM_PART_TO_PART = 1.6
@@ -23,7 +23,7 @@ MOST_OF_FIT = 0.5
 On a clean delta robot, what passed the gate explained 0.03 of it; friction hidden on a passive joint, 0.91-0.95."""
 
 
-def generalises(rows: Products, state: State) -> bool:
+def is_determined(rows: Products, state: State) -> bool:
     """Whether the model that the search starts from predicts parts of the motion from the others.
 
     Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
@@ -32,23 +32,23 @@ def generalises(rows: Products, state: State) -> bool:
     columns = np.array(state.base, dtype=np.intp)
     usual = np.ones(rows.n_stretches, dtype=bool)
     for finding in state.picks:
-        usual &= ~_shown_in(rows, finding.columns)
+        usual &= ~_find_active_blocks(rows, finding.columns)
     inside, ahead = (
-        float((held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
+        float((compute_held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
         for kind in ("interleaved", "contiguous")
     )
     return ahead <= MOST_FROM_PART_TO_PART**2 * inside
 
 
-def explains_most(data: PhasedProducts, state: State, scored: JudgedCandidate) -> bool:
+def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandidate) -> bool:
     """Whether a candidate takes away most of what the model leaves where it was fitted.
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
     or a few that take so much of what all parameters together could not are no chance, either.
     """
-    rows = data.beside(state.base, np.array(data.kinds(scored.candidate.columns)))
+    rows = data.select_for_candidates(state.base, np.array(data.find_row_kinds(scored.candidate.columns)))
     columns = np.array(state.base, dtype=np.intp)
-    before, after, _, _ = fitted_errors(rows, columns, scored.candidate, state.noise)
+    before, after, _, _ = compute_fitted_errors(rows, columns, scored.candidate, state.noise)
     own = list(scored.joints)
     initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
     if len(scored.candidate.joints) > 1:
@@ -56,10 +56,10 @@ def explains_most(data: PhasedProducts, state: State, scored: JudgedCandidate) -
     return bool((remaining <= (1.0 - MOST_OF_FIT) * initial).any() and scored.drop >= MOST_OF_FIT)
 
 
-def _shown_in(rows: Products, columns: Sequence[int]) -> BoolArray:
+def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:
     """(s,): the stretches in which any of the columns is not zero."""
     is_shown = np.zeros(rows.n_stretches, dtype=bool)
     for joint, where in enumerate(rows.position):
-        _, places = present(where, np.array(columns, dtype=np.intp))
-        is_shown |= (rows.taken(joint, places, places) > 0).any(axis=1)
+        _, places = find_present(where, np.array(columns, dtype=np.intp))
+        is_shown |= (rows.take_products(joint, places, places) > 0).any(axis=1)
     return is_shown

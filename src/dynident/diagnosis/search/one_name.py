@@ -10,23 +10,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.plausible import plausible
+from dynident.diagnosis.candidates.plausible import is_physically_possible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.search.contest import finer_pool, says_as_much, starts
-from dynident.diagnosis.search.reconsidering import Rows, is_of_position
-from dynident.diagnosis.search.state import Finding, State, judge_all
-from dynident.effects import effect_by_id
-from dynident.identification.shapes.shapes import between
+from dynident.diagnosis.search.contest import build_finer_pool, explains_as_much, list_starts
+from dynident.diagnosis.search.reconsidering import ProductSource, is_of_position
+from dynident.diagnosis.search.state import Finding, State, score_all
+from dynident.effects import get_effect
+from dynident.identification.shapes.shapes import list_between
 
 
-def by_one_name(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> State:
+def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
     """The search with one finding instead of several on a joint, where that one explains as much."""
-    for several in _several(state.picks):
-        state = _joined(rows, data, pool, state, several)
+    for several in _group_by_joint(state.picks):
+        state = _merge_group(rows, data, pool, state, several)
     return state
 
 
-def _several(picks: Sequence[Finding]) -> list[list[Finding]]:
+def _group_by_joint(picks: Sequence[Finding]) -> list[list[Finding]]:
     """Findings that are functions of the position of the same joint, in the same runs."""
     places: dict[object, list[Finding]] = {}
     for pick in picks:
@@ -36,16 +36,18 @@ def _several(picks: Sequence[Finding]) -> list[list[Finding]]:
     return [findings for findings in places.values() if len(findings) > 1]
 
 
-def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several: Sequence[Finding]) -> State:
+def _merge_group(
+    rows: ProductSource, data: PhasedProducts, pool: Pool, state: State, several: Sequence[Finding]
+) -> State:
     removed = {column for finding in several for column in finding.columns}
     others = tuple(pick for pick in state.picks if pick not in several)
     without_them = replace(state, base=tuple(k for k in state.base if k not in removed), picks=others)
     most = sum(finding.judged.freedom for finding in several)
-    judged = judge_all(data, pool, without_them.base, _singles(pool, without_them, several), state.noise)
+    judged = score_all(data, pool, without_them.base, _list_single_curves(pool, without_them, several), state.noise)
     judged = [scored for scored in judged if scored.freedom <= most]
-    parents = {finer: scored for scored in starts(judged) for finer in between(scored.candidate.choice)}
+    parents = {finer: scored for scored in list_starts(judged) for finer in list_between(scored.candidate.choice)}
     theirs = [finding.judged.candidate.choice for finding in several]
-    finer = finer_pool(rows.model, pool, without_them, [*theirs, *parents])
+    finer = build_finer_pool(rows.model, pool, without_them, [*theirs, *parents])
     columns = tuple(
         k
         for column_candidate in finer.candidates
@@ -57,10 +59,12 @@ def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several:
     singles = [candidate for candidate in finer.candidates if candidate.choice in parents]
     # The columns of the search without them are the finer pool's first.
     here = tuple(range(finer.n_base))
-    fine = rows.products(finer)
-    both, *each = judge_all(fine, finer, here, [together, *singles], state.noise)
+    fine = rows.gather_products(finer)
+    both, *each = score_all(fine, finer, here, [together, *singles], state.noise)
     as_good = [
-        option for option in each if says_as_much(option, both) and plausible(fine, finer, here, state.noise, option)
+        option
+        for option in each
+        if explains_as_much(option, both) and is_physically_possible(fine, finer, here, state.noise, option)
     ]
     best = max(as_good, key=lambda scored: scored.total_gain, default=None)
     if best is None:
@@ -72,13 +76,13 @@ def _joined(rows: Rows, data: PhasedProducts, pool: Pool, state: State, several:
     return replace(state, base=without_them.base + new.columns, picks=remaining)
 
 
-def _singles(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
+def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
     """Curves over the position of that joint; none so general that it explains whatever was found."""
     mine = several[0].judged.candidate
     names = {finding.judged.candidate.effect for finding in several}
     candidates = []
     for candidate in pool.candidates:
-        effect = effect_by_id(candidate.effect)
+        effect = get_effect(candidate.effect)
         alike = candidate.joints == mine.joints and candidate.runs == mine.runs and effect.of_position
         if alike and not names & set(effect.covers) and not set(candidate.columns) & set(beside.base):
             candidates.append(candidate)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on, is_sharper_than_resolved
+from dynident.diagnosis.candidates.pool import Candidate, Pool, is_sharper_than_resolved, select_columns_on
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.residuals.stretches import t_of
-from dynident.diagnosis.search.state import Finding, State, judge_all, judge_one
-from dynident.effects import EffectChoice, effect_by_id
-from dynident.identification.shapes.shapes import nearly_alike
+from dynident.diagnosis.residuals.stretches import compute_t
+from dynident.diagnosis.search.state import Finding, State, score_all, score_one
+from dynident.effects import EffectChoice, get_effect
+from dynident.identification.shapes.shapes import are_nearly_alike
 from dynident.robot import Robot
 
 _OWN_DROP, _OWN_T = 0.1, 2.5
@@ -23,7 +23,7 @@ What removes less may be no more than that a group's constants lie between the v
 """
 
 
-def with_own_constants(data: PhasedProducts, pool: Pool, state: State) -> State:
+def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
     """The search with every group parted where the data tell the shape constants of its joints apart.
 
     A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
@@ -31,14 +31,14 @@ def with_own_constants(data: PhasedProducts, pool: Pool, state: State) -> State:
     """
     picks: list[Finding] = []
     for finding in state.picks:
-        parts = _parts(data, pool, state, finding)
+        parts = _split_finding(data, pool, state, finding)
         columns = tuple(k for part in parts for k in part.columns)
         state = replace(state, base=(*(k for k in state.base if k not in finding.columns), *columns))
         picks += parts
     return replace(state, picks=tuple(picks))
 
 
-def joined(
+def merge_alike(
     picks: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
     """Findings and what they have become, those as one whose refined constants have come out alike.
@@ -49,7 +49,7 @@ def joined(
 
     def are_alike(first: EffectChoice, second: EffectChoice) -> bool:
         same = (first.effect, first.runs) == (second.effect, second.runs)
-        return nearly_alike(first, second) or (
+        return are_nearly_alike(first, second) or (
             same and all(is_sharper_than_resolved(choice, robot, resolved) for choice in (first, second))
         )
 
@@ -67,26 +67,28 @@ def joined(
     return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
 
 
-def _parts(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
+def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
     """The finding, or one for every set of constants that its joints have; the one with the most joints first."""
     group = finding.judged.candidate
-    if len(group.joints) < 2 or all(spec.refined is None for spec in effect_by_id(group.effect).shapes):
+    if len(group.joints) < 2 or all(spec.refined is None for spec in get_effect(group.effect).shapes):
         return [finding]
-    each = [_own(data, pool, state, group, joint) for joint in group.joints]
+    each = [_choose_constants(data, pool, state, group, joint) for joint in group.joints]
     shapes = {candidate.shape: [other for other in each if other.shape == candidate.shape] for candidate in each}
     if len(shapes) < 2:
         return [finding]
     rest = tuple(k for k in state.base if k not in finding.columns)
-    whole = [_together(some) for some in sorted(shapes.values(), key=len, reverse=True)]
+    whole = [_join_candidates(some) for some in sorted(shapes.values(), key=len, reverse=True)]
     return [
-        replace(finding, judged=replace(_beside(data, pool, state, rest, whole, k), p=finding.p), around=())
+        replace(
+            finding, judged=replace(_judge_beside_others(data, pool, state, rest, whole, k), p=finding.p), around=()
+        )
         for k in range(len(whole))
     ]
 
 
-def _own(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
+def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
     """The effect on one joint of a group: with the group's constants, or its own where the data tell them apart."""
-    mine = columns_on(pool, group, joint)
+    mine = select_columns_on(pool, group, joint)
     same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
     others = [
         candidate
@@ -95,18 +97,18 @@ def _own(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint
         and candidate.columns != mine
     ]
     rest = tuple(k for k in state.base if k not in mine)
-    first, *judged = judge_all(data, pool, rest, [same, *others], state.noise)
+    first, *judged = score_all(data, pool, rest, [same, *others], state.noise)
     best = max(judged, key=lambda scored: scored.total_gain, default=first)
-    return best.candidate if _told_apart(first, best) else same
+    return best.candidate if _are_distinguishable(first, best) else same
 
 
-def _told_apart(group: JudgedCandidate, own: JudgedCandidate) -> bool:
+def _are_distinguishable(group: ScoredCandidate, own: ScoredCandidate) -> bool:
     """Whether constants of its own say clearly more of a joint than those of its group, and enough to matter."""
     more = own.gains - group.gains
-    return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and t_of(more) >= _OWN_T
+    return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and compute_t(more) >= _OWN_T
 
 
-def _together(candidates: list[Candidate]) -> Candidate:
+def _join_candidates(candidates: list[Candidate]) -> Candidate:
     """Candidates of an effect on single joints, with the same constants, as one."""
     first = candidates[0]
     joints = tuple(joint for candidate in candidates for joint in candidate.joints)
@@ -115,9 +117,9 @@ def _together(candidates: list[Candidate]) -> Candidate:
     )
 
 
-def _beside(
+def _judge_beside_others(
     data: PhasedProducts, pool: Pool, state: State, rest: tuple[int, ...], parts: list[Candidate], k: int
-) -> JudgedCandidate:
+) -> ScoredCandidate:
     """One of several candidates, judged beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
-    return judge_one(data, pool, base, parts[k], state.noise)
+    return score_one(data, pool, base, parts[k], state.noise)

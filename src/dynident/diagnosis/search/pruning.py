@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.plausible import plausible
-from dynident.diagnosis.candidates.pool import Candidate, Pool, columns_on
+from dynident.diagnosis.candidates.plausible import is_physically_possible
+from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
     JOINT_T,
     JOINT_T_OF_LARGE,
     LARGE_DROP,
-    gain_over_floor,
-    least_gain,
-    shadowed,
+    compute_gain_over_floor,
+    get_least_gain,
+    is_shadowed,
 )
-from dynident.diagnosis.search.state import Finding, State, judge_one
-from dynident.effects import effect_by_id
+from dynident.diagnosis.search.state import Finding, State, score_one
+from dynident.effects import get_effect
 
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 _STAYS_T = 1.0
@@ -26,7 +26,7 @@ _STAYS_T = 1.0
 what is asked here is whether the prediction is better with it, and five of six such gains are none of chance."""
 
 
-def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
+def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
     """The search without the picks that others have made superfluous, the weakest taken out first.
 
     Neighbours of coarse shape constants are left out: so many columns more would leave little for anything else.
@@ -38,13 +38,17 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
         base=tuple(k for k in state.base if k not in around),
     )
     while len(state.picks) > 1:
-        judged = [(_again(data, pool, state, finding), finding) for finding in state.picks if not finding.is_transient]
+        judged = [
+            (_rescore_finding(data, pool, state, finding), finding)
+            for finding in state.picks
+            if not finding.is_transient
+        ]
         weak = [
             (scored, finding)
             for scored, finding in judged
-            if not scored.lasts(_PRUNE_DROP, _PRUNE_T)
-            or not _still_possible(data, pool, state, scored)
-            or any(shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
+            if not scored.is_still_helpful(_PRUNE_DROP, _PRUNE_T)
+            or not _is_still_possible(data, pool, state, scored)
+            or any(is_shadowed(scored, other, state.floor) for other, pick in judged if pick is not finding)
         ]
         if not weak:
             break
@@ -57,32 +61,32 @@ def pruned(data: PhasedProducts, pool: Pool, state: State) -> State:
     return state
 
 
-def _again(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> JudgedCandidate:
+def _rescore_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> ScoredCandidate:
     """A pick, judged beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
-    return judge_one(data, pool, base, finding.judged.candidate, state.noise)
+    return score_one(data, pool, base, finding.judged.candidate, state.noise)
 
 
-def _still_possible(data: PhasedProducts, pool: Pool, state: State, scored: JudgedCandidate) -> bool:
+def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: ScoredCandidate) -> bool:
     """Whether a change of one joint may be so beside what was found since: what no day has any more cannot be less."""
     candidate = scored.candidate
     if len(candidate.joints) != 1 or not pool.is_change(candidate):
         return True
     rest = tuple(k for k in state.base if k not in candidate.columns)
-    return plausible(data, pool, rest, state.noise, scored)
+    return is_physically_possible(data, pool, rest, state.noise, scored)
 
 
-def trimmed(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
+def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
     """The joints of every pick that still gain from it, each beside all the rest; one of a group at least."""
     base = state.base
     joints = []
     for finding in state.picks:
-        members, base = _members(data, pool, replace(state, base=base), finding.judged.candidate)
+        members, base = _select_members(data, pool, replace(state, base=base), finding.judged.candidate)
         joints.append(members)
     return joints
 
 
-def _members(
+def _select_members(
     data: PhasedProducts, pool: Pool, state: State, group: Candidate
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """The joints of a group that gain from it, and the columns of the model that are left (b,).
@@ -93,29 +97,31 @@ def _members(
         return group.joints, state.base
     base, gains, firm, likely = state.base, {}, [], []
     for joint in group.joints:
-        own = columns_on(pool, group, joint)
+        own = select_columns_on(pool, group, joint)
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
-        scored = judge_one(data, pool, rest, alone, state.noise)
+        scored = score_one(data, pool, rest, alone, state.noise)
         gains[joint] = scored.total_gain
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
-        if pool.is_change(alone) and not plausible(data, pool, rest, state.noise, scored):
+        if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):
             base = rest
-        elif _gains(data, pool, state, scored, JOINT_T if scored.drop < LARGE_DROP else JOINT_T_OF_LARGE):
+        elif _has_gain(data, pool, state, scored, JOINT_T if scored.drop < LARGE_DROP else JOINT_T_OF_LARGE):
             firm.append(joint)
-        elif _gains(data, pool, state, scored, _STAYS_T):
+        elif _has_gain(data, pool, state, scored, _STAYS_T):
             likely.append(joint)
         else:
             base = rest
     if 2 * len(firm) < len(pool.observation.robot.joint_names):
-        removed = {k for joint in likely for k in columns_on(pool, group, joint)}
+        removed = {k for joint in likely for k in select_columns_on(pool, group, joint)}
         base, likely = tuple(k for k in base if k not in removed), []
     members = tuple(joint for joint in group.joints if joint in firm or joint in likely)
     return members or (max(gains, key=lambda name: gains[name]),), base
 
 
-def _gains(data: PhasedProducts, pool: Pool, state: State, alone: JudgedCandidate, least_t: float) -> bool:
+def _has_gain(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
     """Whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
-    joint = pool.observation.robot.movers(alone.candidate.joints[0])[0]
-    over_floor = gain_over_floor(alone, joint, state.floor, data)
-    return alone.lasts(JOINT_DROP, least_t) and over_floor >= least_gain(effect_by_id(alone.candidate.effect))
+    joint = pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
+    over_floor = compute_gain_over_floor(alone, joint, state.floor, data)
+    return alone.is_still_helpful(JOINT_DROP, least_t) and over_floor >= get_least_gain(
+        get_effect(alone.candidate.effect)
+    )

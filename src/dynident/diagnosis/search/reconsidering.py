@@ -12,39 +12,39 @@ from typing import Protocol
 
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.search.choosing import choose
-from dynident.diagnosis.search.contest import settled
-from dynident.diagnosis.search.state import Finding, State, judge_all
-from dynident.effects import effect_by_id
+from dynident.diagnosis.search.choosing import select_candidate
+from dynident.diagnosis.search.contest import compare_names
+from dynident.diagnosis.search.state import Finding, State, score_all
+from dynident.effects import get_effect
 from dynident.regressors.model import Model
 
 
-class Rows(Protocol):
+class ProductSource(Protocol):
     """Where the products of any columns come from."""
 
     @property
     def model(self) -> Model:
         """The model in which something is missing."""
 
-    def products(self, pool: Pool) -> PhasedProducts:
+    def gather_products(self, pool: Pool) -> PhasedProducts:
         """Inner products of all columns of a pool and of the torque."""
 
-    def with_findings(self, findings: Sequence[Finding]) -> Rows:
+    def add_findings(self, findings: Sequence[Finding]) -> ProductSource:
         """The same, with the torque predicted by the model with these findings in it."""
 
 
-def reconsidered(rows: Rows, data: PhasedProducts, pool: Pool, state: State) -> State:
+def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
     """The search with the names that functions of a joint's position have beside all that was found on that joint."""
     for number, finding in enumerate(state.picks):
         later = state.picks[number + 1 :]
         # Another function of the position says what its constants are off by, until they are refined.
         others = [other for other in later if not is_of_position(other)]
         if _may_be_a_wave(finding) and any(_share_a_joint(finding, other) for other in others):
-            state = _renamed(rows, data, pool, state, number)
+            state = _rename_finding(rows, data, pool, state, number)
     return state
 
 
-def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number: int) -> State:
+def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State, number: int) -> State:
     finding = state.picks[number]
     mine = finding.judged.candidate
     others = (*state.picks[:number], *state.picks[number + 1 :])
@@ -55,15 +55,15 @@ def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number:
     free = [
         candidate
         for candidate in free
-        if _may_be_asked(candidate, others) and not set(candidate.columns) & set(without_it.base)
+        if _is_admissible(candidate, others) and not set(candidate.columns) & set(without_it.base)
     ]
-    judged = judge_all(data, pool, without_it.base, free, state.noise)
+    judged = score_all(data, pool, without_it.base, free, state.noise)
     # That something is there was tested among all that could be.
     judged = [replace(scored, p=finding.p) for scored in judged]
-    choice = choose(data, pool, without_it, judged)
+    choice = select_candidate(data, pool, without_it, judged)
     if choice is None:
         return state
-    chosen, equal = settled(rows.model, pool, without_it, choice, judged, rows.products)
+    chosen, equal = compare_names(rows.model, pool, without_it, choice, judged, rows.gather_products)
     new = Finding(chosen, equal, finding.p)
     picks = (*state.picks[:number], new, *state.picks[number + 1 :])
     return replace(state, base=without_it.base + new.columns, picks=picks)
@@ -71,21 +71,21 @@ def _renamed(rows: Rows, data: PhasedProducts, pool: Pool, state: State, number:
 
 def is_of_position(finding: Finding) -> bool:
     """Whether it is a function of the positions and the direction alone."""
-    return effect_by_id(finding.judged.candidate.effect).of_position
+    return get_effect(finding.judged.candidate.effect).of_position
 
 
 def _may_be_a_wave(finding: Finding) -> bool:
     """Whether it is, or might be called, a wave over the joint's angle."""
     names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
-    known = {other for name in names for other in (name, *effect_by_id(name).confused_with, *effect_by_id(name).covers)}
-    return any(effect_by_id(name).proposal == "angle_spectrum" for name in known)
+    known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
+    return any(get_effect(name).proposal == "angle_spectrum" for name in known)
 
 
-def _may_be_asked(candidate: Candidate, others: Sequence[Finding]) -> bool:
+def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
     """Whether it is none of the other findings, nor contained in one."""
     return not any(
         other.judged.candidate.effect == candidate.effect
-        or candidate.effect in effect_by_id(other.judged.candidate.effect).covers
+        or candidate.effect in get_effect(other.judged.candidate.effect).covers
         for other in others
         if set(other.judged.candidate.joints) & set(candidate.joints)
     )

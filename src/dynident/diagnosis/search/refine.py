@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
-from dynident.diagnosis.candidates.pool import Candidate, Pool, width_shows
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.pool import Candidate, Pool, is_width_resolved
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.search.acceptance import explained
-from dynident.diagnosis.search.own_constants import joined
-from dynident.diagnosis.search.placing import placed
-from dynident.diagnosis.search.pruning import pruned, trimmed
-from dynident.diagnosis.search.rungs import helpful
-from dynident.diagnosis.search.state import Finding, State, noise_left
-from dynident.diagnosis.search.transients import without_faded_contacts
-from dynident.effects import EffectChoice, ReferenceParameters, columns_of, effect_by_id
+from dynident.diagnosis.search.acceptance import compute_explained_error
+from dynident.diagnosis.search.own_constants import merge_alike
+from dynident.diagnosis.search.placing import locate_findings
+from dynident.diagnosis.search.pruning import prune_findings, trim_joints
+from dynident.diagnosis.search.rungs import select_harmless
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise
+from dynident.diagnosis.search.transients import drop_faded_contacts
+from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
 from dynident.identification.shapes.shapes import refine_shapes
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.extension import extended_model
+from dynident.regressors.extension import extend_model
 from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
 
@@ -30,7 +30,7 @@ from dynident.regressors.stream import reduce_recordings
 _PASSES = 2
 
 
-def refined(
+def refine_findings(
     identification: Identification,
     picks: Sequence[Finding],
     recordings: Sequence[Recording],
@@ -45,31 +45,35 @@ def refined(
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
     `since`: labels of the later runs, where what changed is asked.
     """
-    findings = placed(identification, picks, recordings, reference)
+    findings = locate_findings(identification, picks, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in findings)
     if not choices:
         return (), ()
     model, preprocessing = identification.model, identification.preprocessing
-    choices = refine_shapes(model, choices, recordings, preprocessing, reference, part(progress, 0.0, 0.5))
-    findings, choices = joined(findings, choices, model.robot, resolved)
-    visible = [i for i, choice in enumerate(choices) if width_shows(choice, model.robot, resolved)]
+    choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
+    findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     findings, choices = tuple(findings[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
-        reference = improved(model, choices, recordings, preprocessing, reference)
-        lean = _Lean.of(model, findings, choices, since, recordings, preprocessing, reference)
-        slimmer, needed = lean.needed(floor, preprocessing)
+        reference = improve_reference(model, choices, recordings, preprocessing, reference)
+        lean = _RefinedModel.from_choices(model, findings, choices, since, recordings, preprocessing, reference)
+        slimmer, needed = lean.select_needed(floor, preprocessing)
         if slimmer == choices:
             break
         findings = tuple(findings[i] for i in needed)
         choices = refine_shapes(model, slimmer, recordings, preprocessing, reference)
     if not choices:
         return (), ()
-    resolved_indices = [i for i in _lasting(model, choices) if width_shows(choices[i], model.robot, resolved)]
-    lasting = lean.helpful(sorted(resolved_indices, key=lambda i: -explained(findings[i].judged, floor)))
+    resolved_indices = [
+        i for i in _find_independent(model, choices) if is_width_resolved(choices[i], model.robot, resolved)
+    ]
+    lasting = lean.select_harmless(
+        sorted(resolved_indices, key=lambda i: -compute_explained_error(findings[i].judged, floor))
+    )
     return tuple(findings[i] for i in lasting), tuple(choices[i] for i in lasting)
 
 
-def improved(
+def improve_reference(
     model: Model,
     choices: Sequence[EffectChoice],
     recordings: Sequence[Recording],
@@ -77,37 +81,37 @@ def improved(
     reference: ReferenceParameters,
 ) -> ReferenceParameters:
     """What torque is predicted with once the effects are in the model: without them it was biased by them."""
-    biasing = [choice for choice in choices if effect_by_id(choice.effect).first_order]
+    biasing = [choice for choice in choices if get_effect(choice.effect).first_order]
     if not biasing:
         return reference
     # Functions of the position are left out: they would make up for what the first-order columns cannot say yet.
-    firm = [choice for choice in choices if not effect_by_id(choice.effect).of_position]
-    grown = extended_model(model, firm) if firm else model
+    firm = [choice for choice in choices if not get_effect(choice.effect).of_position]
+    grown = extend_model(model, firm) if firm else model
     for _ in range(_PASSES):
         reduction = reduce_recordings(grown.observation, recordings, preprocessing, reference)
         try:
-            reference = grown.reference(weighted(reduction).values)
+            reference = grown.build_reference(weighted(reduction).values)
         except EstimationError:
             # Together they are not determined: what they correct stays as it was.
             return reference
     return reference
 
 
-def _lasting(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
+def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
     """Indices of the choices of which at least one column is independent of the model and of those before it."""
     if not choices:
         return []
-    grown = extended_model(model, choices)
+    grown = extend_model(model, choices)
     independent = {column.key for column in grown.kept}
     return [
         i
         for i, choice in enumerate(choices)
-        if any(column.key in independent for column in columns_of([choice], model.signals))
+        if any(column.key in independent for column in build_columns([choice], model.signals))
     ]
 
 
 @dataclass(frozen=True, eq=False)
-class _Lean:
+class _RefinedModel:
     """A model with refined findings behind it and nothing else: their products, and who they are in it."""
 
     pool: Pool
@@ -115,7 +119,7 @@ class _Lean:
     findings: tuple[Finding, ...]
 
     @classmethod
-    def of(
+    def from_choices(
         cls,
         model: Model,
         picks: Sequence[Finding],
@@ -124,40 +128,42 @@ class _Lean:
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
         reference: ReferenceParameters,
-    ) -> _Lean:
+    ) -> _RefinedModel:
         """Gather the products of the model and of the choices that the picks have become."""
         columns = list(model.kept)
         refined: list[Finding] = []
         for finding, choice in zip(picks, choices, strict=True):
-            new_columns = columns_of([choice], model.signals)
+            new_columns = build_columns([choice], model.signals)
             numbers = tuple(range(len(columns), len(columns) + len(new_columns)))
             candidate = Candidate(choice.effect, choice.joints, choice.shape, numbers, choice.runs)
             # Neighbours of a coarse constant have done their part.
             refined.append(replace(finding, judged=replace(finding.judged, candidate=candidate), around=()))
             columns += new_columns
-        observation = model.observation.extended(columns[model.n_parameters :], model.signals)
+        observation = model.observation.extend(columns[model.n_parameters :], model.signals)
         pool = Pool(observation, model.n_parameters, tuple(finding.judged.candidate for finding in refined), since)
-        data = gather(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
+        data = gather_products(observation, model.signals, recordings, preprocessing, reference, model.n_parameters)
         return cls(pool, data, tuple(refined))
 
-    def needed(self, floor: FloatArray, preprocessing: Preprocessing) -> tuple[tuple[EffectChoice, ...], list[int]]:
+    def select_needed(
+        self, floor: FloatArray, preprocessing: Preprocessing
+    ) -> tuple[tuple[EffectChoice, ...], list[int]]:
         """Choices that still improve the prediction beside the others, on the joints where they do; their indices."""
         everything = tuple(range(self.pool.observation.n_columns))
-        state = State(everything, noise_left(self.data, everything), floor, self.findings)
-        state = without_faded_contacts(self.data, self.pool, state, preprocessing)
-        state = pruned(self.data, self.pool, state)
+        state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
+        state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
+        state = prune_findings(self.data, self.pool, state)
         remaining = {finding.judged.candidate for finding in state.picks}
         indices = [i for i, finding in enumerate(self.findings) if finding.judged.candidate in remaining]
-        joints = trimmed(self.data, self.pool, state)
+        joints = trim_joints(self.data, self.pool, state)
         slim = [
             replace(self.findings[i].judged.candidate.choice, joints=own)
             for i, own in zip(indices, joints, strict=True)
         ]
         return tuple(slim), indices
 
-    def helpful(self, order: Sequence[int]) -> list[int]:
+    def select_harmless(self, order: Sequence[int]) -> list[int]:
         """Indices of the findings that hurt nowhere, added in this order."""
         base = tuple(range(self.pool.n_base))
-        noise = noise_left(self.data, tuple(range(self.pool.observation.n_columns)))
+        noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
         columns = [self.findings[i].judged.candidate.columns for i in order]
-        return [order[k] for k in helpful(self.data, base, columns, noise)]
+        return [order[k] for k in select_harmless(self.data, base, columns, noise)]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.family import evenness
+from dynident.diagnosis.candidates.family import compute_evenness
 from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.products import runs_can_be_left_out
-from dynident.diagnosis.candidates.scoring import held_out_errors
+from dynident.diagnosis.candidates.products import can_leave_out_runs
+from dynident.diagnosis.candidates.scoring import compute_held_out_errors
 
 _CHANCE = 3.5
 """t of a joint's larger error over the stretches of time from which on it is more than chance: of the some forty joints
@@ -24,7 +24,7 @@ _NOTICED = 1.005
 """Times the error of a joint, or of all together, from which on anybody would notice that it grew."""
 
 
-def helpful(
+def select_harmless(
     data: PhasedProducts,
     base: tuple[int, ...],
     columns: Sequence[tuple[int, ...]],
@@ -44,27 +44,27 @@ def helpful(
     """
     accepted: list[int] = []
     waiting = list(range(len(columns)))
-    while (number := next((k for k in waiting if _helps(data, base, columns[k], noise)), None)) is not None:
+    while (number := next((k for k in waiting if _is_harmless(data, base, columns[k], noise)), None)) is not None:
         accepted.append(number)
         waiting.remove(number)
         base += columns[number]
     return accepted
 
 
-def _helps(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
-    rows = data.of(base + own)
+def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
+    rows = data.select_for_model(base + own)
     plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
-    kind = "runs" if runs_can_be_left_out(rows, grown) else "parts"
-    before, after = (held_out_errors(rows, model, noise, kind) for model in (plain, grown))
+    kind = "runs" if can_leave_out_runs(rows, grown) else "parts"
+    before, after = (compute_held_out_errors(rows, model, noise, kind) for model in (plain, grown))
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
-    return not _hurts(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
+    return not _is_harmful(before / noise**2, np.minimum(after, 2.0 * before) / noise**2)
 
 
-def _hurts(before: FloatArray, after: FloatArray) -> bool:
+def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
     """Whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
     removed = float(before.sum() - after.sum())
     if after.sum() > _NOTICED**2 * before.sum():
         return True
     added = (after - before).sum(axis=0)
     grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > _IN_PASSING * removed)
-    return bool((grown & (evenness((after - before).T) >= _CHANCE)).any())
+    return bool((grown & (compute_evenness((after - before).T) >= _CHANCE)).any())

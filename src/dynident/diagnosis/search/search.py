@@ -5,30 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.search.choosing import choose
-from dynident.diagnosis.search.contest import settled
-from dynident.diagnosis.search.determined import explains_most, generalises
-from dynident.diagnosis.search.one_name import by_one_name
-from dynident.diagnosis.search.own_constants import with_own_constants
-from dynident.diagnosis.search.pruning import pruned
-from dynident.diagnosis.search.reconsidering import Rows, is_of_position, reconsidered
-from dynident.diagnosis.search.state import Finding, State, judge_all, noise_left
-from dynident.effects import effect_by_id
+from dynident.diagnosis.search.choosing import select_candidate
+from dynident.diagnosis.search.contest import compare_names
+from dynident.diagnosis.search.determined import is_determined, is_main_explanation
+from dynident.diagnosis.search.one_name import merge_findings
+from dynident.diagnosis.search.own_constants import split_groups
+from dynident.diagnosis.search.pruning import prune_findings
+from dynident.diagnosis.search.reconsidering import ProductSource, is_of_position, revisit_findings
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.effects import get_effect
 from dynident.progress import Progress
 
 _FEW_WAVES = 6.0
 
 
-def search(
+def search_findings(
     data: PhasedProducts,
     pool: Pool,
     state: State,
-    first: list[JudgedCandidate],
+    first: list[ScoredCandidate],
     most: int,
-    rows: Rows,
+    rows: ProductSource,
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], bool]:
     """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
@@ -46,24 +46,24 @@ def search(
     -------
     the findings, and whether one was given up because the motion does not determine the model
     """
-    firm = generalises(data.of(state.base), state)
+    firm = is_determined(data.select_for_model(state.base), state)
     judged, undetermined, contacts = first, False, state.picks
     remaining, asleep = [scored.candidate for scored in first], pool.faint
     while len(state.picks) < most:
         progress(len(state.picks) / most, f"{len(state.picks)} effects found, {len(remaining)} candidates")
-        choice = choose(data, pool, state, judged)
+        choice = select_candidate(data, pool, state, judged)
         if choice is None:
             break
-        chosen, equal = settled(rows.model, pool, state, choice, judged, rows.products)
-        finding = Finding(chosen, equal, chosen.p, _around(pool, chosen.candidate, state.base))
+        chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
+        finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
-        if effect_by_id(chosen.candidate.effect).first_order:
-            rows = rows.with_findings((*state.picks, finding))
-            data = rows.products(pool)
+        if get_effect(chosen.candidate.effect).first_order:
+            rows = rows.add_findings((*state.picks, finding))
+            data = rows.gather_products(pool)
         # What one run has and the others have not keeps the plain model from predicting a part of it, too.
-        grown = replace(state, base=base, noise=noise_left(data, base), picks=contacts)
-        firm = firm or generalises(data.of(base), grown)
-        undetermined = not firm and not explains_most(data, state, chosen)
+        grown = replace(state, base=base, noise=estimate_residual_noise(data, base), picks=contacts)
+        firm = firm or is_determined(data.select_for_model(base), grown)
+        undetermined = not firm and not is_main_explanation(data, state, chosen)
         if undetermined:
             break
         state = replace(grown, picks=(*state.picks, finding))
@@ -73,43 +73,43 @@ def search(
         hidden = set(reached) - known
         awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
-        remaining = [c for c in remaining if not _superseded(c, chosen.candidate, reached)]
+        remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
         if not remaining:
             break
-        judged = judge_all(data, pool, state.base, remaining, state.noise)
-    state = by_one_name(rows, data, pool, reconsidered(rows, data, pool, state))
-    return with_own_constants(data, pool, pruned(data, pool, state)).picks, undetermined
+        judged = score_all(data, pool, state.base, remaining, state.noise)
+    state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
+    return split_groups(data, pool, prune_findings(data, pool, state)).picks, undetermined
 
 
-def _superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
+def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
     """Whether a candidate is the chosen one in other words: the same family on a joint that it already has.
 
     `reached` are the joints that the chosen one acts on.
     """
     if candidate.columns == chosen.columns:
         return True
-    if candidate.effect in effect_by_id(chosen.effect).covers and _slow(candidate):
+    if candidate.effect in get_effect(chosen.effect).covers and _is_slow_wave(candidate):
         return set(candidate.joints) <= set(reached)
     if candidate.effect != chosen.effect or bool(candidate.runs) != bool(chosen.runs):
         return False
-    if effect_by_id(candidate.effect).in_some_runs:
+    if get_effect(candidate.effect).in_some_runs:
         return bool(set(candidate.runs) & set(chosen.runs)) or candidate.runs == chosen.runs
-    if effect_by_id(candidate.effect).proposal != "grid":
+    if get_effect(candidate.effect).proposal != "grid":
         same = candidate.joints == chosen.joints and candidate.shape == chosen.shape
         return same and (not chosen.runs or candidate.runs == chosen.runs)
     return not candidate.joints or bool(set(candidate.joints) & set(chosen.joints))
 
 
-def _slow(candidate: Candidate) -> bool:
+def _is_slow_wave(candidate: Candidate) -> bool:
     """Whether a function of the position has so few waves that a polynomial says much the same."""
-    if effect_by_id(candidate.effect).proposal != "angle_spectrum":
+    if get_effect(candidate.effect).proposal != "angle_spectrum":
         return True
     return max(value for _, value in candidate.shape) < _FEW_WAVES
 
 
-def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
+def _list_neighbour_columns(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
     """Columns of the nearest other shape constants, one constant changed at a time."""
-    specs = [spec.name for spec in effect_by_id(chosen.effect).shapes if spec.refined is not None]
+    specs = [spec.name for spec in get_effect(chosen.effect).shapes if spec.refined is not None]
     mine = dict(chosen.shape)
     kin = [c for c in pool.candidates if c.effect == chosen.effect and set(chosen.joints) <= set(c.joints)]
     columns: list[int] = []
@@ -119,9 +119,9 @@ def _around(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, 
         above = min((value for value, _ in others if value > mine[name]), default=None)
         below = max((value for value, _ in others if value < mine[name]), default=None)
         near = [c for value, c in others if value in (above, below)]
-        columns += [k for neighbour in near for k in neighbour.columns if _on(pool, k, chosen)]
+        columns += [k for neighbour in near for k in neighbour.columns if _is_on_joints(pool, k, chosen)]
     return tuple(k for k in dict.fromkeys(columns) if k not in base and k not in chosen.columns)
 
 
-def _on(pool: Pool, column: int, candidate: Candidate) -> bool:
+def _is_on_joints(pool: Pool, column: int, candidate: Candidate) -> bool:
     return not candidate.joints or pool.observation.columns[column].link in candidate.joints

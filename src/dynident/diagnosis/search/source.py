@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.pool import Pool
-from dynident.diagnosis.search.refine import improved
+from dynident.diagnosis.search.refine import improve_reference
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import ReferenceParameters
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class RecordedSource:
     """The recordings that a search learns from; `reference` is what loads are predicted with."""
 
     model: Model
@@ -24,9 +24,9 @@ class Source:
     preprocessing: Preprocessing
     reference: ReferenceParameters
 
-    def products(self, pool: Pool, progress: Progress = silent) -> PhasedProducts:
+    def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
         """Inner products of all columns of a pool and of the torque."""
-        return gather(
+        return gather_products(
             pool.observation,
             self.model.signals,
             self.recordings,
@@ -36,8 +36,8 @@ class Source:
             progress,
         )
 
-    def with_findings(self, findings: Sequence[Finding]) -> Source:
+    def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
         """The same, with the torque predicted by the model with these findings in it."""
         choices = [finding.judged.candidate.choice for finding in findings]
-        better = improved(self.model, choices, self.recordings, self.preprocessing, self.reference)
+        better = improve_reference(self.model, choices, self.recordings, self.preprocessing, self.reference)
         return replace(self, reference=better)

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.family import family_wise_p
-from dynident.diagnosis.candidates.fit import Sums
-from dynident.diagnosis.candidates.gate import Bar, JudgedCandidate, judge
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.family import compute_familywise_p
+from dynident.diagnosis.candidates.fit import ProductSums
+from dynident.diagnosis.candidates.gate import BaselineErrors, ScoredCandidate, combine_scores
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import contributed, held_out_errors, scored
-from dynident.effects import effect_by_id
-from dynident.estimation.least_squares import floored
+from dynident.diagnosis.candidates.scoring import compute_block_contributions, compute_held_out_errors, score_blocks
+from dynident.effects import get_effect
+from dynident.estimation.least_squares import floor_noise
 
 KINDS = ("interleaved", "contiguous")
 
@@ -31,8 +31,8 @@ class Finding:
     where it is not its mark in the residual of a moving joint.
     """
 
-    judged: JudgedCandidate
-    equal: tuple[JudgedCandidate, ...]
+    judged: ScoredCandidate
+    equal: tuple[ScoredCandidate, ...]
     p: float
     around: tuple[int, ...] = ()
     why: str = ""
@@ -40,7 +40,7 @@ class Finding:
     @property
     def is_transient(self) -> bool:
         """Whether it happened once, so that stretches that it shows in cannot be held out: a contact."""
-        return effect_by_id(self.judged.candidate.effect).is_transient
+        return get_effect(self.judged.candidate.effect).is_transient
 
     @property
     def columns(self) -> tuple[int, ...]:
@@ -62,7 +62,7 @@ class State:
     since: tuple[str, ...] = ()
 
 
-def judge_all(
+def score_all(
     data: PhasedProducts,
     pool: Pool,
     base: tuple[int, ...],
@@ -70,7 +70,7 @@ def judge_all(
     noise: FloatArray,
     *,
     kinds: tuple[bool, bool] | None = None,
-) -> list[JudgedCandidate]:
+) -> list[ScoredCandidate]:
     """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
 
     Each on the rows that are equations for the model with it in: with friction that remembers the path also those
@@ -80,73 +80,80 @@ def judge_all(
     """
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
-        sets.setdefault(kinds or data.kinds(candidate.columns), []).append(k)
-    judged: list[JudgedCandidate | None] = [None] * len(candidates)
+        sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
+    judged: list[ScoredCandidate | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
     for used, members in sets.items():
         own = [candidates[k] for k in members]
-        rows = data.beside(base, np.array(used))
-        blocks = Blocks.of(rows, np.array(base, dtype=np.intp), own)
-        total = blocks.summed(noise)
-        for k, scored_candidate in zip(members, _judged(rows, blocks, total, pool, own, noise), strict=True):
+        rows = data.select_for_candidates(base, np.array(used))
+        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
+        total = blocks.sum_products(noise)
+        for k, scored_candidate in zip(members, _score_same_rows(rows, blocks, total, pool, own, noise), strict=True):
             judged[k] = scored_candidate
-        for k, each in zip(members, contributed(blocks, total, len(own), noise), strict=True):
-            by_scores = pool.is_change(candidates[k]) or _told_by_scores(candidates[k])
+        for k, each in zip(members, compute_block_contributions(blocks, total, len(own), noise), strict=True):
+            by_scores = pool.is_change(candidates[k]) or _may_use_scores(candidates[k])
             scores[k] = each if by_scores else np.zeros_like(each)
     whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
     if not whole:
         return []
     # One test for all candidates of a round: the more are tried, the larger the best of them is by chance.
-    p = family_wise_p(np.array([scored_candidate.gains for scored_candidate in whole]), scores)
+    p = compute_familywise_p(np.array([scored_candidate.gains for scored_candidate in whole]), scores)
     return [replace(scored_candidate, p=float(value)) for scored_candidate, value in zip(whole, p, strict=True)]
 
 
-def judge_one(
+def score_one(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
-) -> JudgedCandidate:
+) -> ScoredCandidate:
     """Judge what was found, by whatever test, beside another model: by its gains alone, its p stays one."""
-    rows = data.beside(base, np.array(data.kinds(candidate.columns)))
-    blocks = Blocks.of(rows, np.array(base, dtype=np.intp), [candidate])
-    return _judged(rows, blocks, blocks.summed(noise), pool, [candidate], noise)[0]
+    rows = data.select_for_candidates(base, np.array(data.find_row_kinds(candidate.columns)))
+    blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), [candidate])
+    return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
 
 
-def _told_by_scores(candidate: Candidate) -> bool:
+def _may_use_scores(candidate: Candidate) -> bool:
     """Whether scores may speak for a candidate; else its gains alone do.
 
     Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
     of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
     """
-    effect = effect_by_id(candidate.effect)
+    effect = get_effect(candidate.effect)
     return not effect.first_order and all(spec.resolved_by != "displacement" for spec in effect.shapes)
 
 
-def _judged(
-    data: Products, blocks: Blocks, total: Sums, pool: Pool, candidates: Sequence[Candidate], noise: FloatArray
-) -> list[JudgedCandidate]:
+def _score_same_rows(
+    data: Products,
+    blocks: JointBlocks,
+    total: ProductSums,
+    pool: Pool,
+    candidates: Sequence[Candidate],
+    noise: FloatArray,
+) -> list[ScoredCandidate]:
     """Judge candidates that are all about the same rows."""
-    scores_by_kind = [scored(data, blocks, total, candidates, noise, kind) for kind in KINDS]
-    bars = [Bar.of(before, noise) for before, _ in scores_by_kind]
-    acting = acted_on(pool)
+    scores_by_kind = [score_blocks(data, blocks, total, candidates, noise, kind) for kind in KINDS]
+    bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
+    acting = find_acting_columns(pool)
     return [
-        judge(pair, _joints(acting, candidate), noise, bars)
+        combine_scores(pair, _list_joints(acting, candidate), noise, bars)
         for candidate, *pair in zip(candidates, *(scores for _, scores in scores_by_kind), strict=True)
     ]
 
 
-def acted_on(pool: Pool) -> BoolArray:
+def find_acting_columns(pool: Pool) -> BoolArray:
     """(columns, joints): whose torque every column contributes to."""
     acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
     acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
     return acts
 
 
-def _joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
+def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
     return tuple(int(j) for j in np.flatnonzero(acting[list(candidate.columns)].any(axis=0)))
 
 
-def noise_left(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
+def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
     """(n,): held-out residual of every joint for the model so far."""
-    rows = data.of(base)
-    squares = held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(axis=0)
+    rows = data.select_for_model(base)
+    squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(
+        axis=0
+    )
     sigma = np.sqrt(squares / np.maximum(rows.counts.sum(axis=0), 1.0))
-    return floored(sigma)
+    return floor_noise(sigma)

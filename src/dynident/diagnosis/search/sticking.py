@@ -14,13 +14,13 @@ import numpy as np
 from scipy import stats
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.family import chance_of, evenness
-from dynident.diagnosis.candidates.gate import ALPHA, JudgedCandidate
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather
-from dynident.diagnosis.candidates.pool import Candidate, Pool, pool_of
-from dynident.diagnosis.candidates.scoring import fitted_errors, score_candidates
+from dynident.diagnosis.candidates.family import compute_evenness, compute_single_p
+from dynident.diagnosis.candidates.gate import ALPHA, ScoredCandidate
+from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
+from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
 from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.search.rungs import helpful
+from dynident.diagnosis.search.rungs import select_harmless
 from dynident.diagnosis.search.state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError
@@ -97,21 +97,21 @@ class Halts:
         return number >= _ALONG * len(self.along) and bool(stats.binom.sf(number - 1, len(self.along), 0.5) <= ALPHA)
 
     @property
-    def are_as_friction_has_them(self) -> bool:
+    def look_like_friction(self) -> bool:
         """Whether they are alike or along the motion, which what a brake holds is not."""
         return self.are_alike or self.are_along_the_motion
 
-    def many(self, noise: float) -> int:
+    def count_large(self, noise: float) -> int:
         """The number of halts that hold much more than a friction that the model has, and than its residual."""
         much = (self.share >= _MUCH) & (self.beyond >= _OVER_NOISE * noise) & (self.friction > noise)
         return int(much.sum())
 
-    def p(self, noise: float) -> float:
+    def compute_p(self, noise: float) -> float:
         """How likely as many halts are where static friction is not above Coulomb friction."""
-        return float(stats.binom.sf(self.many(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
+        return float(stats.binom.sf(self.count_large(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
 
 
-def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
+def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
     """The halts of a joint in the comparisons of one model."""
     halts: list[tuple[float, ...]] = []
     for comparison in comparisons:
@@ -132,7 +132,7 @@ def halts_of(comparisons: Sequence[Comparison], joint: int) -> Halts:
     return Halts(*np.array(halts, dtype=float).reshape(-1, 5).T)
 
 
-def held_at_rest(
+def find_static_friction(
     grown: Identification, recordings: Sequence[Recording], final: Sequence[Comparison], asked: Sequence[str] | None
 ) -> tuple[Identification, list[Comparison], tuple[Finding, ...]]:
     """The model with the static friction that its halts ask for, its comparisons, and what was found.
@@ -150,14 +150,14 @@ def held_at_rest(
     final, findings = list(final), []
     names = final[0].joint_names
     for joint in range(len(names)):
-        halts = halts_of(final, joint)
+        halts = find_halts(final, joint)
         noise = float(final[0].noise[joint])
-        if halts.p(noise) > _WORTH_A_LOOK or not halts.are_as_friction_has_them:
+        if halts.compute_p(noise) > _WORTH_A_LOOK or not halts.look_like_friction:
             continue
-        candidate = _best(grown, recordings, joint, halts, asked)
+        candidate = _find_best_friction(grown, recordings, joint, halts, asked)
         if candidate is None:
             continue
-        p = min(1.0, len(names) * _together(halts.p(noise), candidate.p))
+        p = min(1.0, len(names) * _combine_p_values(halts.compute_p(noise), candidate.p))
         if p > ALPHA:
             continue
         try:
@@ -165,22 +165,22 @@ def held_at_rest(
         except DynidentError:
             continue
         after = [compare(larger, recording) for recording in recordings]
-        held = halts_of(after, joint)
+        held = find_halts(after, joint)
         worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue
-        judged = replace(_judged(candidate, joint, halts, held, final[0].noise), p=p)
+        judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
         why = (
-            f"These are halts: in {halts.many(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
+            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
             f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
             "falls off is hardly resolved."
         )
-        findings.append(Finding(judged, tuple(_alike(judged)), p, why=why))
+        findings.append(Finding(judged, tuple(_list_equivalents(judged)), p, why=why))
         grown, final = larger, after
     return grown, final, tuple(findings)
 
 
-def _together(at_rest: float, moving: float) -> float:
+def _combine_p_values(at_rest: float, moving: float) -> float:
     """How likely halts and moving rows are by chance: of halts alone and of both the smaller, at half the level each.
 
     Halts are no part of any fit, so the two are independent (Fisher's sum of logarithms): six halts that all hold more
@@ -191,7 +191,7 @@ def _together(at_rest: float, moving: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
+class _FittedCandidate:
     """A candidate beside the model: what of its column is left, and its amplitudes.
 
     `p`: how likely what it gains where joints move is by chance, nothing else tried; 1 where that was not asked.
@@ -217,7 +217,7 @@ class _Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
+class _FrictionTrials:
     """The model and candidates beside it, on the rows that are equations for each."""
 
     grown: Identification
@@ -225,46 +225,50 @@ class _Beside:
     data: PhasedProducts
 
     @classmethod
-    def of(cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]) -> _Beside:
+    def from_choices(
+        cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]
+    ) -> _FrictionTrials:
         """Gather the products of the model's columns and of the choices'."""
         model, reference = grown.model, grown.estimate.next_reference()
-        pool = pool_of(model, choices)
-        data = gather(pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters)
+        pool = build_pool_of_choices(model, choices)
+        data = gather_products(
+            pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters
+        )
         return cls(grown, pool, data)
 
     @property
-    def fitted(self) -> list[_Fitted]:
+    def candidate_fits(self) -> list[_FittedCandidate]:
         """Every candidate that has a column of its own, by its width."""
         fits = []
         for candidate in self.pool.candidates:
-            rows = self.data.beside(self._base, np.array(self.data.kinds(candidate.columns)))
+            rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(candidate.columns)))
             columns = np.array(self._base, dtype=np.intp)
-            *_, separability, own = fitted_errors(rows, columns, candidate, self.grown.noise)
-            fits.append(_Fitted(candidate, separability, own))
+            *_, separability, own = compute_fitted_errors(rows, columns, candidate, self.grown.noise)
+            fits.append(_FittedCandidate(candidate, separability, own))
         return sorted(fits, key=lambda fit: fit.width)
 
-    def asked(self, fit: _Fitted) -> _Fitted:
+    def test_where_moving(self, fit: _FittedCandidate) -> _FittedCandidate:
         """The same with what speaks for it where joints move: the weaker of both kinds of folds."""
-        rows = self.data.beside(self._base, np.array(self.data.kinds(fit.candidate.columns)))
+        rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(fit.candidate.columns)))
         base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
         p = 0.0
         for kind in KINDS:
             before, (score,) = score_candidates(rows, base, [fit.candidate], noise, kind)
-            p = max(p, chance_of(((before - score.after) / noise**2).sum(axis=1)))
+            p = max(p, compute_single_p(((before - score.after) / noise**2).sum(axis=1)))
         return replace(fit, p=p)
 
-    def helps(self, fit: _Fitted) -> bool:
+    def is_harmless(self, fit: _FittedCandidate) -> bool:
         """Whether it makes nothing worse where joints move."""
-        return bool(helpful(self.data, self._base, [fit.candidate.columns], self.grown.noise))
+        return bool(select_harmless(self.data, self._base, [fit.candidate.columns], self.grown.noise))
 
     @property
     def _base(self) -> tuple[int, ...]:
         return tuple(range(self.pool.n_base))
 
 
-def _best(
+def _find_best_friction(
     grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
-) -> _Fitted | None:
+) -> _FittedCandidate | None:
     """The friction whose size, from where the joint moves, is what is held: the narrower, the larger it has to be."""
     robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
     known = {choice.effect for choice in grown.choices.effects if not choice.joints or name in choice.joints}
@@ -272,21 +276,23 @@ def _best(
     for effect in CATALOGUE.values():
         if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
             continue
-        if extrapolated(effect, known):
+        if is_extrapolated(effect, known):
             continue
-        shapes = [tuple(sorted(shape.items())) for shape in _narrow(effect, robot, joint)]
-        coarse = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes])
-        shape = _as_large(coarse.fitted, needed)
+        shapes = [tuple(sorted(shape.items())) for shape in _list_narrow_shapes(effect, robot, joint)]
+        coarse = _FrictionTrials.from_choices(
+            grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes]
+        )
+        shape = _interpolate_width(coarse.candidate_fits, needed)
         if shape is None:
             continue
-        exact = _Beside.of(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
-        fit = next(iter(exact.fitted), None)
-        if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.helps(fit):
-            return exact.asked(fit)
+        exact = _FrictionTrials.from_choices(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        fit = next(iter(exact.candidate_fits), None)
+        if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.is_harmless(fit):
+            return exact.test_where_moving(fit)
     return None
 
 
-def extrapolated(effect: Effect, known: Collection[str]) -> bool:
+def is_extrapolated(effect: Effect, known: Collection[str]) -> bool:
     """Whether the model has a law of the velocity that looks like the effect: its curve decides what is left at rest.
 
     Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb
@@ -296,7 +302,7 @@ def extrapolated(effect: Effect, known: Collection[str]) -> bool:
     return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
 
 
-def _as_large(fits: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float], ...] | None:
+def _interpolate_width(fits: Sequence[_FittedCandidate], needed: float) -> tuple[tuple[str, float], ...] | None:
     """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
     for narrow, wide in reversed(list(pairwise(fits))):
         large, small = narrow.size / needed, wide.size / needed
@@ -308,7 +314,7 @@ def _as_large(fits: Sequence[_Fitted], needed: float) -> tuple[tuple[str, float]
     return None
 
 
-def _alike(judged: JudgedCandidate) -> list[JudgedCandidate]:
+def _list_equivalents(judged: ScoredCandidate) -> list[ScoredCandidate]:
     """Other friction at the start of a motion that halts alone do not tell from it."""
     mine = judged.candidate.effect
     others = [
@@ -319,7 +325,7 @@ def _alike(judged: JudgedCandidate) -> list[JudgedCandidate]:
     return [replace(judged, candidate=replace(judged.candidate, effect=effect.id, shape=())) for effect in others]
 
 
-def _narrow(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
+def _list_narrow_shapes(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
     """The effect's grid, and on below what is resolved, in half octaves; constants that nothing resolves as usual."""
     usual = [spec for spec in effect.shapes if spec.resolved_by is None]
     grid = [shape for shape in effect.grid(robot, joint) if all(shape[spec.name] == spec.default for spec in usual)]
@@ -332,7 +338,7 @@ def _narrow(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
     return shapes
 
 
-def _judged(fit: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> JudgedCandidate:
+def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> ScoredCandidate:
     """The candidate with the joint's halts as the stretches that were left out of the fit."""
     before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
     before[:, joint], after[:, joint] = halts.squares, held.squares
@@ -340,14 +346,14 @@ def _judged(fit: _Fitted, joint: int, halts: Halts, held: Halts, noise: FloatArr
     measured[joint] = halts.measured.sum()
     gains = (halts.squares - held.squares) / noise[joint] ** 2
     drop = 1.0 - float(held.squares.sum() / halts.squares.sum())
-    return JudgedCandidate(
+    return ScoredCandidate(
         candidate=fit.candidate,
         joints=(joint,),
         before=before,
         after=after,
         drop=drop,
         total_drop=drop,
-        t=float(evenness(gains[None])[0]),
+        t=float(compute_evenness(gains[None])[0]),
         gains=gains,
         separability=fit.separability,
         amplitudes=fit.amplitudes,

@@ -12,14 +12,14 @@ import numpy as np
 from scipy import stats
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
-from dynident.diagnosis.candidates.scoring import fitted_errors
-from dynident.diagnosis.residuals.stretches import usual_of
+from dynident.diagnosis.candidates.scoring import compute_fitted_errors
+from dynident.diagnosis.residuals.stretches import compute_median_error
 from dynident.diagnosis.search.state import Finding, State
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.recordings import Preprocessing
 
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6
@@ -47,7 +47,7 @@ def find_contacts(
     bursting = [
         candidate
         for candidate in pool.candidates
-        if effect_by_id(candidate.effect).is_transient and _length(candidate) >= _LASTING / band
+        if get_effect(candidate.effect).is_transient and _get_duration(candidate) >= _LASTING / band
     ]
     bursts: dict[tuple[tuple[str, ...], float, float], list[Candidate]] = {}
     for candidate in bursting:
@@ -56,9 +56,9 @@ def find_contacts(
     contacts: list[Finding] = []
     columns = base
     for links in bursts.values():
-        rows = data.beside(columns, np.zeros(2, dtype=bool))
+        rows = data.select_for_candidates(columns, np.zeros(2, dtype=bool))
         # Of the links that may be pushed, the one that leaves least.
-        trials = (_tried(rows, columns, link, noise, 2 * band * _length(link)) for link in links)
+        trials = (_test_contact(rows, columns, link, noise, 2 * band * _get_duration(link)) for link in links)
         judged, p = max(trials, key=lambda trial: trial[0].t)
         if judged.drop >= _EXPLAINED and p * len(bursting) <= _LARGEST_P:
             contacts.append(Finding(judged, (), p * len(bursting)))
@@ -66,12 +66,12 @@ def find_contacts(
     return tuple(contacts)
 
 
-def _length(candidate: Candidate) -> float:
+def _get_duration(candidate: Candidate) -> float:
     window = dict(candidate.shape)
     return float(window["t1"] - window["t0"])
 
 
-def without_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
+def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
     """The search without the contacts that what was found after them leaves little of.
 
     They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
@@ -93,22 +93,24 @@ def without_faded_contacts(data: PhasedProducts, pool: Pool, state: State, prepr
     )
 
 
-def _tried(
+def _test_contact(
     data: Products, base: tuple[int, ...], candidate: Candidate, noise: FloatArray, independent: float
-) -> tuple[JudgedCandidate, float]:
-    before, after, separability, amplitudes = fitted_errors(data, np.array(base, dtype=np.intp), candidate, noise)
+) -> tuple[ScoredCandidate, float]:
+    before, after, separability, amplitudes = compute_fitted_errors(
+        data, np.array(base, dtype=np.intp), candidate, noise
+    )
     gains = ((before - after) / noise**2).sum(axis=1)
     whole = (before / noise**2).sum(axis=1)
     # Only the stretches that the contact is in gain; the others would dilute what it explains.
     strong = np.flatnonzero(gains > max(0.1 * float(gains.max(initial=0.0)), 0.0))
-    usual = usual_of(whole)
+    usual = compute_median_error(whole)
     excess = float((whole[strong] - usual).sum())
     drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
     k = len(candidate.columns)
     freedom = max(independent * data.n_joints - k, 1.0)
     remaining = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
     f = float(gains[strong].sum()) / k / (remaining / freedom)
-    judged = JudgedCandidate(
+    judged = ScoredCandidate(
         candidate=candidate,
         joints=tuple(range(data.n_joints)),
         before=before,

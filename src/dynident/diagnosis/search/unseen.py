@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from dynident.diagnosis.candidates.blocks import Blocks
-from dynident.diagnosis.candidates.gate import JudgedCandidate
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.gate import ScoredCandidate
 from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.candidates.scoring import deviations
+from dynident.diagnosis.candidates.scoring import compute_deviations
 from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.acceptance import VISIBLE
-from dynident.diagnosis.search.state import Finding, noise_left
-from dynident.effects import effect_by_id
+from dynident.diagnosis.search.state import Finding, estimate_residual_noise
+from dynident.effects import get_effect
 
 SEEN = 5.0
 """Standard deviations that an effect has to have to be found nearly always: the largest of some hundred candidates
@@ -24,7 +24,7 @@ _DIGITS = 2
 Key = tuple[str, tuple[str, ...]]
 
 
-def nothing_left(first: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
+def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     """Effects on a joint of whose columns, whatever their shape constants, next to nothing is left beside the model.
 
     Parameters
@@ -45,7 +45,7 @@ def nothing_left(first: Sequence[JudgedCandidate]) -> tuple[Invisible, ...]:
     )
 
 
-def too_uncertain(
+def find_too_uncertain(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], picks: Sequence[Finding], hidden: Sequence[Invisible]
 ) -> tuple[Invisible, ...]:
     """Effects on a joint that would not show although there were as much of them as arms have that have them.
@@ -56,7 +56,9 @@ def too_uncertain(
     picks : what was found, beside which everything else would have to show
     hidden : what could not have shown for other reasons
     """
-    whole = tuple(dict.fromkeys((*base, *(column for finding in picks for column in _columns(finding, pool)))))
+    whole = tuple(
+        dict.fromkeys((*base, *(column for finding in picks for column in _find_pool_columns(finding, pool))))
+    )
     known_hidden = {(invisible.effect, invisible.joints) for invisible in hidden}
     named = {
         (scored.candidate.effect, joint)
@@ -66,13 +68,13 @@ def too_uncertain(
     }
     return tuple(
         invisible
-        for invisible in _too_uncertain(data, pool, whole)
+        for invisible in _yield_too_uncertain(data, pool, whole)
         if (invisible.effect, invisible.joints) not in known_hidden
         and not {(invisible.effect, joint) for joint in invisible.joints} & named
     )
 
 
-def _columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
+def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
     """The pool's columns of what was found: of the shape constants nearest to those that it was found with."""
     choice = finding.judged.candidate.choice
     alike = [
@@ -88,40 +90,44 @@ def _columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
     return min(alike, key=distance).columns if alike else ()
 
 
-def _too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
+def _yield_too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
     """What would not show although an arm had as much of it as arms have that have it."""
     best: dict[Key, tuple[float, Invisible]] = {}
-    for candidate, spreads in _spreads(data, pool, base):
+    for candidate, spreads in _yield_deviations(data, pool, base):
         key = (candidate.effect, candidate.joints)
-        for size, invisible in _sizes(pool, candidate, spreads):
+        for size, invisible in _compare_typical_sizes(pool, candidate, spreads):
             if key not in best or size > best[key][0]:
                 best[key] = size, invisible
     yield from (invisible for size, invisible in best.values() if size < SEEN)
 
 
-def _spreads(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[tuple[Candidate, Sequence[float]]]:
+def _yield_deviations(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...]
+) -> Iterator[tuple[Candidate, Sequence[float]]]:
     """Standard deviations of the parameters of every candidate on a single joint, each beside the model alone."""
     base_columns = set(base)
     alone = [
         candidate
-        for candidate in pool.at_first
+        for candidate in pool.initial_candidates
         if len(candidate.joints) == 1 and not candidate.runs and not base_columns & set(candidate.columns)
     ]
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in alone:
-        sets.setdefault(data.kinds(candidate.columns), []).append(candidate)
-    noise = noise_left(data, base)
+        sets.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
+    noise = estimate_residual_noise(data, base)
     for kinds, members in sets.items():
-        rows = data.beside(base, np.array(kinds))
-        blocks = Blocks.of(rows, np.array(base, dtype=np.intp), members)
-        yield from zip(members, deviations(blocks, len(members), noise), strict=True)
+        rows = data.select_for_candidates(base, np.array(kinds))
+        blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), members)
+        yield from zip(members, compute_deviations(blocks, len(members), noise), strict=True)
 
 
-def _sizes(pool: Pool, candidate: Candidate, spreads: Sequence[float]) -> Iterator[tuple[float, Invisible]]:
+def _compare_typical_sizes(
+    pool: Pool, candidate: Candidate, spreads: Sequence[float]
+) -> Iterator[tuple[float, Invisible]]:
     """How many of its standard deviations each parameter has where an arm has the effect; and that in words."""
     robot = pool.observation.robot.tree
     joint = robot.joint_names.index(candidate.joints[0])
-    usual = effect_by_id(candidate.effect).usual(robot, joint)
+    usual = get_effect(candidate.effect).usual(robot, joint)
     for place, spread in zip(candidate.columns, spreads, strict=True):
         column = pool.observation.columns[place]
         size = abs(usual.values.get(column.parameter, 0.0)) if usual is not None else 0.0

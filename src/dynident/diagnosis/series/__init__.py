@@ -1,21 +1,21 @@
 """Monitor a robot over many days: each parameter day by day, and the day from which something differs."""
 
-from dynident.diagnosis.series.days import Day, Measure, free_name, measured, what_may_change
-from dynident.diagnosis.series.result import Course, Series, SeriesChange
-from dynident.diagnosis.series.series import series
-from dynident.diagnosis.series.storage import days_from_bytes, days_to_bytes, resumed
+from dynident.diagnosis.series.days import Day, Measure, build_measure, find_free_name, reduce_day
+from dynident.diagnosis.series.result import ParameterTrack, Series, SeriesChange
+from dynident.diagnosis.series.series import monitor_days
+from dynident.diagnosis.series.storage import days_from_bytes, days_to_bytes, load_days
 
 __all__ = [
-    "Course",
     "Day",
     "Measure",
+    "ParameterTrack",
     "Series",
     "SeriesChange",
+    "build_measure",
     "days_from_bytes",
     "days_to_bytes",
-    "free_name",
-    "measured",
-    "resumed",
-    "series",
-    "what_may_change",
+    "find_free_name",
+    "load_days",
+    "monitor_days",
+    "reduce_day",
 ]

@@ -8,17 +8,17 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.series.days import Day
-from dynident.diagnosis.series.result import Course
-from dynident.diagnosis.series.steps import Stepped, reduction_of
-from dynident.effects import Column, effect_by_id
-from dynident.estimation import EstimationError, Reduction, Statistics, known_values, statistics, weighted
-from dynident.estimation.information import Information
+from dynident.diagnosis.series.result import ParameterTrack
+from dynident.diagnosis.series.steps import StepColumn, combine_days
+from dynident.effects import Column, get_effect
+from dynident.estimation import EstimationError, Reduction, Statistics, build_prior, statistics, weighted
+from dynident.estimation.information import PriorInformation
 from dynident.progress import Progress
 
 
-def courses(
-    days: Sequence[Day], columns: Sequence[Column], steps: Sequence[Stepped], progress: Progress
-) -> tuple[Course, ...]:
+def estimate_tracks(
+    days: Sequence[Day], columns: Sequence[Column], steps: Sequence[StepColumn], progress: Progress
+) -> tuple[ParameterTrack, ...]:
     """Estimate the parameters of a model, and of all changes since, on each day.
 
     Parameters that may change are free on each day. The others are known from the other days as well: the motion of one
@@ -42,16 +42,18 @@ def courses(
     """
     own = tuple(dict.fromkeys(step.number for step in steps))
     first = {number: min(step.since for step in steps if step.number == number) for number in own}
-    varies = np.array([effect_by_id(columns[k].effect).may_change for k in own])
+    varies = np.array([get_effect(columns[k].effect).may_change for k in own])
     values, half = np.full((len(own), len(days)), np.nan), np.full((len(own), len(days)), np.nan)
     for d in range(len(days)):
         present = np.array([first[k] <= d for k in own])
-        alone = reduction_of(days, [Stepped(k) for k in np.array(own)[present]], [d])
-        others = _known(days, steps, [Stepped(k) for k in np.array(own)[present]], varies[present], d)
+        alone = combine_days(days, [StepColumn(k) for k in np.array(own)[present]], [d])
+        others = _estimate_from_other_days(
+            days, steps, [StepColumn(k) for k in np.array(own)[present]], varies[present], d
+        )
         # Solved twice: without the other days for what does not vary, so that its value stays that day's own, and with
         # them for what does.
         for known, selection in ((None, ~varies), (others, varies)):
-            estimate = _told(alone, known)
+            estimate = _estimate_day(alone, known)
             if estimate is None:
                 continue
             rows = np.flatnonzero(present & selection)
@@ -59,7 +61,7 @@ def courses(
             values[rows, d], half[rows, d] = estimate[0][where], estimate[1][where]
         progress((d + 1) / len(days), days[d].name)
     return tuple(
-        Course(
+        ParameterTrack(
             columns[k].name,
             columns[k].effect,
             columns[k].link,
@@ -72,7 +74,7 @@ def courses(
     )
 
 
-def _told(reduction: Reduction, known: Information | None) -> tuple[FloatArray, FloatArray] | None:
+def _estimate_day(reduction: Reduction, known: PriorInformation | None) -> tuple[FloatArray, FloatArray] | None:
     """Return values (c,) and half-widths (c,) of their intervals; None where the data do not determine them."""
     try:
         solution = weighted(reduction, known)
@@ -81,25 +83,25 @@ def _told(reduction: Reduction, known: Information | None) -> tuple[FloatArray, 
     return solution.values, statistics(reduction, solution).half_widths()
 
 
-def _known(
-    days: Sequence[Day], steps: Sequence[Stepped], day_columns: Sequence[Stepped], varies: BoolArray, day: int
-) -> Information | None:
+def _estimate_from_other_days(
+    days: Sequence[Day], steps: Sequence[StepColumn], day_columns: Sequence[StepColumn], varies: BoolArray, day: int
+) -> PriorInformation | None:
     """Return what the other days say of the parameters of one day that do not vary; None where nothing."""
     which = [k for k in range(len(days)) if k != day]
-    reduction = reduction_of(days, steps, which)
-    nonzero = _seen(reduction)
+    reduction = combine_days(days, steps, which)
+    nonzero = _find_nonzero_columns(reduction)
     try:
-        solution = weighted(reduction.select(nonzero))
+        solution = weighted(reduction.select_columns(nonzero))
     except EstimationError:
         return None
     # The estimate of the other days enters as a prior with its covariance, so that its uncertainty counts.
-    covariance: Statistics = statistics(reduction.select(nonzero), solution)
+    covariance: Statistics = statistics(reduction.select_columns(nonzero), solution)
     number = {steps[k].number: i for i, k in enumerate(nonzero) if not steps[k].since}
     steady = [k for k, column in enumerate(day_columns) if not varies[k] and column.number in number]
     if not steady:
         return None
     places = np.array([number[day_columns[k].number] for k in steady], dtype=np.intp)
-    return known_values(
+    return build_prior(
         solution.values[places],
         covariance.covariance[np.ix_(places, places)],
         np.array(steady, dtype=np.intp),
@@ -107,9 +109,9 @@ def _known(
     )
 
 
-def _seen(reduction: Reduction) -> IndexArray:
+def _find_nonzero_columns(reduction: Reduction) -> IndexArray:
     """Return the columns that are not zero: a change on the day that is left out has none on the others."""
     size = np.zeros(reduction.n_columns)
     for equation in reduction.equations:
-        size[equation.columns] += np.linalg.norm(equation.joined[:, :-1], axis=0)
+        size[equation.columns] += np.linalg.norm(equation.joint_factor[:, :-1], axis=0)
     return np.flatnonzero(size > 0)

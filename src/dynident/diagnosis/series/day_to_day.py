@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.diagnosis.result import ChangedValue
-from dynident.diagnosis.series.result import Course, SeriesChange
+from dynident.diagnosis.series.result import ParameterTrack, SeriesChange
 
 
-def widened(changes: Sequence[SeriesChange], courses: Sequence[Course]) -> tuple[SeriesChange, ...]:
+def widen_intervals(changes: Sequence[SeriesChange], courses: Sequence[ParameterTrack]) -> tuple[SeriesChange, ...]:
     """Widen the intervals of changes where the days between two changes differ by more than the intervals allow.
 
     A change is the mean of the days from it to the next one minus that of the days before it back to the last one. The
@@ -29,24 +29,26 @@ def widened(changes: Sequence[SeriesChange], courses: Sequence[Course]) -> tuple
     """
     course_of = {course.parameter: course for course in courses}
     begun = {
-        name: sorted({change.since for change in changes for value in _values(change) if value.parameter == name})
+        name: sorted({change.since for change in changes for value in _list_values(change) if value.parameter == name})
         for name in course_of
     }
     widened_changes = []
     for change in changes:
         main, *more = (
-            _widened(value, change.since, begun.get(value.parameter, []), course_of.get(value.parameter))
-            for value in _values(change)
+            _widen_interval(value, change.since, begun.get(value.parameter, []), course_of.get(value.parameter))
+            for value in _list_values(change)
         )
         widened_changes.append(replace(change, change=replace(change.change, main=main, more=tuple(more))))
     return tuple(widened_changes)
 
 
-def _values(change: SeriesChange) -> tuple[ChangedValue, ...]:
+def _list_values(change: SeriesChange) -> tuple[ChangedValue, ...]:
     return change.change.main, *change.change.more
 
 
-def _widened(value: ChangedValue, since: int, begun: Sequence[int], course: Course | None) -> ChangedValue:
+def _widen_interval(
+    value: ChangedValue, since: int, begun: Sequence[int], course: ParameterTrack | None
+) -> ChangedValue:
     if course is None:
         return value
     days = np.flatnonzero(np.isfinite(course.values))

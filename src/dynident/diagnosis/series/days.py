@@ -8,18 +8,18 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.pool import changes_in
-from dynident.diagnosis.comparing.noise import sensor_noise
-from dynident.diagnosis.residuals.leads import Leads
-from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, effect_by_id
-from dynident.effects.catalogue import columns_everywhere
-from dynident.encoding import encodable
+from dynident.diagnosis.candidates.pool import list_change_candidates
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.residuals.leads import ShapeProposals
+from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, get_effect
+from dynident.effects.catalogue import build_columns_for_all_runs
+from dynident.encoding import escape_surrogates
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification import Identification
 from dynident.identification.equations.checks import check_runs, check_temperature
-from dynident.identification.equations.data import motions_and_friction
-from dynident.progress import Progress, silent
+from dynident.identification.equations.data import split_friction_tests
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
@@ -29,7 +29,7 @@ _ANY = ("any",)
 
 
 @dataclass(frozen=True)
-class Possible:
+class PossibleChange:
     """A change that a robot may undergo; `columns` are the numbers of its columns in the measure's W."""
 
     choice: EffectChoice
@@ -47,8 +47,8 @@ class Measure:
 
     model: Model
     observation: Observation
-    possible: tuple[Possible, ...]
-    lasting: tuple[Possible, ...]
+    possible: tuple[PossibleChange, ...]
+    lasting: tuple[PossibleChange, ...]
     preprocessing: Preprocessing
     reference: ReferenceParameters
 
@@ -77,10 +77,10 @@ class Day:
     source: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "name", encodable(self.name))
+        object.__setattr__(self, "name", escape_surrogates(self.name))
 
 
-def what_may_change(identification: Identification, *, with_temperature: bool = False) -> Measure:
+def build_measure(identification: Identification, *, with_temperature: bool = False) -> Measure:
     """Build the columns that a series of days is judged by, for a model.
 
     Parameters
@@ -98,10 +98,10 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
     columns: list[Column] = list(model.kept)
     index = {column.key: k for k, column in enumerate(columns)}
 
-    def numbered(choices: Sequence[EffectChoice]) -> tuple[Possible, ...]:
-        possible_by_columns: dict[tuple[int, ...], Possible] = {}
+    def number_columns(choices: Sequence[EffectChoice]) -> tuple[PossibleChange, ...]:
+        possible_by_columns: dict[tuple[int, ...], PossibleChange] = {}
         for choice in choices:
-            new_columns = columns_everywhere(choice, model.signals)
+            new_columns = build_columns_for_all_runs(choice, model.signals)
             numbers = []
             for column in new_columns:
                 if not column.torque.nnz():
@@ -111,25 +111,25 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
                     columns.append(column)
                 numbers.append(index[column.key])
             if numbers:
-                possible_by_columns.setdefault(tuple(numbers), Possible(choice, tuple(numbers)))
+                possible_by_columns.setdefault(tuple(numbers), PossibleChange(choice, tuple(numbers)))
         return tuple(possible_by_columns.values())
 
-    leads = Leads(has_temperature=with_temperature, since=_ANY)
+    leads = ShapeProposals(has_temperature=with_temperature, since=_ANY)
     # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
     plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]
-    changing = [_everywhere(choice) for effect in plain for choice in changes_in(effect, model, leads)]
+    changing = [_drop_runs(choice) for effect in plain for choice in list_change_candidates(effect, model, leads)]
     warm = [
         effect for effect in CATALOGUE.values() if with_temperature and effect.needs_temperature and not effect.shapes
     ]
     free = [effect for effect in warm if all(choice.effect != effect.id for choice in model.effects)]
-    lasting = [EffectChoice(effect.id, joints) for effect in free for joints in _places(effect, model)]
-    possible = numbered(changing)
+    lasting = [EffectChoice(effect.id, joints) for effect in free for joints in _list_places(effect, model)]
+    possible = number_columns(changing)
     # A function that the model lacks on all days shows in each as its motion happens to show it.
     general = [option.choice for option in possible if not _is_known(option, model) and not _in_some_runs(option)]
-    added = numbered([*lasting, *general])
+    added = number_columns([*lasting, *general])
     return Measure(
         model,
-        Observation.of(model.robot, columns, model.signals),
+        Observation.from_columns(model.robot, columns, model.signals),
         possible,
         added,
         identification.preprocessing,
@@ -137,26 +137,26 @@ def what_may_change(identification: Identification, *, with_temperature: bool = 
     )
 
 
-def _places(effect: Effect, model: Model) -> list[tuple[str, ...]]:
+def _list_places(effect: Effect, model: Model) -> list[tuple[str, ...]]:
     """List every joint that an effect may sit on, and all of them together: an arm gets warm as a whole."""
     names = tuple(model.robot.joint_names[j] for j in effect.applicable(model.robot))
     return [(name,) for name in names] + ([names] if len(names) > 1 else [])
 
 
-def _is_known(possible: Possible, model: Model) -> bool:
+def _is_known(possible: PossibleChange, model: Model) -> bool:
     return max(possible.columns) < model.n_parameters
 
 
-def _in_some_runs(possible: Possible) -> bool:
-    return effect_by_id(possible.choice.effect).in_some_runs
+def _in_some_runs(possible: PossibleChange) -> bool:
+    return get_effect(possible.choice.effect).in_some_runs
 
 
-def _everywhere(choice: EffectChoice) -> EffectChoice:
+def _drop_runs(choice: EffectChoice) -> EffectChoice:
     return EffectChoice(choice.effect, choice.joints, choice.shape)
 
 
-def measured(
-    measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = silent, source: str = ""
+def reduce_day(
+    measure: Measure, name: str, recordings: Sequence[Recording], progress: Progress = ignore_progress, source: str = ""
 ) -> Day:
     """Reduce the recordings of one day; tests of single joints' friction are left out.
 
@@ -187,15 +187,15 @@ def measured(
             pointer="/identification_id",
             title="Effects of single runs",
         )
-    ordinary, _ = motions_and_friction(recordings)
+    ordinary, _ = split_friction_tests(recordings)
     check_runs(effects, ordinary)
     check_temperature(effects, ordinary, ())
     check_temperature([possible.choice for possible in measure.lasting], ordinary, ())
     reduction = reduce_recordings(measure.observation, ordinary, measure.preprocessing, measure.reference, progress)
-    return Day(name, reduction, sensor_noise(ordinary, measure.preprocessing), measure.digest, source)
+    return Day(name, reduction, estimate_sensor_noise(ordinary, measure.preprocessing), measure.digest, source)
 
 
-def free_name(name: str, days: Sequence[Day]) -> str:
+def find_free_name(name: str, days: Sequence[Day]) -> str:
     """Return a name that none of the days has yet: robots often record into files of one name in many folders.
 
     Parameters

@@ -20,7 +20,7 @@ class SeriesChange:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ParameterTrack:
     """One parameter day by day: `values` (d,), and 95 % `intervals` (d, 2).
 
     Both are nan where that day's motion does not determine it. `varies`: the parameter may change from day to day; what
@@ -44,5 +44,5 @@ class Series:
     days: tuple[str, ...]
     changes: tuple[SeriesChange, ...]
     missing: tuple[EffectChoice, ...]
-    courses: tuple[Course, ...]
+    courses: tuple[ParameterTrack, ...]
     summary: str

@@ -6,19 +6,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from dynident.diagnosis.changed_values import Estimates, changes_at
+from dynident.diagnosis.changed_values import Estimates, yield_changes
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.series.courses import courses
-from dynident.diagnosis.series.day_to_day import widened
+from dynident.diagnosis.series.courses import estimate_tracks
+from dynident.diagnosis.series.day_to_day import widen_intervals
 from dynident.diagnosis.series.days import Day, Measure
 from dynident.diagnosis.series.result import Series, SeriesChange
-from dynident.diagnosis.series.searching import first_day, found_changes
-from dynident.diagnosis.series.steps import Stepped, reduction_of, stepped_pool, stepped_products
-from dynident.diagnosis.words import rank_all
-from dynident.effects import effect_by_id
+from dynident.diagnosis.series.searching import find_changes, get_first_day
+from dynident.diagnosis.series.steps import StepColumn, build_step_pool, combine_days, gather_step_products
+from dynident.diagnosis.words import rank_effects
+from dynident.effects import get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import statistics, weighted, weighted_factor
-from dynident.progress import Progress, part, silent
+from dynident.estimation import build_weighted_factor, statistics, weighted
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.threads import single_threaded
 
 FEWEST_DAYS = 2
@@ -26,7 +26,7 @@ _DEPENDENT = 1e-6
 
 
 @single_threaded
-def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -> Series:
+def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ignore_progress) -> Series:
     """Find what has changed in a robot over a series of days, in their order, and since when.
 
     The first day is what all others are compared with; the motions may differ. No recording is read: one more day costs
@@ -50,17 +50,17 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
         Where there are fewer than two days, two of one name, or days that are not of this measure.
     """
     names = tuple(day.name for day in days)
-    _check(measure, days, names)
-    pool, columns = stepped_pool(measure, names)
-    data = stepped_products(days, columns)
+    _check_days(measure, days, names)
+    pool, columns = build_step_pool(measure, names)
+    data = gather_step_products(days, columns)
     floor = np.sqrt(np.mean([day.floor**2 for day in days], axis=0))
-    picks = found_changes(data, pool, floor, part(progress, 0.0, 0.6))
+    picks = find_changes(data, pool, floor, scale_progress(progress, 0.0, 0.6))
     numbers = list(range(pool.n_base)) + sorted({k for pick in picks for k in pick.columns})
     # Friction grows in all its parts: where only one of them is a finding, its value must not make up for the others.
-    numbers += _companions(measure, picks, numbers, names, columns)
-    numbers = _independent(days, columns, numbers)
+    numbers += _list_companions(measure, picks, numbers, names, columns)
+    numbers = _select_independent(days, columns, numbers)
     steps = [columns[k] for k in numbers]
-    reduction = reduction_of(days, steps)
+    reduction = combine_days(days, steps)
     solution = weighted(reduction)
     estimates = Estimates(
         measure.model.robot,
@@ -69,23 +69,24 @@ def series(measure: Measure, days: Sequence[Day], progress: Progress = silent) -
         statistics(reduction, solution),
     )
     choices = [pick.judged.candidate.choice for pick in picks]
-    ranked = rank_all(picks, (), choices)
+    ranked = rank_effects(picks, (), choices)
     dated_changes: list[SeriesChange] = []
     for pick, ranked_effect in zip(picks, ranked, strict=True):
         if pool.is_change(pick.judged.candidate):
-            since = first_day(pick.judged.candidate, len(names))
-            as_well = [since, *_days_as_well(pick, len(names))]
+            since = get_first_day(pick.judged.candidate, len(names))
+            as_well = [since, *_list_equivalent_days(pick, len(names))]
             dated_changes += [
-                SeriesChange(c, since, min(as_well), max(as_well)) for c in changes_at(estimates, pick, ranked_effect)
+                SeriesChange(c, since, min(as_well), max(as_well))
+                for c in yield_changes(estimates, pick, ranked_effect)
             ]
-    tracks = courses(days, measure.observation.columns, steps, part(progress, 0.6, 1.0))
+    tracks = estimate_tracks(days, measure.observation.columns, steps, scale_progress(progress, 0.6, 1.0))
     missing = tuple(choice for choice in choices if not choice.runs)
     progress(1.0, "compared")
-    changes = widened(sorted(dated_changes, key=lambda change: change.since), tracks)
-    return Series(names, changes, missing, tracks, _summary(changes, names))
+    changes = widen_intervals(sorted(dated_changes, key=lambda change: change.since), tracks)
+    return Series(names, changes, missing, tracks, _word_summary(changes, names))
 
 
-def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
+def _check_days(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
     if len(days) < FEWEST_DAYS:
         raise DynidentError("a series takes two days at least", pointer="/days", title="Too few days")
     if len(set(names)) < len(names):
@@ -96,12 +97,12 @@ def _check(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
             raise DynidentError(f"day {day.name!r} was reduced for another model; reduce it again", pointer="/days")
 
 
-def _companions(
+def _list_companions(
     measure: Measure,
     picks: Iterable[Finding],
     existing: Sequence[int],
     names: Sequence[str],
-    columns: Sequence[Stepped],
+    columns: Sequence[StepColumn],
 ) -> list[int]:
     """Return columns that usually change along with the findings, and are too small to be findings themselves."""
     known = {choice.effect for choice in measure.model.effects}
@@ -110,8 +111,8 @@ def _companions(
         choice = pick.judged.candidate.choice
         if not choice.runs:
             continue
-        since = first_day(pick.judged.candidate, len(names))
-        others = set(effect_by_id(choice.effect).changes_with) & known
+        since = get_first_day(pick.judged.candidate, len(names))
+        others = set(get_effect(choice.effect).changes_with) & known
         for possible in measure.possible:
             other_choice = possible.choice
             if (
@@ -119,29 +120,31 @@ def _companions(
                 and len(other_choice.joints) == 1
                 and other_choice.joints[0] in choice.joints
             ):
-                companions += [columns.index(Stepped(k, since)) for k in possible.columns]
+                companions += [columns.index(StepColumn(k, since)) for k in possible.columns]
     return [k for k in dict.fromkeys(companions) if k not in existing]
 
 
-def _days_as_well(pick: Finding, count: int) -> list[int]:
+def _list_equivalent_days(pick: Finding, count: int) -> list[int]:
     """Return the days from which on the same change explains as much."""
     mine = pick.judged.candidate
     return [
-        first_day(other, count)
+        get_first_day(other, count)
         for other in (scored.candidate for scored in pick.equal)
         if (other.effect, other.joints, other.shape) == (mine.effect, mine.joints, mine.shape) and other.runs
     ]
 
 
-def _independent(days: Sequence[Day], columns: Sequence[Stepped], numbers: Sequence[int]) -> list[int]:
+def _select_independent(days: Sequence[Day], columns: Sequence[StepColumn], numbers: Sequence[int]) -> list[int]:
     """Return the columns that are no linear combination of those before them."""
-    factor = weighted_factor(reduction_of(days, [columns[k] for k in numbers]), np.ones(len(days[0].floor)))[:-1, :-1]
+    factor = build_weighted_factor(combine_days(days, [columns[k] for k in numbers]), np.ones(len(days[0].floor)))[
+        :-1, :-1
+    ]
     # The diagonal of the triangular factor is what each column adds to those before it.
     own = np.abs(np.diag(factor)) > _DEPENDENT * np.linalg.norm(factor, axis=0)
     return [k for k, is_independent in zip(numbers, own, strict=True) if is_independent]
 
 
-def _summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
+def _word_summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
     if not changes:
         return f"Nothing that these recordings can show has changed from {names[0]} to {names[-1]}."
     parts = []
@@ -152,6 +155,6 @@ def _summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
         when = names[change.since]
         if change.earliest < change.latest:
             when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit as well)"
-        title = effect_by_id(choice.effect).title
+        title = get_effect(choice.effect).title
         parts.append(f"from {when} on: {title}{place} ({main.parameter} {main.value:+.3g}{unit})")
     return f"Changed since {names[0]}: {'; '.join(parts)}."

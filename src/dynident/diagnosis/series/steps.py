@@ -9,28 +9,28 @@ from functools import cached_property
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.gathering import Elsewhere, PhasedProducts
+from dynident.diagnosis.candidates.gathering import ConditionalRows, PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products, ProductStack
-from dynident.diagnosis.series.days import Day, Measure, Possible
+from dynident.diagnosis.series.days import Day, Measure, PossibleChange
 from dynident.effects import EffectChoice
-from dynident.estimation import EquationFactors, Reduction, concatenate
+from dynident.estimation import EquationFactors, Reduction, concatenate_reductions
 
 
 @dataclass(frozen=True)
-class Stepped:
+class StepColumn:
     """Column `number` of the measure's W, which is zero before day `since`; 0 for all days."""
 
     number: int
     since: int = 0
 
 
-def choice_since(possible: Possible, since: int, names: Sequence[str]) -> EffectChoice:
+def build_choice_since(possible: PossibleChange, since: int, names: Sequence[str]) -> EffectChoice:
     """Return what is there from a day on as a choice, whose runs are the days."""
     return replace(possible.choice, runs=tuple(names[since:]) if since else ())
 
 
-class SteppedStack(ProductStack):
+class StepProductStack(ProductStack):
     """Products of one joint's columns, some of which start on some day.
 
     Parameters
@@ -59,15 +59,15 @@ class SteppedStack(ProductStack):
         both = np.maximum(self._since[:, None], self._since)
         return np.asarray(later[both, self._places[:, None], self._places])
 
-    def taken(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
+    def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
         """Return the products (s, *shape) at these places, whose shapes are broadcast."""
-        products = super().taken(self._places[rows], self._places[columns])
+        products = super().take_products(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])
         day = self._day.reshape(-1, *([1] * both.ndim))
         return np.asarray(np.where(day >= both, products, 0.0))
 
 
-def stepped_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[Stepped, ...]]:
+def build_step_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[StepColumn, ...]]:
     """Build candidates for all changes from any day but the first, and say what each of their columns is.
 
     The pool's W says which columns there are and on which joints they act; it is never evaluated.
@@ -85,34 +85,36 @@ def stepped_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple[St
     wide = measure.observation
     n_wide = wide.n_columns
     changing = sorted({k for possible in measure.possible for k in possible.columns})
-    columns, steps = list(wide.columns), [Stepped(k) for k in range(n_wide)]
+    columns, steps = list(wide.columns), [StepColumn(k) for k in range(n_wide)]
     rows, numbers = [wide.entry_rows], [wide.entry_columns]
-    number_of: dict[Stepped, int] = {column: k for k, column in enumerate(steps)}
+    number_of: dict[StepColumn, int] = {column: k for k, column in enumerate(steps)}
     for since in range(1, len(names)):
         for k in changing:
             acting = wide.entry_rows[wide.entry_columns == k]
             rows.append(acting)
             numbers.append(np.full(len(acting), len(columns), dtype=np.intp))
-            number_of[Stepped(k, since)] = len(columns)
+            number_of[StepColumn(k, since)] = len(columns)
             columns.append(replace(wide.columns[k], runs=tuple(names[since:])))
-            steps.append(Stepped(k, since))
+            steps.append(StepColumn(k, since))
     observation = replace(
         wide, columns=tuple(columns), entry_rows=np.concatenate(rows), entry_columns=np.concatenate(numbers)
     )
     places = [(possible, since) for since in range(1, len(names)) for possible in measure.possible]
-    candidates = [_candidate(possible, since, names, number_of) for possible, since in places]
-    candidates += [_candidate(possible, 0, names, number_of) for possible in measure.lasting]
+    candidates = [_build_candidate(possible, since, names, number_of) for possible, since in places]
+    candidates += [_build_candidate(possible, 0, names, number_of) for possible in measure.lasting]
     pool = Pool(observation, measure.model.n_parameters, tuple(candidates), tuple(names[1:]))
     return pool, tuple(steps)
 
 
-def _candidate(possible: Possible, since: int, names: Sequence[str], number_of: dict[Stepped, int]) -> Candidate:
-    choice = choice_since(possible, since, names)
-    columns = tuple(number_of[Stepped(k, since)] for k in possible.columns)
+def _build_candidate(
+    possible: PossibleChange, since: int, names: Sequence[str], number_of: dict[StepColumn, int]
+) -> Candidate:
+    choice = build_choice_since(possible, since, names)
+    columns = tuple(number_of[StepColumn(k, since)] for k in possible.columns)
     return Candidate(choice.effect, choice.joints, choice.shape, columns, choice.runs)
 
 
-def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedProducts:
+def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> PhasedProducts:
     """Compute inner products of the days' columns, with later ones zero before their day; the runs are the days.
 
     Parameters
@@ -124,7 +126,7 @@ def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedP
     -------
     PhasedProducts
     """
-    day = np.repeat(np.arange(len(days)), [recorded_day.reduction.n_stretches for recorded_day in days])
+    day = np.repeat(np.arange(len(days)), [recorded_day.reduction.n_blocks for recorded_day in days])
     number = np.array([column.number for column in columns], dtype=np.intp)
     since = np.array([column.since for column in columns], dtype=np.intp)
     stacks, position, counts = [], [], []
@@ -137,21 +139,21 @@ def stepped_products(days: Sequence[Day], columns: Sequence[Stepped]) -> PhasedP
         own = np.full(len(columns), -1, dtype=np.intp)
         own[have] = np.arange(len(have))
         values = factors.transpose(0, 2, 1) @ factors
-        stacks.append((SteppedStack(values, places, np.append(since[have], 0), day),))
+        stacks.append((StepProductStack(values, places, np.append(since[have], 0), day),))
         position.append(own)
         counts.append(np.concatenate([recorded_day.reduction.equations[j].counts for recorded_day in days]))
     moving = Products(tuple(stacks), tuple(position), np.array(counts).T.astype(np.float64), day)
-    nowhere = Elsewhere((), np.zeros_like(moving.counts), np.zeros((len(columns), moving.n_joints), dtype=bool))
+    nowhere = ConditionalRows((), np.zeros_like(moving.counts), np.zeros((len(columns), moving.n_joints), dtype=bool))
     return PhasedProducts(moving, nowhere, nowhere)
 
 
-def reduction_of(days: Sequence[Day], columns: Sequence[Stepped], which: Sequence[int] | None = None) -> Reduction:
+def combine_days(days: Sequence[Day], columns: Sequence[StepColumn], which: Sequence[int] | None = None) -> Reduction:
     """Return the reduced rows of some of the days, by default of all, with these columns."""
     day_numbers = range(len(days)) if which is None else which
-    return concatenate([_with(days[k].reduction, columns, k) for k in day_numbers])
+    return concatenate_reductions([_apply_steps(days[k].reduction, columns, k) for k in day_numbers])
 
 
-def _with(reduction: Reduction, columns: Sequence[Stepped], day: int) -> Reduction:
+def _apply_steps(reduction: Reduction, columns: Sequence[StepColumn], day: int) -> Reduction:
     """Return the reduction of one day with stepped columns instead of the measure's."""
     equations = []
     for equation in reduction.equations:
@@ -162,6 +164,6 @@ def _with(reduction: Reduction, columns: Sequence[Stepped], day: int) -> Reducti
         for new, k in enumerate(own):
             if day >= columns[k].since:
                 change[where[columns[k].number], new] = 1.0
-        changed: EquationFactors = equation.changed(change, np.array(own, dtype=np.intp))
+        changed: EquationFactors = equation.mix_columns(change, np.array(own, dtype=np.intp))
         equations.append(changed)
     return Reduction(len(columns), tuple(equations), reduction.spans)

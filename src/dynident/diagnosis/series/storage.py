@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dynident.diagnosis.series.days import Day, Measure, what_may_change
+from dynident.diagnosis.series.days import Day, Measure, build_measure
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
 from dynident.identification import Identification
@@ -67,7 +67,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     DynidentError
         Where this is no such file, or the days were reduced for another model.
     """
-    header = _header(content)
+    header = _read_header(content)
     if header["measure"] != measure.digest:
         raise DynidentError(
             "these days were reduced for another model, or without the temperatures; begin anew",
@@ -80,7 +80,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
             entry["name"],
             Reduction(
                 measure.observation.n_columns,
-                tuple(_equation(arrays, f"{number}/{k}") for k in range(header["equations"])),
+                tuple(_read_equation(arrays, f"{number}/{k}") for k in range(header["equations"])),
                 arrays[f"{number}/spans"],
             ),
             arrays[f"{number}/floor"],
@@ -91,7 +91,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     )
 
 
-def resumed(identification: Identification, content: bytes) -> tuple[Measure, tuple[Day, ...]]:
+def load_days(identification: Identification, content: bytes) -> tuple[Measure, tuple[Day, ...]]:
     """Read the stored days of a model together with their measure, with temperatures or without.
 
     Parameters
@@ -108,18 +108,18 @@ def resumed(identification: Identification, content: bytes) -> tuple[Measure, tu
     DynidentError
         Where this is no such file, or the days were reduced for another model.
     """
-    measure = what_may_change(identification)
-    if _header(content)["measure"] != measure.digest:
-        measure = what_may_change(identification, with_temperature=True)
+    measure = build_measure(identification)
+    if _read_header(content)["measure"] != measure.digest:
+        measure = build_measure(identification, with_temperature=True)
     return measure, days_from_bytes(measure, content)
 
 
 def check_days(content: bytes) -> None:
     """Raise `DynidentError` where this is no file of days that this version reads."""
-    _header(content)
+    _read_header(content)
 
 
-def _header(content: bytes) -> dict[str, Any]:
+def _read_header(content: bytes) -> dict[str, Any]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())
@@ -131,6 +131,6 @@ def _header(content: bytes) -> dict[str, Any]:
     return dict(header)
 
 
-def _equation(arrays: dict[str, Any], name: str) -> EquationFactors:
+def _read_equation(arrays: dict[str, Any], name: str) -> EquationFactors:
     columns = arrays[f"{name}/columns"].astype(np.intp)
     return EquationFactors(columns, arrays[f"{name}/factors"], arrays[f"{name}/counts"].astype(np.intp))

@@ -19,7 +19,7 @@ class Baseline:
     median_condition_number: float
 
 
-def baseline_of(values: Sequence[CriterionValues]) -> Baseline:
+def compute_baseline(values: Sequence[CriterionValues]) -> Baseline:
     """Return the baseline from the values of random motions."""
     best = min(values, key=lambda motion_values: motion_values.criterion)
     return Baseline(len(values), best, float(np.median([motion_values.condition_number for motion_values in values])))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.asking import Choice, OneOf, said
+from dynident.asking import Choice, OneOf, declare_field
 from dynident.errors import DynidentError
 
 if TYPE_CHECKING:
@@ -32,27 +32,27 @@ CRITERIA = NAMES.names
 class CriterionChoice:
     """How exciting a motion is (§12.3.4.1)."""
 
-    name: str = said(
+    name: str = declare_field(
         "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
     )
-    weight: float = said(
+    weight: float = declare_field(
         "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)",
         default=1.0,
         option="--weight",
         at_least=_SMALLEST,
         at_most=1e12,
     )
-    a_priori: Mapping[str, float] = said(
+    a_priori: Mapping[str, float] = declare_field(
         "|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to",
         made_by=dict,
     )
-    parameters: tuple[str, ...] = said("For parameters: those whose variances count", default=())
-    effects: tuple[EffectChoice, ...] = said(
+    parameters: tuple[str, ...] = declare_field("For parameters: those whose variances count", default=())
+    effects: tuple[EffectChoice, ...] = declare_field(
         "For separation: to be told from the rest of the model and from each other", default=(), option="-"
     )
 
     @property
-    def is_of_its_samples(self) -> bool:
+    def is_sample_dependent(self) -> bool:
         """Whether the value belongs to the samples that W is taken at, and to no others.
 
         The smallest entry of W [12.13] is where a sample happens to come nearest to a zero: between the samples there
@@ -77,7 +77,7 @@ def check_criterion(choice: CriterionChoice) -> None:
             )
 
 
-def check_wishes(choice: CriterionChoice) -> None:
+def check_criterion_targets(choice: CriterionChoice) -> None:
     """Raise `DynidentError` where a criterion needs names that are not stated."""
     if choice.name == "parameters" and not choice.parameters:
         raise DynidentError("name the parameters whose variances count", pointer="/criterion/parameters")

@@ -10,17 +10,17 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.a_priori import a_priori_values
+from dynident.excitation.criteria.a_priori import find_a_priori_values
 from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.smooth import Criterion, criterion_of
-from dynident.excitation.criteria.values import CriterionValues, true_values
-from dynident.excitation.criteria.variances import Deciding
+from dynident.excitation.criteria.smooth import Criterion, build_smooth_criterion
+from dynident.excitation.criteria.values import CriterionValues, compute_true_values
+from dynident.excitation.criteria.variances import ParameterSelection
 from dynident.excitation.observation.model import DesignModel
-from dynident.robot.pointers import listed, pointer
+from dynident.robot.pointers import join_names, make_pointer
 
 
 @dataclass(frozen=True, eq=False)
-class Yardstick:
+class DesignCriterion:
     """The measure of a motion: a criterion, a-priori magnitudes, and the parameters whose variances count.
 
     Parameters
@@ -35,40 +35,40 @@ class Yardstick:
 
     choice: CriterionChoice
     a_priori: FloatArray
-    deciding: Deciding
+    deciding: ParameterSelection
     notes: tuple[str, ...] = ()
     earlier: FloatArray | None = None
 
     @property
-    def smooth(self) -> Criterion:
+    def smooth_criterion(self) -> Criterion:
         """The smooth criterion that is optimised, a function of W / √N."""
-        criterion = criterion_of(self.choice, self.a_priori, self.deciding)
+        criterion = build_smooth_criterion(self.choice, self.a_priori, self.deciding)
         earlier = self.earlier
         if earlier is None:
             return criterion
 
-        def with_earlier(w: FloatArray) -> tuple[float, FloatArray]:
+        def add_earlier(w: FloatArray) -> tuple[float, FloatArray]:
             value, gradient = criterion(np.concatenate([w, earlier]))
             return value, gradient[: len(w)]
 
-        return with_earlier
+        return add_earlier
 
-    def values(self, w: FloatArray, n_samples: int) -> CriterionValues:
+    def evaluate(self, w: FloatArray, n_samples: int) -> CriterionValues:
         """Return the true values of W (r, b) at N samples."""
         if self.earlier is not None:
             # The earlier rows belong to W / √N, and `true_values` divides by √N.
             w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
-        return true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
+        return compute_true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
 
 
-def yardstick_of(
+def build_design_criterion(
     model: DesignModel,
     choice: CriterionChoice,
     noise: Mapping[str, float],
     *,
     one_equation: bool = False,
     earlier: FloatArray | None = None,
-) -> Yardstick:
+) -> DesignCriterion:
     """Return the measure of motions for a criterion on a model.
 
     Parameters
@@ -90,22 +90,22 @@ def yardstick_of(
     DynidentError
         As in `deciding_of`.
     """
-    a_priori, assumed = a_priori_values(model, choice)
+    a_priori, assumed = find_a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
-    deciding = deciding_of(model, choice, noise)
+    deciding = select_parameters(model, choice, noise)
     if one_equation:
         deciding = replace(deciding, row_weights=np.ones(1))
-    return Yardstick(choice, a_priori, deciding, notes, earlier)
+    return DesignCriterion(choice, a_priori, deciding, notes, earlier)
 
 
-def with_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
+def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
     """Return the effects of a design, with those that its criterion is to separate."""
     if choice.name != "separation":
         return effects
-    return effects + tuple(rival for rival in choice.effects if not _is_among(rival, effects))
+    return effects + tuple(rival for rival in choice.effects if not _is_covered(rival, effects))
 
 
-def _is_among(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
+def _is_covered(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
     return any(
         effect.effect == rival.effect
         and (not effect.joints or (bool(rival.joints) and set(rival.joints) <= set(effect.joints)))
@@ -114,7 +114,7 @@ def _is_among(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
     )
 
 
-def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str, float]) -> Deciding:
+def select_parameters(model: DesignModel, choice: CriterionChoice, noise: Mapping[str, float]) -> ParameterSelection:
     """Return the parameters that a criterion is about; all of them for a criterion that names none.
 
     Parameters
@@ -133,22 +133,22 @@ def deciding_of(model: DesignModel, choice: CriterionChoice, noise: Mapping[str,
     DynidentError
         A parameter does not exist, or no column of an effect is left: no motion can tell it from the others.
     """
-    weights = row_weights(model, noise)
+    weights = compute_row_weights(model, noise)
     if choice.name == "parameters":
-        return Deciding((_named(model, choice.parameters),), weights)
+        return ParameterSelection((_find_parameters(model, choice.parameters),), weights)
     if choice.name == "separation":
-        groups = [_of_effect(model, rival, index) for index, rival in enumerate(choice.effects)]
-        return Deciding(tuple(groups), weights)
-    return Deciding((tuple(range(model.n_parameters)),), weights)
+        groups = [_require_effect_parameters(model, rival, index) for index, rival in enumerate(choice.effects)]
+        return ParameterSelection(tuple(groups), weights)
+    return ParameterSelection((tuple(range(model.n_parameters)),), weights)
 
 
-def row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
+def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
     """Return one over the noise of every joint (n,)."""
     for name, value in noise.items():
-        at = pointer(name, within="/noise")
+        at = make_pointer(name, within="/noise")
         if name not in model.robot.joint_names:
             raise DynidentError(
-                f"There is no joint '{name}'; joints: {listed(model.robot.joint_names)}.",
+                f"There is no joint '{name}'; joints: {join_names(model.robot.joint_names)}.",
                 pointer=at,
                 title="Unknown joint",
             )
@@ -158,30 +158,30 @@ def row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
     return np.array([1.0 / noise.get(name, typical) for name in model.robot.joint_names])
 
 
-def _named(model: DesignModel, chosen_names: Sequence[str]) -> tuple[int, ...]:
+def _find_parameters(model: DesignModel, chosen_names: Sequence[str]) -> tuple[int, ...]:
     names = model.parameter_names
     unknown = [name for name in chosen_names if name not in names]
     if unknown:
         raise DynidentError(
-            f"there is no base parameter {listed(unknown)}; there are: {listed(names)}",
+            f"there is no base parameter {join_names(unknown)}; there are: {join_names(names)}",
             pointer="/criterion/parameters",
         )
     return tuple(k for k, name in enumerate(names) if name in chosen_names)
 
 
-def parameters_of(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
+def find_effect_parameters(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
     """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed."""
     return tuple(
         k
-        for k, column in enumerate(model.kept[: model.n_parameters])
+        for k, column in enumerate(model.base_columns[: model.n_parameters])
         if column.effect == choice.effect
         and (not choice.joints or not column.link or column.link in choice.joints)
         and set(choice.shape) <= set(column.shape)
     )
 
 
-def _of_effect(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
-    indices = parameters_of(model, rival)
+def _require_effect_parameters(model: DesignModel, rival: EffectChoice, index: int) -> tuple[int, ...]:
+    indices = find_effect_parameters(model, rival)
     if not indices:
         raise DynidentError(
             f"no motion can tell {rival.effect} from the rest of the model: its columns depend on the others, or on "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.criteria.variances import inverse_diagonal
+from dynident.excitation.criteria.variances import compute_inverse_diagonal
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.row_models import RowModel
 
@@ -34,7 +34,7 @@ class ExpectedParameter:
     standard_deviation: float | None
 
 
-def expected_parameters(
+def predict_uncertainties(
     model: DesignModel,
     w: FloatArray,
     dq: FloatArray,
@@ -66,18 +66,18 @@ def expected_parameters(
     """
     m = len(w)
     row_noise = np.ones(w.shape[1]) if noise is None else noise
-    weighted_rows = rows.rows(w, dq)
+    weighted_rows = rows.build_rows(w, dq)
     if not rows.joined:
         weighted_rows = weighted_rows / np.tile(row_noise, m)[:, None]
     if earlier is not None:
         weighted_rows = np.concatenate(
             [weighted_rows, np.sqrt(m) * earlier / np.tile(row_noise, len(earlier) // len(row_noise))[:, None]]
         )
-    diagonal = inverse_diagonal(weighted_rows)
+    diagonal = compute_inverse_diagonal(weighted_rows)
     variances = diagonal.variances
     if rows.joined or rows.mix is not None:
         lost = ~np.isfinite(variances)
-        variances = np.where(lost, np.inf, _of_estimator(weighted_rows, rows, dq, row_noise))
+        variances = np.where(lost, np.inf, _compute_estimator_variances(weighted_rows, rows, dq, row_noise))
     # m samples represent n_samples independent ones: variances fall with their number.
     deviations = np.sqrt(variances * m / n_samples)
     return tuple(
@@ -90,12 +90,14 @@ def expected_parameters(
             standard_deviation=None if noise is None else float(deviation),
         )
         for name, column, share, deviation in zip(
-            model.parameter_names, model.kept, diagonal.shares, deviations, strict=False
+            model.parameter_names, model.base_columns, diagonal.shares, deviations, strict=False
         )
     )
 
 
-def _of_estimator(solved_rows: FloatArray, rows: RowModel, dq: FloatArray, noise: FloatArray) -> FloatArray:
+def _compute_estimator_variances(
+    solved_rows: FloatArray, rows: RowModel, dq: FloatArray, noise: FloatArray
+) -> FloatArray:
     """Return variances (b,) of least squares on rows that are mixtures of the samples, and so have correlated noise."""
     m = len(dq)
     per_sample = len(solved_rows) // m
@@ -104,5 +106,5 @@ def _of_estimator(solved_rows: FloatArray, rows: RowModel, dq: FloatArray, noise
     if rows.mix is not None:
         solving = np.einsum("brk,rm->bmk", solving, rows.mix, optimize=True)
     weights = np.ones(per_sample) if rows.joined else 1.0 / noise
-    variances: FloatArray = ((solving * weights * rows.unmixed_noise(dq, noise)) ** 2).sum(axis=(1, 2))
+    variances: FloatArray = ((solving * weights * rows.compute_unmixed_noise(dq, noise)) ** 2).sum(axis=(1, 2))
     return variances

@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice, check_criterion
-from dynident.excitation.criteria.variances import Deciding, relative_variances
+from dynident.excitation.criteria.variances import ParameterSelection, build_variance_criterion
 
 Criterion = Callable[[FloatArray], tuple[float, FloatArray]]
 """Value and ∂/∂W (r, b) of a criterion at W (r, b), whose rows are divided by √N; the smaller the better."""
@@ -38,16 +38,16 @@ class _Spectrum:
     vectors: FloatArray
 
     @classmethod
-    def of(cls, w: FloatArray) -> _Spectrum:
+    def from_rows(cls, w: FloatArray) -> _Spectrum:
         values, vectors = np.linalg.eigh(w.T @ w)
         return cls(np.maximum(values, _FLOOR * values[-1] + np.finfo(float).tiny), vectors)
 
-    def gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
+    def compute_gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
         """Return ∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
         gradient: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
         return gradient
 
-    def log_norm(self, exponent: float) -> tuple[float, FloatArray]:
+    def compute_log_norm(self, exponent: float) -> tuple[float, FloatArray]:
         """Return (1/|p|) log Σ λ^p and its slope: the smooth log λmax for p > 0, the smooth -log λmin for p < 0."""
         powers = exponent * np.log(self.values)
         # Subtract the largest power before the exponential, which would overflow otherwise.
@@ -66,17 +66,17 @@ def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
     singular.
     """
     m = w.T @ w
-    inverse = _inverse(m)
+    inverse = _invert(m)
     if inverse is None:
-        return _condition_number_of_spectrum(w)
-    large, slope_large = _log_norm_of(m)
-    small, slope_small = _log_norm_of(inverse)
+        return _compute_spectral_condition(w)
+    large, slope_large = _compute_schatten_norm(m)
+    small, slope_small = _compute_schatten_norm(inverse)
     # ∂ of a function of M⁻¹: -M⁻¹ (…) M⁻¹.
     slope = 0.5 * (slope_large - inverse @ slope_small @ inverse)
     return 0.5 * (large + small), 2.0 * (w @ slope)
 
 
-def _log_norm_of(m: FloatArray) -> tuple[float, FloatArray]:
+def _compute_schatten_norm(m: FloatArray) -> tuple[float, FloatArray]:
     """Return log (tr M⁸)^(1/8) of a positive definite M and its derivative M⁷ / tr M⁸: the Schatten norm for p = 8."""
     size = float(np.trace(m))
     # Divided by its trace, powers of M neither overflow nor underflow. Three products give the eighth power.
@@ -87,7 +87,7 @@ def _log_norm_of(m: FloatArray) -> tuple[float, FloatArray]:
     return np.log(size) + np.log(total) / _SCHATTEN, fourth @ (second @ first) / (total * size)
 
 
-def _inverse(m: FloatArray) -> FloatArray | None:
+def _invert(m: FloatArray) -> FloatArray | None:
     """Return M⁻¹ by Cholesky; None where M is so near to singular that its small eigenvalues are lost in it."""
     factor, failed = dpotrf(m, lower=1)
     if failed:
@@ -98,50 +98,50 @@ def _inverse(m: FloatArray) -> FloatArray | None:
     return None if ill else inverse
 
 
-def _condition_number_of_spectrum(w: FloatArray) -> tuple[float, FloatArray]:
-    spectrum = _Spectrum.of(w)
-    large, slope_large = spectrum.log_norm(_SCHATTEN)
-    small, slope_small = spectrum.log_norm(-_SCHATTEN)
-    return 0.5 * (large + small), spectrum.gradient(w, 0.5 * (slope_large + slope_small))
+def _compute_spectral_condition(w: FloatArray) -> tuple[float, FloatArray]:
+    spectrum = _Spectrum.from_rows(w)
+    large, slope_large = spectrum.compute_log_norm(_SCHATTEN)
+    small, slope_small = spectrum.compute_log_norm(-_SCHATTEN)
+    return 0.5 * (large + small), spectrum.compute_gradient(w, 0.5 * (slope_large + slope_small))
 
 
 def d_optimal(w: FloatArray) -> tuple[float, FloatArray]:
     """Return -log det M / b, which is the volume of the parameters' confidence ellipsoid, and its gradient."""
-    spectrum = _Spectrum.of(w)
+    spectrum = _Spectrum.from_rows(w)
     b = w.shape[1]
-    return -float(np.log(spectrum.values).sum()) / b, spectrum.gradient(w, -1.0 / spectrum.values / b)
+    return -float(np.log(spectrum.values).sum()) / b, spectrum.compute_gradient(w, -1.0 / spectrum.values / b)
 
 
 def a_optimal(w: FloatArray) -> tuple[float, FloatArray]:
     """Return log trace M⁻¹, which is the sum of the parameters' variances, and its gradient."""
-    spectrum = _Spectrum.of(w)
-    value, slope = spectrum.log_norm(-1.0)
-    return value, spectrum.gradient(w, slope)
+    spectrum = _Spectrum.from_rows(w)
+    value, slope = spectrum.compute_log_norm(-1.0)
+    return value, spectrum.compute_gradient(w, slope)
 
 
 def e_optimal(w: FloatArray) -> tuple[float, FloatArray]:
     """Return the smooth -log σmin, which is the worst direction among the parameters, and its gradient."""
-    spectrum = _Spectrum.of(w)
-    value, slope = spectrum.log_norm(-_SCHATTEN)
-    return 0.5 * value, spectrum.gradient(w, 0.5 * slope)
+    spectrum = _Spectrum.from_rows(w)
+    value, slope = spectrum.compute_log_norm(-_SCHATTEN)
+    return 0.5 * value, spectrum.compute_gradient(w, 0.5 * slope)
 
 
 def condition_plus_inverse_sigma(weight: float) -> Criterion:
     """Return the criterion log of [12.14], cond(W) + k2 / σmin."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        spectrum = _Spectrum.of(w)
-        large, slope_large = spectrum.log_norm(_SCHATTEN)
-        small, slope_small = spectrum.log_norm(-_SCHATTEN)
+        spectrum = _Spectrum.from_rows(w)
+        large, slope_large = spectrum.compute_log_norm(_SCHATTEN)
+        small, slope_small = spectrum.compute_log_norm(-_SCHATTEN)
         condition, inverse = np.exp(0.5 * (large + small)), weight * np.exp(0.5 * small)
         share = condition / (condition + inverse)
         slope = 0.5 * (share * slope_large + slope_small)
-        return float(np.log(condition + inverse)), spectrum.gradient(w, slope)
+        return float(np.log(condition + inverse)), spectrum.compute_gradient(w, slope)
 
     return criterion
 
 
-def equilibrated(weight: float) -> Criterion:
+def build_equilibrated_criterion(weight: float) -> Criterion:
     """Return the criterion log of [12.13], cond(W) + k1 max|Wij| / min|Wij| over the entries that are not zero.
 
     Both extremes are p-norms of the entries, as those of the singular values are.
@@ -149,10 +149,10 @@ def equilibrated(weight: float) -> Criterion:
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         log_condition, gradient = condition_number(w)
-        present = nonzero_entries(w)
+        present = find_nonzero_entries(w)
         entries = _Spectrum(np.square(w[present]), np.empty((0, 0)))
-        large, slope_large = entries.log_norm(_SCHATTEN)
-        small, slope_small = entries.log_norm(-_SCHATTEN)
+        large, slope_large = entries.compute_log_norm(_SCHATTEN)
+        small, slope_small = entries.compute_log_norm(-_SCHATTEN)
         condition, ratio = np.exp(log_condition), weight * np.exp(0.5 * (large + small))
         total = condition + ratio
         of_ratio = np.zeros_like(w)
@@ -162,13 +162,13 @@ def equilibrated(weight: float) -> Criterion:
     return criterion
 
 
-def nonzero_entries(w: FloatArray) -> NDArray[np.bool_]:
+def find_nonzero_entries(w: FloatArray) -> NDArray[np.bool_]:
     """Return which entries (r, b) count for [12.13], min|Wij| ≠ 0: those above the rounding errors of the largest."""
     present: NDArray[np.bool_] = np.abs(w) > ENTRY_ROUNDING * np.abs(w).max()
     return present
 
 
-def weighted(a_priori: FloatArray) -> Criterion:
+def build_weighted_criterion(a_priori: FloatArray) -> Criterion:
     """Return the criterion log of the smooth cond(W diag(Z)), [12.15]; a_priori (b,) is |Z|."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
@@ -178,7 +178,9 @@ def weighted(a_priori: FloatArray) -> Criterion:
     return criterion
 
 
-def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Deciding | None = None) -> Criterion:
+def build_smooth_criterion(
+    choice: CriterionChoice, a_priori: FloatArray, deciding: ParameterSelection | None = None
+) -> Criterion:
     """Return the smooth criterion of a choice.
 
     Parameters
@@ -195,16 +197,16 @@ def criterion_of(choice: CriterionChoice, a_priori: FloatArray, deciding: Decidi
         Value and ∂/∂W (r, b) at W (r, b).
     """
     check_criterion(choice)
-    scope = deciding or Deciding.all_of(len(a_priori))
+    scope = deciding or ParameterSelection.select_all(len(a_priori))
     criteria: Mapping[str, Criterion] = {
         "condition_number": condition_number,
         "d_optimal": d_optimal,
         "a_optimal": a_optimal,
         "e_optimal": e_optimal,
-        "equilibrated": equilibrated(choice.weight),
+        "equilibrated": build_equilibrated_criterion(choice.weight),
         "condition_plus_inverse_sigma": condition_plus_inverse_sigma(choice.weight),
-        "weighted": weighted(a_priori),
-        "parameters": relative_variances(scope, a_priori),
-        "separation": relative_variances(scope, a_priori),
+        "weighted": build_weighted_criterion(a_priori),
+        "parameters": build_variance_criterion(scope, a_priori),
+        "separation": build_variance_criterion(scope, a_priori),
     }
     return criteria[choice.name]

@@ -8,8 +8,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.smooth import nonzero_entries
-from dynident.excitation.criteria.variances import Deciding, sum_of_variances
+from dynident.excitation.criteria.smooth import find_nonzero_entries
+from dynident.excitation.criteria.variances import ParameterSelection, sum_variances
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,24 @@ class CriterionValues:
     trace_of_inverse: float
 
 
-def true_values(
-    choice: CriterionChoice, w: FloatArray, n_samples: int, a_priori: FloatArray, deciding: Deciding | None = None
+def compute_true_values(
+    choice: CriterionChoice,
+    w: FloatArray,
+    n_samples: int,
+    a_priori: FloatArray,
+    deciding: ParameterSelection | None = None,
 ) -> CriterionValues:
     """Return the values of W (r, b) at N samples without smoothing, by singular values."""
     scaled = w / np.sqrt(n_samples)
     sigma = np.linalg.svd(scaled, compute_uv=False)
-    condition = _ratio(float(sigma[0]), float(sigma[-1]))
+    condition = _divide_or_infinite(float(sigma[0]), float(sigma[-1]))
     full = np.isfinite(condition)
     inverse_squares = float(np.sum(sigma**-2)) if full else np.inf
-    scope = deciding or Deciding.all_of(w.shape[1])
+    scope = deciding or ParameterSelection.select_all(w.shape[1])
     log_determinant = float(2 * np.sum(np.log(sigma))) if full else -np.inf
     return CriterionValues(
         condition_number=condition,
-        criterion=_as_written(choice, scaled, sigma, a_priori, scope, log_determinant, inverse_squares),
+        criterion=_compute_chosen_value(choice, scaled, sigma, a_priori, scope, log_determinant, inverse_squares),
         smallest_singular_value=float(sigma[-1]),
         largest_singular_value=float(sigma[0]),
         log_determinant=log_determinant,
@@ -56,27 +60,27 @@ def true_values(
     )
 
 
-def _as_written(
+def _compute_chosen_value(
     choice: CriterionChoice,
     w: FloatArray,
     sigma: FloatArray,
     a_priori: FloatArray,
-    deciding: Deciding,
+    deciding: ParameterSelection,
     log_determinant: float,
     inverse_squares: float,
 ) -> float:
     """Return the value of the chosen criterion as the chapter writes it."""
-    condition = _ratio(float(sigma[0]), float(sigma[-1]))
+    condition = _divide_or_infinite(float(sigma[0]), float(sigma[-1]))
     if choice.name == "equilibrated":
-        sizes = np.abs(w[nonzero_entries(w)])
+        sizes = np.abs(w[find_nonzero_entries(w)])
         return condition + choice.weight * float(sizes.max() / sizes.min())
     if choice.name == "condition_plus_inverse_sigma":
         return condition + (choice.weight / float(sigma[-1]) if np.isfinite(condition) else np.inf)
     if choice.name == "weighted":
         of_weighted = np.linalg.svd(w * a_priori, compute_uv=False)
-        return _ratio(float(of_weighted[0]), float(of_weighted[-1]))
+        return _divide_or_infinite(float(of_weighted[0]), float(of_weighted[-1]))
     if choice.name in ("parameters", "separation"):
-        return sum_of_variances(deciding, a_priori, w)
+        return sum_variances(deciding, a_priori, w)
     if choice.name == "d_optimal":
         return -log_determinant
     if choice.name == "a_optimal":
@@ -86,6 +90,6 @@ def _as_written(
     return condition
 
 
-def _ratio(largest: float, smallest: float) -> float:
+def _divide_or_infinite(largest: float, smallest: float) -> float:
     """Return the first over the second, infinite where the second is rounding."""
     return largest / smallest if smallest > 1e-12 * largest else np.inf

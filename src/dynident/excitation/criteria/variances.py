@@ -21,7 +21,7 @@ _LOST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Deciding:
+class ParameterSelection:
     """Parameters whose variances count, and the weights of the joints' rows.
 
     Within a group relative variances are added; groups are weighed by the product of their sums, so that no unit
@@ -39,39 +39,43 @@ class Deciding:
     row_weights: FloatArray
 
     @classmethod
-    def all_of(cls, n_parameters: int) -> Deciding:
+    def select_all(cls, n_parameters: int) -> ParameterSelection:
         """Return all parameters in one group, all rows alike."""
         return cls((tuple(range(n_parameters)),), np.ones(1))
 
-    def weighted(self, w: FloatArray) -> FloatArray:
+    def weight_rows(self, w: FloatArray) -> FloatArray:
         """Return W (m n, b) with the weights on its rows."""
         return w * np.tile(self.row_weights, len(w) // len(self.row_weights))[:, None]
 
 
-def relative_variances(deciding: Deciding, a_priori: FloatArray) -> Callable[[FloatArray], tuple[float, FloatArray]]:
+def build_variance_criterion(
+    deciding: ParameterSelection, a_priori: FloatArray
+) -> Callable[[FloatArray], tuple[float, FloatArray]]:
     """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,)."""
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
-        rows = deciding.weighted(w)
-        inverse = _inverse(rows)
-        value, slope = _value(deciding.groups, np.diag(inverse), a_priori)
+        rows = deciding.weight_rows(w)
+        inverse = _invert_information(rows)
+        value, slope = _sum_groups(deciding.groups, np.diag(inverse), a_priori)
         # d(M⁻¹) = -M⁻¹ dM M⁻¹ with dM = dWᵀ W + Wᵀ dW
         of_rows = -2.0 * rows @ (inverse * slope) @ inverse
-        return value, deciding.weighted(of_rows)
+        return value, deciding.weight_rows(of_rows)
 
     return criterion
 
 
-def sum_of_variances(deciding: Deciding, a_priori: FloatArray, w: FloatArray) -> float:
+def sum_variances(deciding: ParameterSelection, a_priori: FloatArray, w: FloatArray) -> float:
     """Return the criterion's value without its logarithm; infinite where a parameter is not determined."""
-    variances = inverse_diagonal(deciding.weighted(w)).variances
+    variances = compute_inverse_diagonal(deciding.weight_rows(w)).variances
     indices = [k for group in deciding.groups for k in group]
     if not np.isfinite(variances[indices]).all():
         return np.inf
-    return float(np.exp(_value(deciding.groups, variances, a_priori)[0]))
+    return float(np.exp(_sum_groups(deciding.groups, variances, a_priori)[0]))
 
 
-def _value(groups: Sequence[tuple[int, ...]], variances: FloatArray, a_priori: FloatArray) -> tuple[float, FloatArray]:
+def _sum_groups(
+    groups: Sequence[tuple[int, ...]], variances: FloatArray, a_priori: FloatArray
+) -> tuple[float, FloatArray]:
     value, slope = 0.0, np.zeros(len(variances))
     for group in groups:
         members = list(group)
@@ -81,7 +85,7 @@ def _value(groups: Sequence[tuple[int, ...]], variances: FloatArray, a_priori: F
     return value, slope
 
 
-def _inverse(w: FloatArray) -> FloatArray:
+def _invert_information(w: FloatArray) -> FloatArray:
     """Return M⁻¹ (b, b), M = WᵀW, of equilibrated columns so that units do not cost digits."""
     sizes = np.linalg.norm(w, axis=0) + np.finfo(float).tiny
     values, vectors = np.linalg.eigh((w / sizes).T @ (w / sizes))
@@ -108,12 +112,12 @@ class InverseDiagonal:
     shares: FloatArray
 
 
-def inverse_diagonal(w: FloatArray) -> InverseDiagonal:
+def compute_inverse_diagonal(w: FloatArray) -> InverseDiagonal:
     """Return variances of the parameters of W (r, b) for unit noise, and how independent every column is."""
-    return inverse_diagonal_of(w.T @ w)
+    return compute_diagonal_from_information(w.T @ w)
 
 
-def inverse_diagonal_of(information: FloatArray) -> InverseDiagonal:
+def compute_diagonal_from_information(information: FloatArray) -> InverseDiagonal:
     """Return the same from the information matrix M (b, b)."""
     squares = np.diag(information)
     absent = squares <= 0

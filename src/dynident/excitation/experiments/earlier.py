@@ -10,14 +10,14 @@ from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.regressors.folding import used_duration
+from dynident.regressors.folding import compute_used_duration
 from dynident.regressors.stream import reduce_recordings
 
 
-def earlier_rows(
-    model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = silent
+def build_earlier_rows(
+    model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = ignore_progress
 ) -> FloatArray:
     """Return rows (m n, b) that stand for earlier recordings besides the rows W / √N of one period of a design.
 
@@ -45,10 +45,10 @@ def earlier_rows(
     rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))
     for joint, equation in enumerate(reduction.equations):
         k = len(equation.columns)
-        rows[: k + 1, joint, equation.columns] = equation.joined[:, :k]
-    seconds = sum(used_duration(recording) for recording in recordings)
+        rows[: k + 1, joint, equation.columns] = equation.joint_factor[:, :k]
+    seconds = sum(compute_used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds
-    equivalent_rows: FloatArray = rows.reshape(-1, b) / np.sqrt(planned_seconds(request) * per_second)
+    equivalent_rows: FloatArray = rows.reshape(-1, b) / np.sqrt(compute_planned_seconds(request) * per_second)
     return equivalent_rows
 
 
@@ -74,7 +74,7 @@ def _check_addable(model: DesignModel, request: DesignRequest) -> None:
         )
 
 
-def planned_seconds(request: DesignRequest) -> float:
+def compute_planned_seconds(request: DesignRequest) -> float:
     """Return the requested duration of the exciting part, s; the design may last longer or shorter."""
     trajectory = request.trajectory
     return float(trajectory.duration * trajectory.periods * sum(1.0 / pace for pace in trajectory.paces))

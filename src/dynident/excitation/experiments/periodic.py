@@ -9,24 +9,24 @@ import numpy as np
 
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.baseline import baseline_of
-from dynident.excitation.criteria.deciding import Yardstick
-from dynident.excitation.experiments.task import Made, Task, Valued
+from dynident.excitation.criteria.baseline import compute_baseline
+from dynident.excitation.criteria.deciding import DesignCriterion
+from dynident.excitation.experiments.task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import Course, optimise
+from dynident.excitation.optimising.optimise import Resumption, optimise_trajectories
 from dynident.excitation.optimising.problem import DesignProblem
-from dynident.excitation.optimising.random_trajectories import Candidate, Judge, random_candidates
-from dynident.excitation.optimising.reached import reached_of
+from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator, draw_candidates
+from dynident.excitation.optimising.reached import read_checkpoint
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.margins import Margin, broken, keeps
-from dynident.motion.limits.shrinking import Shrinking
-from dynident.motion.moves.home import with_moves
+from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error
+from dynident.motion.limits.shrinking import AmplitudeScaler
+from dynident.motion.moves.home import plan_home_moves
 from dynident.motion.trajectories.b_spline import BSplineFamily
 from dynident.motion.trajectories.family import Family, PeriodicMotion
 from dynident.motion.trajectories.fourier import FourierFamily
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
@@ -38,7 +38,7 @@ Exact shapes may come nearer to each other than the capsules that the search use
 _RANDOM_SHARE = 0.3
 
 
-def family_of(trajectory: TrajectoryRequest, period: float) -> Family:
+def build_family(trajectory: TrajectoryRequest, period: float) -> Family:
     """Return the family of Fourier series or B-splines of one period (s); raise `DynidentError` for other families."""
     if trajectory.family == "b_spline":
         return BSplineFamily(trajectory.intervals, period)
@@ -47,49 +47,52 @@ def family_of(trajectory: TrajectoryRequest, period: float) -> Family:
     raise DynidentError(f"a trajectory of the family {trajectory.family} has no period", pointer="/trajectory/family")
 
 
-def periodic(task: Task, budget: Budget) -> Made:
+def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     """Design a trajectory of a linear family, with the moves there and back."""
     request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
     trajectory = request.trajectory
     steps = max(round(trajectory.duration * rate), 1)
-    family = family_of(trajectory, steps / rate)
+    family = build_family(trajectory, steps / rate)
     requested_period = trajectory.duration
     if len(trajectory.paces) == 1:
-        family, requested_period = _at_pace(family, trajectory.paces[0], rate), requested_period / trajectory.paces[0]
+        family, requested_period = (
+            _change_pace(family, trajectory.paces[0], rate),
+            requested_period / trajectory.paces[0],
+        )
     notes = []
     if abs(family.period - requested_period) > 1e-9 * requested_period:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
     notes += task.yardstick.notes
-    search = searched(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
+    search = search_trajectory(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
     candidates, best = search.candidates, search.best
-    baseline = baseline_of([candidate.values for candidate in candidates])
+    baseline = compute_baseline([candidate.values for candidate in candidates])
     notes += search.notes
     if not np.isfinite(best.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
     # The baseline and the result are reported on the same samples, more than the search could afford.
-    finer = 0 if request.criterion.is_of_its_samples else _VALUED_SAMPLES
-    fine = Judge(family, model, task.yardstick, n_samples=finer, rows=request.model)
-    motions, margins = within_limits(task, family, best)
-    placed = with_moves(request.home, motions[0].start, bounds, model, rate)
-    margins = _wider(margins, task.verified((placed.approach, placed.retreat)))
-    if not keeps(margins):
-        raise broken(margins)
+    finer = 0 if request.criterion.is_sample_dependent else _VALUED_SAMPLES
+    fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
+    motions, margins = fit_within_limits(task, family, best)
+    placed = plan_home_moves(request.home, motions[0].start, bounds, model, rate)
+    margins = _merge_margins(margins, task.verify_pieces((placed.approach, placed.retreat)))
+    if not are_limits_kept(margins):
+        raise build_limit_error(margins)
     pieces = (placed.approach, *(replace(motion, periods=trajectory.periods) for motion in motions), placed.retreat)
     exciting = (placed.approach.duration, sum(piece.duration for piece in pieces[:-1]))
     one_pace = len(motions) == 1
-    return Made(
+    return DesignedExperiment(
         pieces=pieces,
         exciting=exciting,
         period=motions[0].family.period if one_pace else None,
-        valued=_valued(task, fine, motions[0]) if one_pace else task.valued(pieces, exciting),
-        baseline=replace(baseline, best=fine.values(candidates[0].x)),
+        valued=_evaluate_motion(task, fine, motions[0]) if one_pace else task.evaluate_pieces(pieces, exciting),
+        baseline=replace(baseline, best=fine.evaluate(candidates[0].x)),
         margins=margins,
         notes=(*notes, *placed.notes),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchResult:
     """Random trajectories inside the limits, best first, and the best of all, optimised where requested."""
 
     candidates: tuple[Candidate, ...]
@@ -97,16 +100,16 @@ class Searched:
     notes: tuple[str, ...] = ()
 
 
-def searched(
+def search_trajectory(
     request: DesignRequest,
     family: Family,
     model: DesignModel,
     bounds: Bounds,
-    yardstick: Yardstick,
+    yardstick: DesignCriterion,
     budget: Budget,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     checkpoints: Checkpoints | None = None,
-) -> Searched:
+) -> SearchResult:
     """Search for coefficients that keep the limits and have a good criterion value.
 
     Without a time budget the same request gives the same answer, here and wherever it is repeated.
@@ -116,67 +119,73 @@ def searched(
     ImpossibleLimitsError
         No trajectory fits into the limits.
     """
-    judge = Judge(family, model, yardstick, rows=request.model)
-    before = None if checkpoints is None else reached_of(checkpoints.last())
+    judge = CandidateEvaluator(family, model, yardstick, rows=request.model)
+    before = None if checkpoints is None else read_checkpoint(checkpoints.load_last())
     if before is not None:
-        budget.go_on_after(before.seconds)
-        candidates = [Candidate(x, judge.values(x)) for x in before.candidates]
+        budget.add_elapsed(before.seconds)
+        candidates = [Candidate(x, judge.evaluate(x)) for x in before.candidates]
     else:
-        candidates = random_candidates(
+        candidates = draw_candidates(
             family,
             bounds,
             model,
             judge,
             count=request.random_trajectories,
             seed=request.seed,
-            progress=part(progress, 0.0, 0.15),
+            progress=scale_progress(progress, 0.0, 0.15),
             enough=lambda: budget.share_spent > _RANDOM_SHARE,
         )
     if not candidates:
-        raise _no_room(bounds)
+        raise _build_no_room_error(bounds)
     if request.kind != "optimized":
-        return Searched(tuple(candidates), candidates[0])
-    problem = DesignProblem(family, model, yardstick.smooth, bounds, request.model)
-    shrinking = Shrinking(family, bounds, model)
-    course = Course(checkpoints or NoCheckpoints(), before)
-    result = optimise(problem, shrinking, judge, candidates, budget, part(progress, 0.15, 0.95), course)
+        return SearchResult(tuple(candidates), candidates[0])
+    problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds, request.model)
+    shrinking = AmplitudeScaler(family, bounds, model)
+    course = Resumption(checkpoints or NoCheckpoints(), before)
+    result = optimise_trajectories(
+        problem, shrinking, judge, candidates, budget, scale_progress(progress, 0.15, 0.95), course
+    )
     completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
     note = f"{completed} before the time was over." if result.out_of_time else f"{completed}."
-    return Searched(tuple(candidates), result.best, (note,))
+    return SearchResult(tuple(candidates), result.best, (note,))
 
 
-def _valued(task: Task, judge: Judge, motion: PeriodicMotion) -> Valued:
+def _evaluate_motion(task: DesignTask, judge: CandidateEvaluator, motion: PeriodicMotion) -> MotionValues:
     n_samples = task.request.trajectory.periods * motion.family.period * task.rate
-    w, dq = judge.observe(motion.x), judge.velocity(motion.x)
-    return Valued(judge.values(motion.x), task.expected(w, dq, judge.row_model, n_samples, task.yardstick.earlier))
+    w, dq = judge.observe(motion.x), judge.compute_velocity(motion.x)
+    return MotionValues(
+        judge.evaluate(motion.x), task.predict_uncertainties(w, dq, judge.row_model, n_samples, task.yardstick.earlier)
+    )
 
 
-def within_limits(task: Task, family: Family, best: Candidate) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
+def fit_within_limits(
+    task: DesignTask, family: Family, best: Candidate
+) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
     """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees."""
     x = best.x.copy()
     paces = task.request.trajectory.paces
-    families = [family] if len(paces) == 1 else [_at_pace(family, pace, task.rate) for pace in paces]
+    families = [family] if len(paces) == 1 else [_change_pace(family, pace, task.rate) for pace in paces]
     for shrink in _SHRINKS:
         motions = tuple(PeriodicMotion(each, x) for each in families)
-        margins = task.verified(motions)
-        if keeps(margins):
+        margins = task.verify_pieces(motions)
+        if are_limits_kept(margins):
             return motions, margins
         x = x.copy()
         x[1:] *= shrink
-    raise broken(margins)
+    raise build_limit_error(margins)
 
 
-def _at_pace(family: Family, pace: float, rate: float) -> Family:
+def _change_pace(family: Family, pace: float, rate: float) -> Family:
     """Return the family whose trajectories take the same paths at a share `pace` of the speed."""
-    return family.lasting(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
+    return family.with_period(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
 
 
-def _wider(first: Sequence[Margin], second: Sequence[Margin]) -> tuple[Margin, ...]:
+def _merge_margins(first: Sequence[Margin], second: Sequence[Margin]) -> tuple[Margin, ...]:
     """Return of each limit the margin that is used up more."""
     return tuple(max(pair, key=lambda margin: margin.share) for pair in zip(first, second, strict=True))
 
 
-def _no_room(bounds: Bounds) -> DynidentError:
+def _build_no_room_error(bounds: Bounds) -> DynidentError:
     return ImpossibleLimitsError(
         "No trajectory fits: the torque limits leave no room to move around any posture that can be held "
         f"({', '.join(f'{name} {value:.3g}' for name, value in zip(bounds.names, bounds.torque, strict=True))}).",

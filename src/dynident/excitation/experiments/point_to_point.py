@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.baseline import baseline_of
-from dynident.excitation.experiments.task import Made, Task
+from dynident.excitation.criteria.baseline import compute_baseline
+from dynident.excitation.experiments.task import DesignedExperiment, DesignTask
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.points.search import FoundSequence, drawn, improved
-from dynident.excitation.points.sequence import Legs, PointSequence, values_of
+from dynident.excitation.points.search import EvaluatedSequence, draw_sequences, improve_sequence
+from dynident.excitation.points.sequence import MovePlanner, PointSequence, evaluate_moves
 from dynident.excitation.points.spaces import FreePoints
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.margins import Margin, broken, keeps, tightest
-from dynident.motion.limits.postures import holdable_postures
-from dynident.motion.moves.home import with_moves
+from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error, find_tightest
+from dynident.motion.limits.postures import draw_holdable_postures
+from dynident.motion.moves.home import plan_home_moves
 from dynident.motion.moves.move import move_within_torque
 from dynident.motion.trajectories.motion import Piece, Rest
-from dynident.progress import part
+from dynident.progress import scale_progress
 
 _VARIATIONS_OF_A_POINT = 40
 _RANDOM_SHARE = 0.3
@@ -31,50 +31,50 @@ _HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_
 """Limits that a slower move breaks as well."""
 
 
-def point_to_point(task: Task, budget: Budget) -> Made:
+def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperiment:
     """Design a sequence of moves through points and back to the first, with the moves there and back."""
     request, bounds, model = task.request, task.bounds, task.model
     check_no_path(model)
     rng = np.random.default_rng(request.seed)
-    space = FreePoints(bounds, holdable_postures(bounds, model, rng), request.trajectory.points)
-    legs = Legs(bounds, model, task.rate)
-    candidates = drawn(
+    space = FreePoints(bounds, draw_holdable_postures(bounds, model, rng), request.trajectory.points)
+    legs = MovePlanner(bounds, model, task.rate)
+    candidates = draw_sequences(
         space,
         legs,
         task.yardstick,
         count=request.random_trajectories,
         rng=rng,
-        progress=part(task.progress, 0.0, 0.2),
+        progress=scale_progress(task.progress, 0.0, 0.2),
         enough=lambda: budget.share_spent > _RANDOM_SHARE,
     )
     best, notes = candidates[0], [*task.yardstick.notes]
     if request.kind == "optimized":
-        best, note = _best(task, space, legs, candidates, budget)
+        best, note = _improve_candidates(task, space, legs, candidates, budget)
         notes.append(note)
-    chosen, pieces = first_that_fits(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
-    placed = with_moves(request.home, chosen.points[-1], bounds, model, task.rate)
-    margins = verified(task, (placed.approach, *pieces, placed.retreat))
-    rounds = _dwelling(pieces * request.trajectory.periods, chosen, task)
+    chosen, pieces = select_first_fitting(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
+    placed = plan_home_moves(request.home, chosen.points[-1], bounds, model, task.rate)
+    margins = verify_pieces(task, (placed.approach, *pieces, placed.retreat))
+    rounds = _add_dwell(pieces * request.trajectory.periods, chosen, task)
     first = placed.approach.duration
     exciting = (first, first + sum(piece.duration for piece in rounds))
     course = (placed.approach, *rounds, placed.retreat)
-    valued = task.valued(course, exciting)
+    valued = task.evaluate_pieces(course, exciting)
     if not np.isfinite(valued.values.condition_number):
         notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
     period = sum(piece.duration for piece in rounds) / request.trajectory.periods
     notes.append(f"One round through {len(pieces)} points takes {period:.9g} s.")
-    return Made(
+    return DesignedExperiment(
         course,
         exciting,
         None if request.trajectory.dwell[1] > 0 else period,
         valued,
-        baseline_of([candidate.values for candidate in candidates]),
+        compute_baseline([candidate.values for candidate in candidates]),
         margins,
         (*notes, *placed.notes),
     )
 
 
-def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tuple[Piece, ...]:
+def _add_dwell(moves: Sequence[Piece], sequence: PointSequence, task: DesignTask) -> tuple[Piece, ...]:
     """Return the moves, each of which ends in the next point, with a rest after each where requested."""
     least, most = task.request.trajectory.dwell
     if most <= 0:
@@ -88,21 +88,21 @@ def _dwelling(moves: Sequence[Piece], sequence: PointSequence, task: Task) -> tu
     return tuple(pieces)
 
 
-def _best(
-    task: Task, space: FreePoints, legs: Legs, candidates: list[FoundSequence], budget: Budget
-) -> tuple[FoundSequence, str]:
+def _improve_candidates(
+    task: DesignTask, space: FreePoints, legs: MovePlanner, candidates: list[EvaluatedSequence], budget: Budget
+) -> tuple[EvaluatedSequence, str]:
     """Return the best sequence reached from the best random ones, one after the other, and a note."""
     best, completed = candidates[0], 0
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     for start in range(start_count):
-        if budget.spent:
+        if budget.is_spent:
             break
 
-        def tell(done: float, message: str, start: int = start) -> None:
+        def report(done: float, message: str, start: int = start) -> None:
             share = 0.2 + 0.75 * budget.fraction(start + done)
             task.progress(share, f"start {start + 1}, {message}")
 
-        sequence, finished = improved(
+        sequence, finished = improve_sequence(
             candidates[start].sequence,
             space,
             legs,
@@ -110,42 +110,44 @@ def _best(
             variations=_VARIATIONS_OF_A_POINT * space.count,
             rng=np.random.default_rng((task.request.seed, start)),
             budget=budget,
-            progress=tell,
+            progress=report,
         )
         completed += finished
-        moves = legs.of(sequence)
+        moves = legs.plan_sequence(sequence)
         assert moves is not None
-        reached = FoundSequence(sequence, values_of(moves, task.yardstick))
+        reached = EvaluatedSequence(sequence, evaluate_moves(moves, task.yardstick))
         if reached.values.criterion < best.values.criterion:
             best = reached
     ended = f"{completed} start{'' if completed == 1 else 's'} completed"
-    return best, f"{ended} before the time was over." if budget.spent else f"{ended}."
+    return best, f"{ended} before the time was over." if budget.is_spent else f"{ended}."
 
 
-def first_that_fits(task: Task, sequences: Sequence[PointSequence]) -> tuple[PointSequence, tuple[Piece, ...]]:
+def select_first_fitting(
+    task: DesignTask, sequences: Sequence[PointSequence]
+) -> tuple[PointSequence, tuple[Piece, ...]]:
     """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves."""
     for sequence in sequences[:_MOST_SETTLED]:
         try:
-            return sequence, settled(task, sequence)
+            return sequence, slow_until_fitting(task, sequence)
         except ImpossibleLimitsError as error:
             reason = error
     raise reason
 
 
-def settled(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+def slow_until_fitting(task: DesignTask, sequence: PointSequence) -> tuple[Piece, ...]:
     """Return the moves of one round, slowed down by a few per cent until the fine grid agrees."""
     for _ in range(_ATTEMPTS):
-        pieces = _planned(task, sequence)
-        margins = task.verified(pieces)
-        if keeps(margins):
+        pieces = _plan_round(task, sequence)
+        margins = task.verify_pieces(pieces)
+        if are_limits_kept(margins):
             return pieces
-        if tightest(margins).limit in _HOWEVER_SLOW:
+        if find_tightest(margins).limit in _HOWEVER_SLOW:
             break
-        sequence = sequence.slower(_SLOWER)
-    raise broken(margins)
+        sequence = sequence.slow_down(_SLOWER)
+    raise build_limit_error(margins)
 
 
-def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
+def _plan_round(task: DesignTask, sequence: PointSequence) -> tuple[Piece, ...]:
     pieces = []
     bounds = task.bounds
     for start, end, share in zip(np.roll(sequence.points, 1, axis=0), sequence.points, sequence.shares, strict=True):
@@ -154,11 +156,11 @@ def _planned(task: Task, sequence: PointSequence) -> tuple[Piece, ...]:
     return tuple(pieces)
 
 
-def verified(task: Task, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
+def verify_pieces(task: DesignTask, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
     """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken."""
-    margins = task.verified(pieces)
-    if not keeps(margins):
-        raise broken(margins)
+    margins = task.verify_pieces(pieces)
+    if not are_limits_kept(margins):
+        raise build_limit_error(margins)
     return margins
 
 

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.experiments.task import Made, Task
+from dynident.excitation.experiments.task import DesignedExperiment, DesignTask
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.request import DesignRequest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.locked import moving_joints
-from dynident.motion.limits.margins import broken, keeps
-from dynident.motion.moves.home import home_candidates, posture_note
+from dynident.motion.limits.locked import select_moving_joints
+from dynident.motion.limits.margins import are_limits_kept, build_limit_error
+from dynident.motion.moves.home import list_home_candidates, note_home
 from dynident.motion.moves.move import move_within_torque
-from dynident.motion.moves.ways import way_between
+from dynident.motion.moves.ways import plan_path
 from dynident.motion.trajectories.motion import Piece
-from dynident.progress import Progress, part, silent
+from dynident.progress import Progress, ignore_progress, scale_progress
 
 # Of the position range, and at most so far (rad, m).
 _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
@@ -31,7 +31,7 @@ _STOP_BEFORE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class StrokeSequence:
     """Moves (pieces) from home to home; `first` and `last` are the ends in s of the part that identifies."""
 
     pieces: tuple[Piece, ...]
@@ -49,41 +49,41 @@ class Stroke:
     speed: float
 
 
-def joint_by_joint(task: Task) -> Made:
+def design_joint_by_joint(task: DesignTask) -> DesignedExperiment:
     """Design motions of one joint at a time, the others at home."""
     request, model, bounds = task.request, task.model, task.bounds
-    home = home_candidates(request.home, bounds, model)[0]
-    strokes = strokes_of(request, bounds, home)
-    course = course_of(
+    home = list_home_candidates(request.home, bounds, model)[0]
+    strokes = plan_strokes(request, bounds, home)
+    course = plan_stroke_moves(
         bounds,
         model,
         home,
         strokes,
         repeats=request.trajectory.periods,
         rate=task.rate,
-        progress=part(task.progress, 0.0, 0.9),
+        progress=scale_progress(task.progress, 0.0, 0.9),
     )
-    margins = task.verified(course.pieces)
-    if not keeps(margins):
-        raise broken(margins)
+    margins = task.verify_pieces(course.pieces)
+    if not are_limits_kept(margins):
+        raise build_limit_error(margins)
     exciting = (course.first, course.last)
-    return Made(
-        course.pieces, exciting, None, task.valued(course.pieces, exciting), None, margins, (posture_note(home),)
+    return DesignedExperiment(
+        course.pieces, exciting, None, task.evaluate_pieces(course.pieces, exciting), None, margins, (note_home(home),)
     )
 
 
-def strokes_of(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
+def plan_strokes(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
     """Return the strokes of a request for a motion of one joint at a time, around home (n,), joint by joint."""
-    bounds = clear_ranges(bounds, home)
-    joints = [int(j) for j in np.flatnonzero(moving_joints(request.trajectory.joints, bounds.names))]
+    bounds = restrict_to_clear(bounds, home)
+    joints = [int(j) for j in np.flatnonzero(select_moving_joints(request.trajectory.joints, bounds.names))]
     if request.kind == "slow_sweep":
-        return _sweeps(bounds, joints, request.trajectory.duration)
+        return _plan_sweeps(bounds, joints, request.trajectory.duration)
     if request.kind == "reversals":
-        return _reversals(bounds, home, joints, request.wanted_speeds, request.wanted_amplitudes)
-    return _constant_speeds(bounds, home, joints, request.wanted_speeds, request.trajectory.duration)
+        return _plan_reversals(bounds, home, joints, request.speeds_or_default, request.amplitudes_or_default)
+    return _plan_constant_speeds(bounds, home, joints, request.speeds_or_default, request.trajectory.duration)
 
 
-def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
+def restrict_to_clear(bounds: Bounds, home: FloatArray) -> Bounds:
     """Return bounds with the range of every joint cut down to where it is clear while the others are at home (n,)."""
     if bounds.space is None:
         return bounds
@@ -93,7 +93,7 @@ def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
             reach = np.linspace(home[j], end[j], _LOOKS_ALONG_A_RANGE)
             along = np.tile(home, (len(reach), 1))
             along[:, j] = reach
-            hindered = bounds.space.hindered(along)
+            hindered = bounds.space.find_blocked(along)
             if hindered.any():
                 last = max(int(hindered.argmax()) - 1, 0)
                 # Stop half a look before the last clear position: the obstacle may begin anywhere between two looks.
@@ -101,7 +101,7 @@ def clear_ranges(bounds: Bounds, home: FloatArray) -> Bounds:
     return replace(bounds, position_low=low, position_high=high)
 
 
-def _constant_speeds(
+def _plan_constant_speeds(
     bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], longest: float
 ) -> tuple[Stroke, ...]:
     """Return strokes as long as the range allows, at most `longest` s, slowest first."""
@@ -112,21 +112,21 @@ def _constant_speeds(
         reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
         for share in sorted(speeds):
             speed = min(share * float(bounds.velocity[j]), reachable)
-            strokes.append(_around(bounds, home, j, min(room, speed * longest), speed))
+            strokes.append(_center_stroke(bounds, home, j, min(room, speed * longest), speed))
     return tuple(strokes)
 
 
-def _sweeps(bounds: Bounds, joints: Sequence[int], duration: float) -> tuple[Stroke, ...]:
+def _plan_sweeps(bounds: Bounds, joints: Sequence[int], duration: float) -> tuple[Stroke, ...]:
     """Return strokes over the whole range, but no more than a turn."""
     strokes = []
     for j in joints:
         length = min(2 * bounds.half_range[j] * _SWEEP_SHARE, _LONGEST_SWEEP)
         speed = min(length / duration, float(bounds.velocity[j]))
-        strokes.append(_around(bounds, bounds.middle, j, length, speed))
+        strokes.append(_center_stroke(bounds, bounds.middle, j, length, speed))
     return tuple(strokes)
 
 
-def _reversals(
+def _plan_reversals(
     bounds: Bounds, home: FloatArray, joints: Sequence[int], speeds: Sequence[float], amplitudes: Sequence[float]
 ) -> tuple[Stroke, ...]:
     """Return strokes back and forth by growing amplitudes, slowest first."""
@@ -139,19 +139,19 @@ def _reversals(
                 title="Impossible limits",
             )
     return tuple(
-        _around(bounds, home, j, amplitude, share * float(bounds.velocity[j]))
+        _center_stroke(bounds, home, j, amplitude, share * float(bounds.velocity[j]))
         for j in joints
         for share in sorted(speeds)
         for amplitude in sorted(amplitudes)
     )
 
 
-def _around(bounds: Bounds, centre: FloatArray, j: int, length: float, speed: float) -> Stroke:
+def _center_stroke(bounds: Bounds, centre: FloatArray, j: int, length: float, speed: float) -> Stroke:
     low = float(np.clip(centre[j] - length / 2, bounds.position_low[j], bounds.position_high[j] - length))
     return Stroke(j, low, low + length, speed)
 
 
-def course_of(
+def plan_stroke_moves(
     bounds: Bounds,
     model: DesignModel,
     home: FloatArray,
@@ -159,8 +159,8 @@ def course_of(
     *,
     repeats: int,
     rate: float,
-    progress: Progress = silent,
-) -> Course:
+    progress: Progress = ignore_progress,
+) -> StrokeSequence:
     """Return moves through all strokes, there and back `repeats` times each, the other joints at home.
 
     Raises
@@ -177,12 +177,12 @@ def course_of(
         slow = replace(bounds, velocity=limits)
         low, high = home.copy(), home.copy()
         low[stroke.joint], high[stroke.joint] = stroke.low, stroke.high
-        pieces.append(way_between(posture, low, bounds, model, rate))
+        pieces.append(plan_path(posture, low, bounds, model, rate))
         for _ in range(repeats):
             pieces.append(move_within_torque(low, high, slow, model, rate))
             pieces.append(move_within_torque(high, low, slow, model, rate))
         posture = low
     last = sum(piece.duration for piece in pieces)
     first = pieces[0].duration
-    pieces.append(way_between(posture, home, bounds, model, rate))
-    return Course(tuple(pieces), first, last)
+    pieces.append(plan_path(posture, home, bounds, model, rate))
+    return StrokeSequence(tuple(pieces), first, last)

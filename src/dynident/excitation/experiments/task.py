@@ -10,29 +10,29 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.criteria.baseline import Baseline
-from dynident.excitation.criteria.deciding import Yardstick, row_weights
-from dynident.excitation.criteria.expected import ExpectedParameter, expected_parameters
+from dynident.excitation.criteria.deciding import DesignCriterion, compute_row_weights
+from dynident.excitation.criteria.expected import ExpectedParameter, predict_uncertainties
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.experiments.earlier import planned_seconds
+from dynident.excitation.experiments.earlier import compute_planned_seconds
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.observation.row_models import EVERY_JOINT, RowModel
+from dynident.excitation.observation.row_models import DYNAMIC_ROWS, RowModel
 from dynident.excitation.request import DesignRequest
 from dynident.excitation.result import Run
 from dynident.motion.limits.bounds import Bounds
-from dynident.motion.limits.margins import Margin, margins_of
-from dynident.motion.trajectories.motion import Motion, Piece, check_length, in_sequence
-from dynident.progress import Progress, part
+from dynident.motion.limits.margins import Margin, compute_margins
+from dynident.motion.trajectories.motion import Motion, Piece, check_length, sample_pieces
+from dynident.progress import Progress, scale_progress
 
 _CHECKS_PER_SAMPLE = 10
 _CHUNK = 50_000
 _VALUED_SAMPLES = 10_000
 
-STANDS = 1e-4
+STANDSTILL_VELOCITY = 1e-4
 """Velocity, rad/s or m/s, below which a joint of a planned motion, which has no noise, stands still."""
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class DesignTask:
     """A design to be made.
 
     Parameters
@@ -50,7 +50,7 @@ class Task:
 
     request: DesignRequest
     model: DesignModel
-    yardstick: Yardstick
+    yardstick: DesignCriterion
     limits: Bounds
     bounds: Bounds
     progress: Progress
@@ -61,29 +61,29 @@ class Task:
         """Sampling rate, Hz."""
         return self.request.trajectory.sampling_rate
 
-    def verified(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
+    def verify_pieces(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
         """Return the margins against the true limits, on a grid finer than the sampling."""
         check_length(pieces, self.rate)
-        torque = self.model.torque if self.limits.checks_torque else None
-        finely = _finely(pieces, self.rate * _CHECKS_PER_SAMPLE, part(self.progress, 0.95, 1.0))
-        return margins_of(self.limits, finely, torque)
+        torque = self.model.torque if self.limits.has_torque_limits else None
+        finely = _sample_finely(pieces, self.rate * _CHECKS_PER_SAMPLE, scale_progress(self.progress, 0.95, 1.0))
+        return compute_margins(self.limits, finely, torque)
 
-    def valued(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> Valued:
+    def evaluate_pieces(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> MotionValues:
         """Return the values of the exciting part of a sequence of pieces."""
-        motion = in_sequence(pieces, self.rate)
+        motion = sample_pieces(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         samples = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
         dq = motion.dq[samples]
         # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
-        w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDS).reshape(-1, 1)
+        w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDSTILL_VELOCITY).reshape(-1, 1)
         earlier = self.yardstick.earlier
         if earlier is not None:
             # They count in proportion to how long the experiment is, not to how long it was asked for.
-            earlier = earlier * np.sqrt(planned_seconds(self.request) / (exciting[1] - exciting[0]))
-        expected = self.expected(w.reshape(*dq.shape, -1), dq, EVERY_JOINT, len(inside), earlier)
-        return Valued(replace(self.yardstick, earlier=earlier).values(w, len(samples)), expected)
+            earlier = earlier * np.sqrt(compute_planned_seconds(self.request) / (exciting[1] - exciting[0]))
+        expected = self.predict_uncertainties(w.reshape(*dq.shape, -1), dq, DYNAMIC_ROWS, len(inside), earlier)
+        return MotionValues(replace(self.yardstick, earlier=earlier).evaluate(w, len(samples)), expected)
 
-    def expected(
+    def predict_uncertainties(
         self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
     ) -> tuple[ExpectedParameter, ...]:
         """Return the expected uncertainty of the parameters.
@@ -98,12 +98,12 @@ class Task:
         earlier : (r, b) or None
             Rows besides W / √m that stand for the information of earlier runs.
         """
-        noise = 1.0 / row_weights(self.model, self.request.noise) if self.request.noise else None
-        return expected_parameters(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
+        noise = 1.0 / compute_row_weights(self.model, self.request.noise) if self.request.noise else None
+        return predict_uncertainties(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
 
 
 @dataclass(frozen=True, eq=False)
-class Valued:
+class MotionValues:
     """Values of a motion by the criteria, and parameter by parameter."""
 
     values: CriterionValues
@@ -111,20 +111,20 @@ class Valued:
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class DesignedExperiment:
     """A designed motion with all that a `Design` needs."""
 
     pieces: tuple[Piece, ...]
     exciting: tuple[float, float]
     period: float | None
-    valued: Valued
+    valued: MotionValues
     baseline: Baseline | None
     margins: tuple[Margin, ...]
     notes: tuple[str, ...]
     runs: tuple[Run, ...] = ()
 
 
-def _finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
+def _sample_finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
     """Yield pieces on grids of at least `rate`, ends included, in chunks."""
     for number, piece in enumerate(pieces):
         t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)

@@ -14,7 +14,7 @@ from dynident.arrays import FloatArray, IntArray
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.result import Design
-from dynident.recordings.arrow import header_row, named_columns, to_numbers
+from dynident.recordings.arrow import table_column_to_numbers, table_from_arrays, to_header_row
 
 FORMATS = ("csv", "parquet", "json")
 """Formats of a trajectory."""
@@ -39,7 +39,7 @@ def design_table(design: Design) -> pa.Table:
         columns["segment"] = design.segments
     for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
-    return named_columns(columns)
+    return table_from_arrays(columns)
 
 
 def write_design(design: Design, path: Path) -> None:
@@ -60,8 +60,8 @@ def write_design(design: Design, path: Path) -> None:
         pq.write_table(table, path)
     elif path.suffix == ".csv":
         with path.open("wb") as stream:
-            stream.write(header_row(table.column_names))
-            values = np.column_stack([to_numbers(column) for column in table.columns])
+            stream.write(to_header_row(table.column_names))
+            values = np.column_stack([table_column_to_numbers(column) for column in table.columns])
             # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
             np.savetxt(stream, values, fmt="%.12g", delimiter=",")
     else:
@@ -103,12 +103,12 @@ def design_document(design: Design) -> dict[str, object]:
     """
     baseline = design.baseline
     return {
-        "criterion_values": _values(design.criterion_values),
+        "criterion_values": _to_dict(design.criterion_values),
         "baseline_values": None
         if baseline is None
         else {
-            **_values(baseline.best),
-            "median_condition_number": _finite(baseline.median_condition_number),
+            **_to_dict(baseline.best),
+            "median_condition_number": _finite_or_none(baseline.median_condition_number),
             "count": baseline.count,
         },
         "margins": [asdict(margin) for margin in design.margins],
@@ -122,7 +122,7 @@ def design_document(design: Design) -> dict[str, object]:
                 **asdict(parameter),
                 "standard_deviation": None
                 if parameter.standard_deviation is None
-                else _finite(parameter.standard_deviation),
+                else _finite_or_none(parameter.standard_deviation),
             }
             for parameter in design.expected
         ],
@@ -131,9 +131,9 @@ def design_document(design: Design) -> dict[str, object]:
     }
 
 
-def _values(values: CriterionValues) -> dict[str, object]:
-    return {name: _finite(value) for name, value in asdict(values).items()}
+def _to_dict(values: CriterionValues) -> dict[str, object]:
+    return {name: _finite_or_none(value) for name, value in asdict(values).items()}
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray
 _NANOSECONDS = 1_000_000_000
 
 
-def joint_trajectory(
+def format_joint_trajectory(
     joint_names: Sequence[str], t: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray
 ) -> Iterator[str]:
     """Yield the lines of the message.
@@ -34,19 +34,19 @@ def joint_trajectory(
     for stamp, position, velocity, acceleration in zip(stamps, q, dq, ddq, strict=True):
         seconds, rest = divmod(int(stamp), _NANOSECONDS)
         yield (
-            f"- positions: {_listed(position)}\n"
-            f"  velocities: {_listed(velocity)}\n"
-            f"  accelerations: {_listed(acceleration)}\n"
+            f"- positions: {_format_list(position)}\n"
+            f"  velocities: {_format_list(velocity)}\n"
+            f"  accelerations: {_format_list(acceleration)}\n"
             f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}\n"
         )
 
 
-def _listed(values: Iterable[float]) -> str:
+def _format_list(values: Iterable[float]) -> str:
     # YAML takes 1e-05 for a word: a number with an exponent needs a decimal point.
-    return "[" + ", ".join(_number(float(value)) for value in values) + "]"
+    return "[" + ", ".join(_format_number(float(value)) for value in values) + "]"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     text = f"{value:.12g}"
     if "e" in text and "." not in text:
         text = text.replace("e", ".0e")

@@ -7,7 +7,7 @@ from typing import Literal
 from dynident.asking import Choice, OneOf
 
 TrajectoryFormat = Literal["csv", "parquet", "json", "ros2"]
-FORMATS = OneOf(
+TRAJECTORY_FORMATS = OneOf(
     Choice("csv", "CSV: t, q, dq, ddq"),
     Choice("parquet", "Parquet"),
     Choice("json", "JSON"),

@@ -13,13 +13,13 @@ from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.regressors.base_parameters import select_base
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 _STATES_PER_COLUMN = 2
 _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
 
 
-def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
+def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
     """Return the model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
 
     The base parameters are those that the equations of the moving joints determine. The torque of a locked joint is
@@ -31,7 +31,7 @@ def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> 
     DynidentError
         The moving joints determine none of the parameters.
     """
-    w = _observation(model, posture, moving)
+    w = _sample_observation(model, posture, moving)
     names = [column.name for column in model.columns]
     visible = select_base(
         w[:, moving, : model.n_chosen].reshape(-1, model.n_chosen), tuple(names[: model.n_chosen])
@@ -48,16 +48,16 @@ def locked_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> 
     return replace(model, columns=columns, n_chosen=len(visible), base=base, counted=moving)
 
 
-def locked_note(names: Sequence[str], moving: BoolArray) -> str:
+def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
     """Return the note that names the locked joints."""
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
-        f"Locked at home: {listed(still)}. W has the equations of the joints that move, and the parameters that these "
+        f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the parameters that these "
         "show."
     )
 
 
-def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
+def _sample_observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
     """Return W (m, n, c) of all columns at random states of the moving joints."""
     rng = np.random.default_rng(0)
     robot = model.robot
@@ -70,7 +70,7 @@ def _observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> 
     # Some states at rest: what depends on position alone must not hide behind large accelerations.
     dq[::4] *= 0.05
     ddq[::4] = 0.0
-    observation = Observation.of(robot, model.columns, model.signals)
+    observation = Observation.from_columns(robot, model.columns, model.signals)
     entries = observation.evaluate(
         q,
         dq,

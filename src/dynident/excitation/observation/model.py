@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import LINKS, Column, EffectChoice, ReferenceParameters, Signals, columns_of, role_of
+from dynident.effects import LINKS, Column, EffectChoice, ReferenceParameters, Signals, build_columns, get_role
 from dynident.errors import DynidentError
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.expressions import Program
 from dynident.motion.trajectories.motion import Motion
-from dynident.regressors.base_parameters import BaseParameters, base_parameters
+from dynident.regressors.base_parameters import BaseParameters, find_base_parameters
 from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.observation import Observation
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 JUMP_TIME = 0.02
 """Time over which jumps in a column are spread, s: filtering does the same to data."""
@@ -64,7 +64,7 @@ class DesignModel:
     counted: NDArray[np.bool_]
 
     @property
-    def kept(self) -> tuple[Column, ...]:
+    def base_columns(self) -> tuple[Column, ...]:
         """Columns of all base parameters, those of the effects first."""
         return tuple(self.columns[k] for k in self.base.kept)
 
@@ -79,13 +79,13 @@ class DesignModel:
         return self.base.kept_names[: self.n_parameters]
 
     @cached_property
-    def nominal(self) -> FloatArray:
+    def nominal_values(self) -> FloatArray:
         """Values (b,) of all base parameters by the description's inertias; zero where these say nothing."""
         if self.robot.inertias is None:
             return np.zeros(self.base.count)
         standard = np.zeros(len(self.columns))
         for k, column in enumerate(self.columns):
-            if role_of(column) == "link":
+            if get_role(column) == "link":
                 link = self.robot.tree.joint_names.index(column.link)
                 standard[k] = self.robot.inertias[link, INERTIAL_NAMES.index(column.parameter)]
         values: FloatArray = self.base.grouping @ standard
@@ -94,16 +94,16 @@ class DesignModel:
     @cached_property
     def observation(self) -> Observation:
         """W for the base parameters of the chosen effects."""
-        return Observation.of(self.robot, self.kept[: self.n_parameters], self.signals)
+        return Observation.from_columns(self.robot, self.base_columns[: self.n_parameters], self.signals)
 
     @property
     def needs_path(self) -> bool:
         """Whether a column depends on the path up to now: W then needs samples close enough to follow it."""
         return self.observation.n_memory > 0
 
-    def memory_along(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
+    def compute_memory(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
         """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
-        return PathMemory(self.observation.memory).along(q, periodic=periodic)
+        return PathMemory(self.observation.memory).compute_states(q, periodic=periodic)
 
     def observe(
         self,
@@ -154,7 +154,7 @@ class DesignModel:
             motion.ddq[samples],
             dddq=motion.dddq[samples],
             ddddq=snap[samples],
-            memory=self.memory_along(motion.q)[samples],
+            memory=self.compute_memory(motion.q)[samples],
             runs=runs,
         )
 
@@ -177,7 +177,7 @@ class DesignModel:
         return self._torque_program(q, dq, ddq)
 
 
-def design_model(
+def build_design_model(
     robot: Robot,
     effects: Sequence[EffectChoice],
     *,
@@ -213,34 +213,36 @@ def design_model(
         For an unknown effect, an unfit joint, or where no column is left.
     """
     signals = signals or Signals(robot)
-    candidates = columns_of(effects, signals)
-    known_symbols = _given_by_a_trajectory(signals, other_runs=other_runs)
-    chosen = [column for column in candidates if _names_in(column.torque) <= known_symbols]
+    candidates = build_columns(effects, signals)
+    known_symbols = _list_trajectory_symbols(signals, other_runs=other_runs)
+    chosen = [column for column in candidates if _list_symbol_names(column.torque) <= known_symbols]
     notes = []
     if len(chosen) < len(candidates):
         chosen_ids = set(map(id, chosen))
-        left_out = listed(column.name for column in candidates if id(column) not in chosen_ids)
+        left_out = join_names(column.name for column in candidates if id(column) not in chosen_ids)
         notes.append(f"The criterion leaves out {left_out}: their columns depend on more than a trajectory gives.")
     if not chosen:
         raise DynidentError(
             "no column of W is left to design for; choose effects that depend on the motion alone",
             pointer="/effects",
         )
-    reference_parameters = ReferenceParameters.of_links(np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n)
+    reference_parameters = ReferenceParameters.from_links(
+        np.tile(np.array(_PLAUSIBLE_LINK), (robot.tree.n, 1)), robot.n
+    )
     if reference is not None:
         reference_parameters = reference
     elif robot.inertias is not None:
-        reference_parameters = ReferenceParameters.of_links(robot.inertias, robot.n)
+        reference_parameters = ReferenceParameters.from_links(robot.inertias, robot.n)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
         notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
     if robot.inertias is not None:
-        present = {column.name for column in chosen if role_of(column) == "link"}
-        links = columns_of([LINKS], signals)
+        present = {column.name for column in chosen if get_role(column) == "link"}
+        links = build_columns([LINKS], signals)
         # Torque limits need the links' torque also where the links are not identified.
         columns += [column for column in links if column.name not in present]
         choices += (LINKS,)
-    base = base_parameters(robot, columns, signals)
+    base = find_base_parameters(robot, columns, signals)
     return DesignModel(
         robot,
         choices,
@@ -254,12 +256,12 @@ def design_model(
     )
 
 
-def _given_by_a_trajectory(signals: Signals, *, other_runs: bool) -> set[str]:
+def _list_trajectory_symbols(signals: Signals, *, other_runs: bool) -> set[str]:
     """Return the names of the symbols that a designed trajectory has values for."""
     motion = (signals.q, signals.dq, signals.ddq, signals.dddq, signals.ddddq)
     known = ca.vertcat(*motion, signals.reference, signals.period, signals.memory_symbols)
-    return _names_in(ca.vertcat(known, signals.run_symbols) if other_runs else known)
+    return _list_symbol_names(ca.vertcat(known, signals.run_symbols) if other_runs else known)
 
 
-def _names_in(expression: ca.SX) -> set[str]:
+def _list_symbol_names(expression: ca.SX) -> set[str]:
     return {symbol.name() for symbol in ca.symvar(expression)}

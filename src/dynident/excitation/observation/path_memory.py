@@ -29,7 +29,7 @@ class PathMemory:
         self._joints = np.array([signal.joint for signal in self.signals], dtype=np.intp)
         self._slips = np.array([signal.slip for signal in self.signals])
 
-    def along(self, q: FloatArray, *, periodic: bool) -> FloatArray:
+    def compute_states(self, q: FloatArray, *, periodic: bool) -> FloatArray:
         """Return states (m, k) along q (m, n); of a periodic path those of a later period, with the start forgotten."""
         states = MemoryStates(self.signals)
         if periodic:
@@ -41,7 +41,7 @@ class PathMemory:
         gradient_of_path = np.zeros_like(q)
         if not len(self.signals):
             return gradient_of_path
-        passes, follows = self._derivatives(q, z)
+        passes, follows = self._compute_derivatives(q, z)
         carried = np.zeros(len(self.signals))
         of_moves = np.empty_like(z)
         # Twice around: what a sample does to the next period counts as well.
@@ -55,7 +55,7 @@ class PathMemory:
         np.subtract.at(gradient_of_path.T, self._joints, np.roll(of_moves, -1, axis=0).T)
         return gradient_of_path
 
-    def _derivatives(self, q: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _compute_derivatives(self, q: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ∂z(k)/∂z(k-1) and ∂z(k)/∂(q(k) - q(k-1)), both (m, k)."""
         path = q[:, self._joints]
         moves = path - np.roll(path, 1, axis=0)

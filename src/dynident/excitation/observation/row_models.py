@@ -16,7 +16,7 @@ from dynident.arrays import FloatArray
 from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
 from dynident.regressors.equations import SHARE_OF_PERIOD
 
-__all__ = ["ROW_MODELS", "RowModel", "RowModelName", "row_model"]
+__all__ = ["ROW_MODELS", "RowModel", "RowModelName", "build_row_model"]
 
 _POLE_HARMONICS = 2.0
 """a of F(s) = a²/(s + a)² over the highest frequency of the motion, both in rad/s: the motion passes the filter."""
@@ -39,7 +39,7 @@ class RowModel:
     joined: bool
     mix: FloatArray | None
 
-    def rows(self, w: FloatArray, dq: FloatArray) -> FloatArray:
+    def build_rows(self, w: FloatArray, dq: FloatArray) -> FloatArray:
         """Return the rows (N n, b), or (N, b) where the joints are joined."""
         n_samples, _, b = w.shape
         rows = np.einsum("kj,kjb->kb", dq, w)[:, None] if self.joined else w
@@ -56,18 +56,18 @@ class RowModel:
             return of_rows.reshape(w.shape), np.zeros_like(dq)
         return dq[:, :, None] * of_rows[:, None, :], np.einsum("kjb,kb->kj", w, of_rows)
 
-    def unmixed_noise(self, dq: FloatArray, noise: FloatArray) -> FloatArray:
+    def compute_unmixed_noise(self, dq: FloatArray, noise: FloatArray) -> FloatArray:
         """Return the standard deviation (N, k) of the k rows of a sample before mixing, for joint noise (n,)."""
         if not self.joined:
             return np.broadcast_to(noise, dq.shape)
         return np.asarray(np.sqrt((dq**2) @ noise**2))[:, None]
 
 
-EVERY_JOINT = RowModel("dynamic", False, None)
+DYNAMIC_ROWS = RowModel("dynamic", False, None)
 """Rows of the dynamic model: one per joint, unchanged."""
 
 
-def row_model(name: RowModelName, n_samples: int, period: float, highest: float) -> RowModel:
+def build_row_model(name: RowModelName, n_samples: int, period: float, highest: float) -> RowModel:
     """Return the rows of a model on N samples of a period of a motion.
 
     Parameters
@@ -87,25 +87,25 @@ def row_model(name: RowModelName, n_samples: int, period: float, highest: float)
     RowModel
     """
     if name == "dynamic":
-        return EVERY_JOINT
+        return DYNAMIC_ROWS
     frequencies = 2j * np.pi * np.fft.rfftfreq(n_samples, period / n_samples)
     if name == "filtered":
         pole = _POLE_HARMONICS * 2 * np.pi * highest
-        return RowModel(name, False, _circulant(lambda s: (pole / (s + pole)) ** 2, frequencies, n_samples))
+        return RowModel(name, False, _build_circulant(lambda s: (pole / (s + pole)) ** 2, frequencies, n_samples))
     if name == "power":
         return RowModel(name, True, None)
     length = 1.0 / (SHARE_OF_PERIOD * highest)
-    return RowModel(name, True, _circulant(lambda s: _interval(s, length), frequencies, n_samples))
+    return RowModel(name, True, _build_circulant(lambda s: _interval_transfer(s, length), frequencies, n_samples))
 
 
-def _interval(s: np.ndarray, length: float) -> np.ndarray:
+def _interval_transfer(s: np.ndarray, length: float) -> np.ndarray:
     """Return the transfer function of the integral from t to t + length."""
     # At s = 0 the quotient is 0 / 0; its limit is the length.
     safe = np.where(s == 0, 1.0, s)
     return np.where(s == 0, length, (np.exp(safe * length) - 1.0) / safe)
 
 
-def _circulant(transfer: Callable[[np.ndarray], np.ndarray], s: np.ndarray, n_samples: int) -> FloatArray:
+def _build_circulant(transfer: Callable[[np.ndarray], np.ndarray], s: np.ndarray, n_samples: int) -> FloatArray:
     """Return the matrix (N, N) of a transfer function that acts on N samples of a period."""
     response = np.fft.irfft(transfer(s), n_samples)
     places = (np.arange(n_samples)[:, None] - np.arange(n_samples)) % n_samples

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, Signals, columns_of
+from dynident.effects import Column, Signals, build_columns
 from dynident.excitation.observation.model import JUMP_TIME, DesignModel
 from dynident.excitation.observation.path_memory import PathMemory
 from dynident.expressions import Program
@@ -27,12 +27,12 @@ class ObservationGradient:
     def __init__(self, model: DesignModel, n_samples: int, smooth_sign: float) -> None:
         self.n, self.n_samples = model.robot.n, n_samples
         signals = Signals(model.robot, smooth_sign=smooth_sign)
-        columns = _same_columns(model, signals)
+        columns = _rebuild_columns(model, signals)
         self.n_columns = len(columns)
         matrix = ca.horzcat(*(column.torque for column in columns))
         rows, at = matrix.sparsity().get_triplet()
         self._places = np.array(rows, dtype=np.intp) * self.n_columns + np.array(at, dtype=np.intp)
-        memory = signals.memory_in(matrix)
+        memory = signals.find_memory_signals(matrix)
         states = ca.vertcat(*(signals.memory(item) for item in memory))
         derivatives = [signals.q, signals.dq, signals.ddq]
         if ca.depends_on(matrix, ca.vertcat(signals.dddq, signals.ddddq)):
@@ -63,7 +63,7 @@ class ObservationGradient:
         for part, values in enumerate(derivatives[: self._n_derivatives]):
             self._state[:, part * self.n : (part + 1) * self.n] = values
         if self._memory.signals:
-            self._state[:, self._n_derivatives * self.n :] = self._memory.along(derivatives[0], periodic=True)
+            self._state[:, self._n_derivatives * self.n :] = self._memory.compute_states(derivatives[0], periodic=True)
         self._forward(self._state, out=self._entries)
         self._w[:, self._places] = self._entries
         return self._w.reshape(self.n_samples, self.n, self.n_columns)
@@ -81,7 +81,7 @@ class ObservationGradient:
         return gradients
 
 
-def _same_columns(model: DesignModel, signals: Signals) -> list[Column]:
+def _rebuild_columns(model: DesignModel, signals: Signals) -> list[Column]:
     """Return the model's base columns, made from other symbols."""
-    by_key = {column.key: column for column in columns_of(model.choices, signals)}
-    return [by_key[column.key] for column in model.kept]
+    by_key = {column.key: column for column in build_columns(model.choices, signals)}
+    return [by_key[column.key] for column in model.base_columns]

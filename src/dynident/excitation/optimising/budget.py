@@ -21,11 +21,11 @@ class Budget:
         self._began = time.monotonic()
 
     @property
-    def taken(self) -> float:
+    def elapsed(self) -> float:
         """Seconds that have passed, those before an interruption included."""
         return time.monotonic() - self._began
 
-    def go_on_after(self, seconds: float) -> None:
+    def add_elapsed(self, seconds: float) -> None:
         """Count the time that passed before the search was interrupted."""
         self._began -= seconds
 
@@ -35,7 +35,7 @@ class Budget:
         return 0.0 if self.seconds is None else (time.monotonic() - self._began) / self.seconds
 
     @property
-    def spent(self) -> bool:
+    def is_spent(self) -> bool:
         """Whether the time is over."""
         return self.share_spent >= 1.0
 

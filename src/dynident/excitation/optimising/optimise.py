@@ -19,11 +19,11 @@ from dynident.arrays import FloatArray
 from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.optimising.problem import DesignProblem, Evaluation, Multipliers
-from dynident.excitation.optimising.random_trajectories import Candidate, Judge
-from dynident.excitation.optimising.reached import Reached, StartReached
-from dynident.motion.limits.shrinking import Shrinking
+from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator
+from dynident.excitation.optimising.reached import SearchCheckpoint, StartState
+from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.progress import Progress
-from dynident.side_by_side import WORTH, processors, side_by_side
+from dynident.side_by_side import MIN_PARALLEL_SIZE, count_processors, map_in_threads
 
 _PENALTY = 1.0
 _PENALTY_GROWTH = 4.0
@@ -41,11 +41,11 @@ _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
 
 
 @dataclass(frozen=True)
-class Course:
+class Resumption:
     """Checkpoint that a stopped search continues from, and where it keeps new ones."""
 
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
-    before: Reached | None = None
+    before: SearchCheckpoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +57,14 @@ class Optimisation:
     out_of_time: bool
 
 
-def optimise(
+def optimise_trajectories(
     problem: DesignProblem,
-    shrinking: Shrinking,
-    judge: Judge,
+    shrinking: AmplitudeScaler,
+    judge: CandidateEvaluator,
     candidates: Sequence[Candidate],
     budget: Budget,
     progress: Progress,
-    course: Course = Course(),
+    course: Resumption = Resumption(),
 ) -> Optimisation:
     """Improve random candidates, best first, until the budget is spent.
 
@@ -72,18 +72,18 @@ def optimise(
     budget cuts short still counts with what it has reached; a search that was stopped from outside continues from
     `course`.
     """
-    *_, last = search(problem, shrinking, judge, candidates, budget, progress, course)
+    *_, last = search_stepwise(problem, shrinking, judge, candidates, budget, progress, course)
     return last
 
 
-def search(
+def search_stepwise(
     problem: DesignProblem,
-    shrinking: Shrinking,
-    judge: Judge,
+    shrinking: AmplitudeScaler,
+    judge: CandidateEvaluator,
     candidates: Sequence[Candidate],
     budget: Budget,
     progress: Progress,
-    course: Course = Course(),
+    course: Resumption = Resumption(),
 ) -> Iterator[Optimisation]:
     """Do the same as `optimise` step by step.
 
@@ -93,9 +93,11 @@ def search(
         At first, after every sketch of a start, and after its end.
     """
     before = course.before
-    best_so_far = Optimisation(candidates[0], 0, budget.spent)
+    best_so_far = Optimisation(candidates[0], 0, budget.is_spent)
     if before is not None:
-        best_so_far = Optimisation(Candidate(before.best, judge.values(before.best)), before.completed, budget.spent)
+        best_so_far = Optimisation(
+            Candidate(before.best, judge.evaluate(before.best)), before.completed, budget.is_spent
+        )
     yield best_so_far
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     problems = [problem]
@@ -104,49 +106,49 @@ def search(
         worth: dict[int, float] = {}
         if before is not None and before.first == first:
             for start, reached_before in zip(heat, before.starts, strict=False):
-                start.go_on_from(reached_before)
+                start.resume_from(reached_before)
         for rounds in (_SKETCH, len(_ITERATIONS)):
             ordered = sorted(heat, key=lambda start: worth.get(start.number, 0.0))
             waiting = [
                 start for start in ordered if not start.counted and start.rounds <= rounds
             ]  # else done before it stopped
             while waiting:
-                if budget.spent:
+                if budget.is_spent:
                     return
-                together, waiting = waiting[: processors()], waiting[processors() :]
-                problems += [problem.apart() for _ in together[len(problems) :]]
+                together, waiting = waiting[: count_processors()], waiting[count_processors() :]
+                problems += [problem.copy_for_thread() for _ in together[len(problems) :]]
                 for start, own in zip(together, problems, strict=False):
                     start.problem = own
-                telling = _Telling(candidates, best_so_far, first, heat, budget, progress, course.checkpoints)
-                _advance(together, rounds, telling)
+                telling = _ProgressReporter(candidates, best_so_far, first, heat, budget, progress, course.checkpoints)
+                _advance_starts(together, rounds, telling)
                 for start in together:
-                    reached = _within_limits(start.x, shrinking, judge)
+                    reached = _fit_within_limits(start.x, shrinking, judge)
                     # A start that cannot be brought within the limits is continued last.
                     worth[start.number] = np.inf if reached is None else reached.values.criterion
-                    best_so_far = _with(best_so_far, reached, start.finished, budget)
+                    best_so_far = _update_best(best_so_far, reached, start.finished, budget)
                     start.counted = start.finished
                     yield best_so_far
                 if any(start.counted for start in together):
-                    course.checkpoints.keep(partial(_reached, candidates, best_so_far, first, heat, budget))
+                    course.checkpoints.save(partial(_pack_checkpoint, candidates, best_so_far, first, heat, budget))
 
 
-def _advance(starts: Sequence[_Start], rounds: int, telling: _Telling) -> None:
+def _advance_starts(starts: Sequence[_Start], rounds: int, telling: _ProgressReporter) -> None:
     """Bring starts so many rounds far, in parallel, as far as the time allows."""
 
-    def advance(start: _Start, report: Progress) -> None:
-        while start.rounds < rounds and not start.finished and not telling.budget.spent:
-            start.advance(telling.budget, lambda at: report(0.0, telling.message(start, at)))
-            telling.keep(start)
+    def advance_start(start: _Start, report: Progress) -> None:
+        while start.rounds < rounds and not start.finished and not telling.budget.is_spent:
+            start.advance(telling.budget, lambda at: report(0.0, telling.build_message(start, at)))
+            telling.keep_checkpoint(start)
 
-    side_by_side(advance, starts, [WORTH] * len(starts), telling)
+    map_in_threads(advance_start, starts, [MIN_PARALLEL_SIZE] * len(starts), telling)
 
 
 @dataclass(eq=False)
-class _Telling:
+class _ProgressReporter:
     """Reports the progress of a heat in the thread that began the search, and keeps a checkpoint after every round."""
 
     candidates: Sequence[Candidate]
-    found: Optimisation
+    best_so_far: Optimisation
     first: int
     heat: Sequence[_Start]
     budget: Budget
@@ -154,12 +156,12 @@ class _Telling:
     checkpoints: Checkpoints
     _one: Lock = field(default_factory=Lock)
 
-    def message(self, start: _Start, at: Evaluation) -> str:
+    def build_message(self, start: _Start, at: Evaluation) -> str:
         """Return the message for an iteration of a start."""
         return (
             f"start {start.number + 1}, iteration {start.iterations}: criterion {np.exp(at.criterion):.4g}, "
-            f"tightest limit at {100 * (1 + at.worst):.0f} %; best within the limits "
-            f"{self.found.best.values.criterion:.4g}, best random {self.candidates[0].values.criterion:.4g}"
+            f"tightest limit at {100 * (1 + at.worst_excess):.0f} %; best within the limits "
+            f"{self.best_so_far.best.values.criterion:.4g}, best random {self.candidates[0].values.criterion:.4g}"
         )
 
     def __call__(self, _: float, message: str) -> None:
@@ -167,30 +169,32 @@ class _Telling:
         if message:
             self.progress(self.budget.fraction(self.first + sum(start.share_done for start in self.heat)), message)
 
-    def keep(self, start: _Start) -> None:
+    def keep_checkpoint(self, start: _Start) -> None:
         """Keep a checkpoint after a round of a start, in the thread of that start, if it is time."""
         with self._one:
-            start.settle()
-            self.checkpoints.keep(partial(_reached, self.candidates, self.found, self.first, self.heat, self.budget))
+            start.record_state()
+            self.checkpoints.save(
+                partial(_pack_checkpoint, self.candidates, self.best_so_far, self.first, self.heat, self.budget)
+            )
 
 
-def _reached(
+def _pack_checkpoint(
     candidates: Sequence[Candidate], best_so_far: Optimisation, first: int, heat: Sequence[_Start], budget: Budget
 ) -> bytes:
     drawn = np.array([candidate.x for candidate in candidates])
-    starts = tuple(start.reached() for start in heat)
-    return Reached(budget.taken, drawn, best_so_far.best.x, first, best_so_far.starts, starts).to_bytes()
+    starts = tuple(start.get_state() for start in heat)
+    return SearchCheckpoint(budget.elapsed, drawn, best_so_far.best.x, first, best_so_far.starts, starts).to_bytes()
 
 
-def _within_limits(x: FloatArray, shrinking: Shrinking, judge: Judge) -> Candidate | None:
-    fitting = shrinking.shrink(x)
-    return None if fitting is None else Candidate(fitting, judge.values(fitting))
+def _fit_within_limits(x: FloatArray, shrinking: AmplitudeScaler, judge: CandidateEvaluator) -> Candidate | None:
+    fitting = shrinking.scale_down(x)
+    return None if fitting is None else Candidate(fitting, judge.evaluate(fitting))
 
 
-def _with(best_so_far: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
+def _update_best(best_so_far: Optimisation, reached: Candidate | None, finished: bool, budget: Budget) -> Optimisation:
     better = reached is not None and reached.values.criterion < best_so_far.best.values.criterion
     best = reached if reached is not None and better else best_so_far.best
-    return Optimisation(best, best_so_far.starts + finished, budget.spent)
+    return Optimisation(best, best_so_far.starts + finished, budget.is_spent)
 
 
 @dataclass(eq=False)
@@ -207,36 +211,36 @@ class _Start:
     _worst: float = np.inf
     _before: float = np.inf
     _multipliers: Multipliers = field(init=False)
-    _reached: StartReached = field(init=False)
+    _reached: StartState = field(init=False)
 
     def __post_init__(self) -> None:
-        self._multipliers = self.problem.no_multipliers(_PENALTY)
-        self.settle()
+        self._multipliers = self.problem.create_multipliers(_PENALTY)
+        self.record_state()
 
     @property
     def share_done(self) -> float:
         """Share of the rounds that are done."""
         return 1.0 if self.finished else self.rounds / len(_ITERATIONS)
 
-    def reached(self) -> StartReached:
+    def get_state(self) -> StartState:
         """Return the state at the end of the last round; another thread may be in the middle of the next one."""
         return replace(self._reached, numbers={**self._reached.numbers, "counted": float(self.counted)})
 
-    def settle(self) -> None:
+    def record_state(self) -> None:
         """Record the state at the end of a round."""
         numbers = {name: float(getattr(self, name)) for name in _NUMBERS}
         multipliers = self._multipliers
         arrays = {"x": self.x, "values": multipliers.values, "crowding": multipliers.crowding}
-        self._reached = StartReached({**numbers, "penalty": multipliers.penalty}, arrays)
+        self._reached = StartState({**numbers, "penalty": multipliers.penalty}, arrays)
 
-    def go_on_from(self, before: StartReached) -> None:
+    def resume_from(self, before: StartState) -> None:
         """Continue from a recorded state."""
         for name in _NUMBERS:
             setattr(self, name, type(getattr(self, name))(before.numbers[name]))
         arrays = before.arrays
         self.x = arrays["x"]
         self._multipliers = Multipliers(arrays["values"], arrays["crowding"], before.numbers["penalty"])
-        self.settle()
+        self.record_state()
 
     def advance(self, budget: Budget, tell: Callable[[Evaluation], None]) -> None:
         """Do one more round, as far as the time allows."""
@@ -245,7 +249,7 @@ class _Start:
         def after_iteration(intermediate_result: OptimizeResult) -> None:
             self.iterations += 1
             tell(descent.last)
-            if budget.spent:
+            if budget.is_spent:
                 raise StopIteration
 
         result = minimize(
@@ -258,19 +262,19 @@ class _Start:
         )
         self.x = result.x.reshape(self.x.shape)
         at = self.problem.evaluate(result.x, self._multipliers)
-        if budget.spent:
+        if budget.is_spent:
             return
         # A round that the budget cut short does not count: its multipliers would be those of an unfinished descent.
         self.rounds += 1
         settled = abs(self._before - at.criterion) < _SETTLED
-        self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst < _SMALL_EXCESS and settled))
+        self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst_excess < _SMALL_EXCESS and settled))
         # The multipliers alone bring the excess down in well-scaled problems. Only where they do not, the penalty
         # grows, as a large one makes the problem ill-conditioned.
-        enough = at.worst < _ENOUGH_PROGRESS * self._worst
-        self._multipliers = self._multipliers.raised(
+        enough = at.worst_excess < _ENOUGH_PROGRESS * self._worst
+        self._multipliers = self._multipliers.update(
             at, self._multipliers.penalty * (1.0 if enough else _PENALTY_GROWTH)
         )
-        self._worst, self._before = at.worst, at.criterion
+        self._worst, self._before = at.worst_excess, at.criterion
 
 
 class _Descent:

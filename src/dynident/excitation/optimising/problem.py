@@ -9,9 +9,9 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.excitation.criteria.smooth import Criterion
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.observation.row_models import RowModelName, row_model
+from dynident.excitation.observation.row_models import RowModelName, build_row_model
 from dynident.excitation.observation.sensitivity import ObservationGradient
-from dynident.excitation.optimising.sampling import samples_of_a_period, smooth_sign
+from dynident.excitation.optimising.sampling import choose_sign_rounding, count_period_samples
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.trajectories.family import Family
 
@@ -38,7 +38,7 @@ class Multipliers:
     crowding: FloatArray
     penalty: float
 
-    def raised(self, at: Evaluation, penalty: float) -> Multipliers:
+    def update(self, at: Evaluation, penalty: float) -> Multipliers:
         """Return those of the next round, after an evaluation at the end of this one."""
         return Multipliers(
             np.maximum(0.0, self.values + self.penalty * at.excess),
@@ -71,7 +71,7 @@ class Evaluation:
     crowding: FloatArray
 
     @property
-    def worst(self) -> float:
+    def worst_excess(self) -> float:
         """The largest excess."""
         return max(float(self.excess.max()), float(self.crowding.max(initial=-np.inf)))
 
@@ -101,20 +101,20 @@ class DesignProblem:
     ) -> None:
         self.family, self.bounds = family, bounds
         self.n = model.robot.n
-        self.n_samples = samples_of_a_period(model, family)
+        self.n_samples = count_period_samples(model, family)
         self._model = model
         self._criterion = criterion
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
         self._rows_of = rows
-        self._row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
-        self._rows = ObservationGradient(model, self.n_samples, smooth_sign(model, bounds))
+        self._row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
+        self._rows = ObservationGradient(model, self.n_samples, choose_sign_rounding(model, bounds))
         b = model.n_parameters
         self._n_parameters = b
-        self._nominal = model.nominal
+        self._nominal = model.nominal_values
         self._counted = None if model.counted.all() else model.counted[:, None].astype(np.float64)
         self._middle = np.zeros((6, 1, self.n))
         self._middle[0, 0] = bounds.middle
-        self._rooms = None if bounds.space is None else bounds.space.rooms
+        self._rooms = None if bounds.space is None else bounds.space.constraints
         of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
         room = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
@@ -122,11 +122,11 @@ class DesignProblem:
         # An absent limit has infinite room: its share is zero, and it never acts.
         self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
 
-    def apart(self) -> DesignProblem:
+    def copy_for_thread(self) -> DesignProblem:
         """Return a copy for another thread: evaluations of one problem use the same memory."""
         return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of)
 
-    def no_multipliers(self, penalty: float) -> Multipliers:
+    def create_multipliers(self, penalty: float) -> Multipliers:
         """Return zero multipliers, where the augmented Lagrangian begins."""
         count = 0 if self._rooms is None else self._rooms.count
         return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
@@ -143,19 +143,19 @@ class DesignProblem:
         torque = w @ self._nominal
         b = self._n_parameters
         scale = 1.0 / np.sqrt(self.n_samples)
-        chosen = self._of_counted(w[:, :, :b])
-        criterion, of_rows = self._criterion(scale * self._row_model.rows(chosen, dq))
+        chosen = self._mask_uncounted(w[:, :, :b])
+        criterion, of_rows = self._criterion(scale * self._row_model.build_rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
         shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
-        crowding, of_crowding, of_posture = self._crowding(q, multipliers)
+        crowding, of_crowding, of_posture = self._evaluate_crowding(q, multipliers)
         penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
         of_signals = active * np.sign(shares) * self._per_room
         # Power is torque times velocity: its share of the gradient goes to both by the product rule.
         of_torque = of_signals[4] + of_signals[5] * dq
         of_w = of_torque[:, :, None] * self._nominal
-        of_w[:, :, :b] += self._of_counted(of_chosen)
+        of_w[:, :, :b] += self._mask_uncounted(of_chosen)
         gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
         for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
             gradient += basis.T @ of_derivative
@@ -164,11 +164,11 @@ class DesignProblem:
         gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
 
-    def _of_counted(self, rows: FloatArray) -> FloatArray:
+    def _mask_uncounted(self, rows: FloatArray) -> FloatArray:
         """Return the rows (N, n, b) with those of joints that do not count set to zero."""
         return rows if self._counted is None else rows * self._counted
 
-    def _crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
+    def _evaluate_crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
         """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
         if self._rooms is None:
             return multipliers.crowding, 0.0, np.zeros_like(q)

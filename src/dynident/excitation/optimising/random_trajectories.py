@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.deciding import DesignCriterion
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.observation.model import DesignModel
-from dynident.excitation.observation.row_models import RowModelName, row_model
-from dynident.excitation.optimising.sampling import samples_of_a_period
+from dynident.excitation.observation.row_models import RowModelName, build_row_model
+from dynident.excitation.optimising.sampling import count_period_samples
 from dynident.motion.limits.bounds import Bounds
-from dynident.motion.limits.postures import holdable_postures
-from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.limits.postures import draw_holdable_postures
+from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.motion.trajectories.family import Family
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,49 +28,51 @@ class Candidate:
     values: CriterionValues
 
 
-class Judge:
+class CandidateEvaluator:
     """Criterion values of coefficients, without smoothing, on samples of one period."""
 
     def __init__(
         self,
         family: Family,
         model: DesignModel,
-        yardstick: Yardstick,
+        yardstick: DesignCriterion,
         *,
         n_samples: int = 0,
         rows: RowModelName = "dynamic",
     ) -> None:
         self._model, self._yardstick = model, yardstick
-        self.n_samples = max(n_samples, samples_of_a_period(model, family))
+        self.n_samples = max(n_samples, count_period_samples(model, family))
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
-        self.row_model = row_model(rows, self.n_samples, family.period, family.highest_frequency)
+        self.row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
 
-    def values(self, x: FloatArray) -> CriterionValues:
+    def evaluate(self, x: FloatArray) -> CriterionValues:
         """Return the criterion values of coefficients (m, n)."""
-        return self._yardstick.values(self.row_model.rows(self.observe(x), self.velocity(x)), self.n_samples)
+        return self._yardstick.evaluate(
+            self.row_model.build_rows(self.observe(x), self.compute_velocity(x)), self.n_samples
+        )
 
     def observe(self, x: FloatArray) -> FloatArray:
         """Return W (N, n, b) of the dynamic model for coefficients (m, n)."""
         q, dq, ddq, dddq, ddddq = self._basis @ x
-        memory = self._model.memory_along(q, periodic=True)
+        memory = self._model.compute_memory(q, periodic=True)
         w = self._model.observe(q, dq, ddq, dddq=dddq, ddddq=ddddq, memory=memory)
         return w.reshape(*q.shape, -1)
 
-    def velocity(self, x: FloatArray) -> FloatArray:
+    def compute_velocity(self, x: FloatArray) -> FloatArray:
         """Return q̇ (N, n) for coefficients (m, n)."""
         velocity: FloatArray = self._basis[1] @ x
         return velocity
 
 
-def random_candidates(
+def draw_candidates(
     family: Family,
     bounds: Bounds,
     model: DesignModel,
-    judge: Judge,
+    judge: CandidateEvaluator,
     *,
     count: int,
     seed: int,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     enough: Callable[[], bool] = lambda: False,
 ) -> list[Candidate]:
     """Return random trajectories of the family, each joint scaled into its limits, best first.
@@ -83,8 +85,8 @@ def random_candidates(
         No posture can be held within the torque limits.
     """
     rng = np.random.default_rng(seed)
-    postures = holdable_postures(bounds, model, rng)
-    shrinking = Shrinking(family, bounds, model, fine=False)
+    postures = draw_holdable_postures(bounds, model, rng)
+    shrinking = AmplitudeScaler(family, bounds, model, fine=False)
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
     candidates: list[Candidate] = []
     for index in range(count):
@@ -95,14 +97,14 @@ def random_candidates(
         x[0] = postures[rng.integers(len(postures))]
         x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
         # Each joint fills its own limits first; then one factor for all brings torque and clearances within theirs.
-        x[1:] *= _largest_scale(basis @ x[1:], x[0], bounds)
-        fitting = shrinking.shrink(x)
+        x[1:] *= _find_largest_scale(basis @ x[1:], x[0], bounds)
+        fitting = shrinking.scale_down(x)
         if fitting is not None:
-            candidates.append(Candidate(fitting, judge.values(fitting)))
+            candidates.append(Candidate(fitting, judge.evaluate(fitting)))
     return sorted(candidates, key=lambda candidate: candidate.values.criterion)
 
 
-def _largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
+def _find_largest_scale(motion: FloatArray, centre: FloatArray, bounds: Bounds) -> FloatArray:
     """Return the amplitude per joint (n,) of motion (4, N, n) about its centre that fills the limits on q … jerk."""
     q, dq, ddq, dddq = motion
     scale: FloatArray = np.min(

@@ -15,7 +15,7 @@ from dynident.version import __version__
 
 
 @dataclass(frozen=True, eq=False)
-class StartReached:
+class StartState:
     """State of one start: numbers by name and arrays by name, which only the start itself understands."""
 
     numbers: Mapping[str, float]
@@ -23,7 +23,7 @@ class StartReached:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
+class SearchCheckpoint:
     """State of a stopped search.
 
     Parameters
@@ -47,7 +47,7 @@ class Reached:
     best: FloatArray
     first: int = 0
     completed: int = 0
-    starts: Sequence[StartReached] = field(default=())
+    starts: Sequence[StartState] = field(default=())
 
     def to_bytes(self) -> bytes:
         """Return the state as bytes."""
@@ -66,7 +66,7 @@ class Reached:
             return file.getvalue()
 
 
-def reached_of(content: bytes | None) -> Reached | None:
+def read_checkpoint(content: bytes | None) -> SearchCheckpoint | None:
     """Read a state from bytes; None where there is none, or another version wrote it."""
     if content is None:
         return None
@@ -82,8 +82,8 @@ def reached_of(content: bytes | None) -> Reached | None:
                 named = {
                     name.removeprefix(of_start): arrays[name] for name in arrays.files if name.startswith(of_start)
                 }
-                starts.append(StartReached(numbers, named))
-            return Reached(
+                starts.append(StartState(numbers, named))
+            return SearchCheckpoint(
                 header["seconds"],
                 arrays["candidates"],
                 arrays["best"],

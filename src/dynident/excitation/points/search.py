@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.deciding import DesignCriterion
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.points.sequence import Legs, PointSequence, rows_of, values_of
+from dynident.excitation.points.sequence import MovePlanner, PointSequence, evaluate_moves, stack_rows
 from dynident.excitation.points.spaces import PointSpace
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.progress import Progress
@@ -28,23 +28,23 @@ _GROWTH = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class FoundSequence:
+class EvaluatedSequence:
     """A sequence that keeps the limits, and its criterion values."""
 
     sequence: PointSequence
     values: CriterionValues
 
 
-def drawn(
+def draw_sequences(
     space: PointSpace,
-    legs: Legs,
-    yardstick: Yardstick,
+    legs: MovePlanner,
+    yardstick: DesignCriterion,
     *,
     count: int,
     rng: np.random.Generator,
     progress: Progress,
     enough: Callable[[], bool] = lambda: False,
-) -> list[FoundSequence]:
+) -> list[EvaluatedSequence]:
     """Return `count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
 
     Raises
@@ -52,15 +52,15 @@ def drawn(
     ImpossibleLimitsError
         None of many keeps the limits.
     """
-    sequences: list[FoundSequence] = []
+    sequences: list[EvaluatedSequence] = []
     for index in range(count):
         if sequences and enough():
             break
         progress(index / count, f"random sequence {index + 1} of {count}")
-        sequence = _drawn_within(space, legs, rng)
-        moves = legs.of(sequence)
+        sequence = _draw_within_limits(space, legs, rng)
+        moves = legs.plan_sequence(sequence)
         if moves is not None:
-            sequences.append(FoundSequence(sequence, values_of(moves, yardstick)))
+            sequences.append(EvaluatedSequence(sequence, evaluate_moves(moves, yardstick)))
     if not sequences:
         raise ImpossibleLimitsError(
             f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, keeps the limits of "
@@ -71,22 +71,22 @@ def drawn(
     return sorted(sequences, key=lambda candidate: candidate.values.criterion)
 
 
-def _drawn_within(space: PointSpace, legs: Legs, rng: np.random.Generator) -> PointSequence:
+def _draw_within_limits(space: PointSpace, legs: MovePlanner, rng: np.random.Generator) -> PointSequence:
     """Return a random sequence, point after point drawn again until the moves keep the limits, or many times."""
     sequence = space.draw(rng)
     for _ in range(_REDRAWN * len(sequence.points)):
-        k = legs.first_broken(sequence)
+        k = legs.find_first_broken(sequence)
         if k is None:
             break
-        sequence = space.redrawn(sequence, k, rng)
+        sequence = space.redraw(sequence, k, rng)
     return sequence
 
 
-def improved(
+def improve_sequence(
     first: PointSequence,
     space: PointSpace,
-    legs: Legs,
-    yardstick: Yardstick,
+    legs: MovePlanner,
+    yardstick: DesignCriterion,
     *,
     variations: int,
     rng: np.random.Generator,
@@ -94,17 +94,17 @@ def improved(
     progress: Progress,
 ) -> tuple[PointSequence, bool]:
     """Return the sequence after so many variations, and whether the time allowed all of them."""
-    criterion = yardstick.smooth
-    moves = legs.of(first)
+    criterion = yardstick.smooth_criterion
+    moves = legs.plan_sequence(first)
     assert moves is not None
-    best, value, size = first, criterion(rows_of(moves))[0], _FIRST_SIZE
+    best, value, size = first, criterion(stack_rows(moves))[0], _FIRST_SIZE
     for index in range(variations):
-        if budget.spent:
+        if budget.is_spent:
             return best, False
         progress(index / variations, f"variation {index + 1}: criterion {np.exp(value):.4g}")
-        neighbour = space.varied(best, rng, size)
-        moves = legs.of(neighbour)
-        reached = np.inf if moves is None else criterion(rows_of(moves))[0]
+        neighbour = space.vary(best, rng, size)
+        moves = legs.plan_sequence(neighbour)
+        reached = np.inf if moves is None else criterion(stack_rows(moves))[0]
         if reached < value:
             best, value, size = neighbour, reached, min(_GROWTH * size, _LARGEST_SIZE)
         else:

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.excitation.criteria.deciding import Yardstick
+from dynident.excitation.criteria.deciding import DesignCriterion
 from dynident.excitation.criteria.values import CriterionValues
 from dynident.excitation.observation.model import DesignModel
 from dynident.excitation.observation.sensitivity import ObservationGradient
-from dynident.excitation.optimising.sampling import smooth_sign
+from dynident.excitation.optimising.sampling import choose_sign_rounding
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.moves.move import plan_move
 from dynident.motion.surroundings.free_space import FreeSpace
@@ -36,20 +36,20 @@ class PointSequence:
     points: FloatArray
     shares: FloatArray
 
-    def slower(self, factor: float) -> PointSequence:
+    def slow_down(self, factor: float) -> PointSequence:
         """Return the same points at smaller shares of the limits."""
         return replace(self, shares=factor * self.shares)
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class PlannedMove:
     """The move to a point; `rows` (m n, b) have the WᵀW of its whole time: ∫ WᵀW dt."""
 
     piece: Piece
     rows: FloatArray
 
 
-class Legs:
+class MovePlanner:
     """Plans the moves of sequences within all limits, each of them once.
 
     Torque and clearance are checked on few samples: the sequence that is chosen in the end is verified closely.
@@ -65,45 +65,45 @@ class Legs:
 
     def __init__(self, bounds: Bounds, model: DesignModel, rate: float) -> None:
         self._bounds, self._rate = bounds, rate
-        self._observed = ObservationGradient(model, _SAMPLES_OF_A_MOVE, smooth_sign(model, bounds))
-        self._nominal, self._n_parameters = model.nominal, model.n_parameters
+        self._observed = ObservationGradient(model, _SAMPLES_OF_A_MOVE, choose_sign_rounding(model, bounds))
+        self._nominal, self._n_parameters = model.nominal_values, model.n_parameters
         self._counted = model.counted[:, None]
-        self._known: dict[bytes, Leg | None] = {}
+        self._known: dict[bytes, PlannedMove | None] = {}
 
-    def counting(self, moving: BoolArray) -> Legs:
+    def restrict_to_joints(self, moving: BoolArray) -> MovePlanner:
         """Return the same where only the equations of some joints (n,) count."""
         legs = copy(self)
         legs._counted, legs._known = moving[:, None], {}
         return legs
 
-    def of(self, sequence: PointSequence) -> tuple[Leg, ...] | None:
+    def plan_sequence(self, sequence: PointSequence) -> tuple[PlannedMove, ...] | None:
         """Return the moves to each point, the one to the first from the last; None where one breaks a limit."""
-        legs: list[Leg] = []
+        legs: list[PlannedMove] = []
         for k in range(len(sequence.points)):
-            leg = self._to(sequence, k)
+            leg = self._plan_to(sequence, k)
             if leg is None:
                 return None
             legs.append(leg)
         return tuple(legs)
 
-    def first_broken(self, sequence: PointSequence) -> int | None:
+    def find_first_broken(self, sequence: PointSequence) -> int | None:
         """Return the first point to which no move keeps the limits; None where all do."""
         ways = range(1, len(sequence.points) + 1)
-        return next((k % len(ways) for k in ways if self._to(sequence, k % len(ways)) is None), None)
+        return next((k % len(ways) for k in ways if self._plan_to(sequence, k % len(ways)) is None), None)
 
-    def _to(self, sequence: PointSequence, k: int) -> Leg | None:
-        return self._leg(sequence.points[k - 1], sequence.points[k], sequence.shares[k])
+    def _plan_to(self, sequence: PointSequence, k: int) -> PlannedMove | None:
+        return self._get_move(sequence.points[k - 1], sequence.points[k], sequence.shares[k])
 
-    def _leg(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
+    def _get_move(self, start: FloatArray, end: FloatArray, share: FloatArray) -> PlannedMove | None:
         key = start.tobytes() + end.tobytes() + share.tobytes()
         if key not in self._known:
             # Variations rarely come back to old moves, so a plain reset bounds the memory well enough.
             if len(self._known) >= _REMEMBERED:
                 self._known.clear()
-            self._known[key] = self._planned(start, end, share)
+            self._known[key] = self._plan_move(start, end, share)
         return self._known[key]
 
-    def _planned(self, start: FloatArray, end: FloatArray, share: FloatArray) -> Leg | None:
+    def _plan_move(self, start: FloatArray, end: FloatArray, share: FloatArray) -> PlannedMove | None:
         limits = self._bounds
         if limits.space is not None and not _is_clear(start, end, limits.space):
             return None
@@ -116,9 +116,9 @@ class Legs:
             w = self._observed.evaluate(motion.q, motion.dq, motion.ddq, motion.dddq, np.zeros_like(motion.q))
             torque = np.abs(w @ self._nominal)
             within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
-            if within and limits.followers_keep(motion.q, motion.dq, motion.ddq):
+            if within and limits.are_follower_rates_kept(motion.q, motion.dq, motion.ddq):
                 rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
-                return Leg(piece, rows.reshape(-1, self._n_parameters))
+                return PlannedMove(piece, rows.reshape(-1, self._n_parameters))
         return None
 
 
@@ -127,18 +127,18 @@ def _is_clear(start: FloatArray, end: FloatArray, space: FreeSpace) -> bool:
     way = end - start
     closely = max(_FIRST_LOOKS, int(np.ceil(np.abs(way).max() / _LOOK_EVERY)) + 1)
     return all(
-        bool((space.least_room(start + np.linspace(0.0, 1.0, looks)[:, None] * way) >= 0).all())
+        bool((space.compute_least_slack(start + np.linspace(0.0, 1.0, looks)[:, None] * way) >= 0).all())
         for looks in (_FIRST_LOOKS, closely)
     )
 
 
-def rows_of(legs: Sequence[Leg]) -> FloatArray:
+def stack_rows(legs: Sequence[PlannedMove]) -> FloatArray:
     """Return rows (m n, b) that stand for W / √N of moves one after the other."""
     total = sum(leg.piece.duration for leg in legs)
     rows: FloatArray = np.concatenate([leg.rows for leg in legs]) / np.sqrt(total)
     return rows
 
 
-def values_of(legs: Sequence[Leg], yardstick: Yardstick) -> CriterionValues:
+def evaluate_moves(legs: Sequence[PlannedMove], yardstick: DesignCriterion) -> CriterionValues:
     """Return the values of moves by the true criteria."""
-    return yardstick.values(rows_of(legs), 1)
+    return yardstick.evaluate(stack_rows(legs), 1)

@@ -22,10 +22,10 @@ class PointSpace(Protocol):
     def draw(self, rng: np.random.Generator) -> PointSequence:
         """Return a random sequence."""
 
-    def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
         """Return another one, drawn because the move to point k breaks a limit."""
 
-    def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
         """Return a neighbour; `size` is in shares of the ranges."""
 
 
@@ -47,7 +47,7 @@ class FreePoints:
         shares = self.fastest * rng.uniform(_SMALLEST_SHARE, 1.0, (self.count, 2))
         return PointSequence(points, shares)
 
-    def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
         """Return a sequence with another point k.
 
         Everything begins from the first point: instead of it, the last one is drawn again.
@@ -56,14 +56,14 @@ class FreePoints:
         points[k if k else -1] = self.postures[rng.integers(len(self.postures))]
         return PointSequence(points, sequence.shares)
 
-    def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
         """Return a sequence with one point moved, and other shares for the two moves that it belongs to."""
         points, shares = sequence.points.copy(), sequence.shares.copy()
         k = int(rng.integers(self.count))
         if rng.random() < _FRESH:
             points[k] = self.postures[rng.integers(len(self.postures))]
         else:
-            points[k] = _inside(
+            points[k] = _clip_posture(
                 self.bounds, points[k] + size * self.bounds.half_range * rng.standard_normal(len(points[k]))
             )
         touched = [k, (k + 1) % self.count]
@@ -88,26 +88,28 @@ class TwoPoints:
     def draw(self, rng: np.random.Generator) -> PointSequence:
         """Return a sequence around a random posture that can be held."""
         way = rng.uniform(self.shortest, self.longest) * rng.choice([-1.0, 1.0], len(self.shortest))
-        return self._around(self.postures[rng.integers(len(self.postures))], way)
+        return self._build_around(self.postures[rng.integers(len(self.postures))], way)
 
-    def redrawn(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
         """Return a sequence around another posture."""
         return self.draw(rng)
 
-    def varied(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
         """Return a sequence around a nearby posture, by other distances."""
         middle = sequence.points.mean(axis=0) + size * self.bounds.half_range * rng.standard_normal(len(self.shortest))
         way = sequence.points[1] - sequence.points[0]
         length = np.abs(way) + size * self.longest * rng.standard_normal(len(way))
         sign = np.where(rng.random(len(way)) < _FRESH, -1.0, 1.0) * np.where(way < 0, -1.0, 1.0)
-        return self._around(_inside(self.bounds, middle), sign * np.clip(length, self.shortest, self.longest))
+        return self._build_around(
+            _clip_posture(self.bounds, middle), sign * np.clip(length, self.shortest, self.longest)
+        )
 
-    def _around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
+    def _build_around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
         room = self.bounds.half_range - np.abs(way) / 2
         centre = np.clip(middle, self.bounds.middle - room, self.bounds.middle + room)
         return PointSequence(np.stack([centre - way / 2, centre + way / 2]), np.ones((2, 2)))
 
 
-def _inside(bounds: Bounds, posture: FloatArray) -> FloatArray:
+def _clip_posture(bounds: Bounds, posture: FloatArray) -> FloatArray:
     """Return a posture moved inside the position limits."""
     return np.clip(posture, bounds.position_low, bounds.position_high)

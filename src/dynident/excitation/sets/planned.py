@@ -15,7 +15,7 @@ _POSTURES_OF_A_GROUP = 3
 
 
 @dataclass(frozen=True)
-class Freely:
+class FreeMotion:
     """The moving joints follow a trajectory of the requested family."""
 
 
@@ -38,7 +38,7 @@ class BetweenTwoPoints:
 
 
 @dataclass(frozen=True)
-class Slowly:
+class SlowMotion:
     """The moving joints go slowly through many postures."""
 
 
@@ -48,10 +48,10 @@ class PlannedRun:
 
     label: str
     moving: tuple[int, ...]
-    how: Freely | BetweenTwoPoints | Slowly
+    how: FreeMotion | BetweenTwoPoints | SlowMotion
 
 
-def planned_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+def plan_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return the runs of a set, in the order in which they are made.
 
     Raises
@@ -60,13 +60,13 @@ def planned_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, .
         The robot has too few joints for the set.
     """
     if name == "link_by_link":
-        return _link_by_link(joint_names)
+        return _plan_link_by_link(joint_names)
     if name == "wrist_then_shoulder":
-        return _wrist_then_shoulder(joint_names)
-    return _vandanjon(joint_names)
+        return _plan_wrist_then_shoulder(joint_names)
+    return _plan_vandanjon(joint_names)
 
 
-def _link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+def _plan_link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return runs from the terminal link inwards [12.22]-[12.24], each of its joint and the two before it.
 
     These two carry the link about other axes. The joints beyond are locked: their links are known by then, and move as
@@ -74,12 +74,12 @@ def _link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     with this link.
     """
     return tuple(
-        PlannedRun(f"link {j + 1} ({joints[j]})", tuple(range(max(0, j - 2), j + 1)), Freely())
+        PlannedRun(f"link {j + 1} ({joints[j]})", tuple(range(max(0, j - 2), j + 1)), FreeMotion())
         for j in reversed(range(len(joints)))
     )
 
 
-def _wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+def _plan_wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return runs of the last three joints with the arm locked, then of the arm with the wrist locked (§12.7)."""
     n = len(joints)
     if n <= _WRIST:
@@ -89,13 +89,13 @@ def _wrist_then_shoulder(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
         )
     groups = (("wrist", tuple(range(n - _WRIST, n))), ("shoulder", tuple(range(n - _WRIST))))
     return tuple(
-        PlannedRun(f"{name}, posture {k + 1}", moving, Freely())
+        PlannedRun(f"{name}, posture {k + 1}", moving, FreeMotion())
         for name, moving in groups
         for k in range(_POSTURES_OF_A_GROUP)
     )
 
 
-def _vandanjon(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
+def _plan_vandanjon(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return runs for four phenomena, one after the other [Vandanjon 95]; together they make one global system."""
     n = len(joints)
     inertia = [PlannedRun(f"inertia, {joints[j]}", (j,), BetweenTwoPoints(short=(j,))) for j in range(n)]
@@ -108,4 +108,4 @@ def _vandanjon(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
         PlannedRun(f"inertial coupling, {joints[i]} and {joints[j]}", (i, j), BetweenTwoPoints(short=(i, j)))
         for i, j in pairs
     ]
-    return (*inertia, *centrifugal, *coupling, PlannedRun("gravity", tuple(range(n)), Slowly()))
+    return (*inertia, *centrifugal, *coupling, PlannedRun("gravity", tuple(range(n)), SlowMotion()))

@@ -14,25 +14,25 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.deciding import Yardstick
-from dynident.excitation.criteria.variances import Deciding
-from dynident.excitation.experiments.periodic import family_of, within_limits
-from dynident.excitation.experiments.point_to_point import first_that_fits
-from dynident.excitation.experiments.task import Task
+from dynident.excitation.criteria.deciding import DesignCriterion
+from dynident.excitation.criteria.variances import ParameterSelection
+from dynident.excitation.experiments.periodic import build_family, fit_within_limits
+from dynident.excitation.experiments.point_to_point import select_first_fitting
+from dynident.excitation.experiments.task import DesignTask
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import optimise
+from dynident.excitation.optimising.optimise import optimise_trajectories
 from dynident.excitation.optimising.problem import DesignProblem
-from dynident.excitation.optimising.random_trajectories import Judge, random_candidates
-from dynident.excitation.points.search import drawn, improved
-from dynident.excitation.points.sequence import Legs, PointSequence, rows_of
+from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.excitation.points.search import draw_sequences, improve_sequence
+from dynident.excitation.points.sequence import MovePlanner, PointSequence, stack_rows
 from dynident.excitation.points.spaces import FreePoints, PointSpace, TwoPoints
-from dynident.excitation.sets.planned import BetweenTwoPoints, Freely, PlannedRun
+from dynident.excitation.sets.planned import BetweenTwoPoints, FreeMotion, PlannedRun
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.locked import locked_bounds
-from dynident.motion.limits.postures import holdable_postures
-from dynident.motion.limits.shrinking import Shrinking
+from dynident.motion.limits.locked import lock_bounds
+from dynident.motion.limits.postures import draw_holdable_postures
+from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.motion.trajectories.motion import Piece
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 
 _KNOWN_BEFORE = 0.02
 """Information about each parameter at the beginning, as a share of its column: too little to matter."""
@@ -48,7 +48,7 @@ _LITTLE_WAY = (0.02, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
-class FoundRun:
+class RunMotion:
     """Rounds of a motion that starts and ends at rest in `start` (n,).
 
     `random` is the information ∫ WᵀW dt (b, b) that random motions of its kind would have given.
@@ -75,12 +75,12 @@ class RunSearch:
     rng : Generator
     """
 
-    def __init__(self, task: Task, rng: np.random.Generator) -> None:
+    def __init__(self, task: DesignTask, rng: np.random.Generator) -> None:
         self._task, self._rng = task, rng
-        self._postures = holdable_postures(task.bounds, task.model, rng)
-        self._legs: Legs | None = None
+        self._postures = draw_holdable_postures(task.bounds, task.model, rng)
+        self._legs: MovePlanner | None = None
 
-    def nothing_told(self) -> FloatArray:
+    def create_initial_information(self) -> FloatArray:
         """Return the information (b, b) to begin with: a little about every parameter."""
         bounds, n = self._task.bounds, len(self._task.bounds.names)
         q = self._postures[self._rng.integers(len(self._postures), size=_STATES)]
@@ -90,7 +90,7 @@ class RunSearch:
         squares = np.einsum("ij,ij->j", w, w) / _STATES
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
-    def first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+    def search_first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> RunMotion:
         """Return the motion of a run that adds the most to the information (b, b) of those before.
 
         Raises
@@ -99,10 +99,10 @@ class RunSearch:
             No motion of the kind was found that keeps the limits.
         """
         b = len(information)
-        yardstick = Yardstick(CriterionChoice("d_optimal"), np.ones(b), Deciding.all_of(b))
-        return self._find(run, yardstick, information, budget, progress)
+        yardstick = DesignCriterion(CriterionChoice("d_optimal"), np.ones(b), ParameterSelection.select_all(b))
+        return self._search_motion(run, yardstick, information, budget, progress)
 
-    def again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> FoundRun:
+    def search_again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> RunMotion:
         """Return the motion of a run that is the best by the requested criterion.
 
         `information` (b, b) is that of all other runs.
@@ -112,31 +112,39 @@ class RunSearch:
         ImpossibleLimitsError
             No motion of the kind was found that keeps the limits.
         """
-        return self._find(run, self._task.yardstick, information, budget, progress)
+        return self._search_motion(run, self._task.yardstick, information, budget, progress)
 
-    def _find(
-        self, run: PlannedRun, by: Yardstick, information: FloatArray, budget: Budget, progress: Progress
-    ) -> FoundRun:
+    def _search_motion(
+        self, run: PlannedRun, by: DesignCriterion, information: FloatArray, budget: Budget, progress: Progress
+    ) -> RunMotion:
         task = self._task
         moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
-        yardstick = replace(by, earlier=rows_like(information / task.request.trajectory.duration))
-        if isinstance(run.how, Freely) and task.request.trajectory.family != "point_to_point":
-            return self._periodic(within, moving, yardstick, budget)
-        return self._through_points(within, run, moving, yardstick, budget)
+        yardstick = replace(by, earlier=factor_information(information / task.request.trajectory.duration))
+        if isinstance(run.how, FreeMotion) and task.request.trajectory.family != "point_to_point":
+            return self._search_periodic(within, moving, yardstick, budget)
+        return self._search_points(within, run, moving, yardstick, budget)
 
-    def _periodic(self, task: Task, moving: BoolArray, yardstick: Yardstick, budget: Budget) -> FoundRun:
+    def _search_periodic(
+        self, task: DesignTask, moving: BoolArray, yardstick: DesignCriterion, budget: Budget
+    ) -> RunMotion:
         """Return a periodic trajectory with the other joints locked in the best of some postures."""
         trajectory, model = task.request.trajectory, task.model
-        family = family_of(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
-        judge = Judge(family, model, yardstick)
+        family = build_family(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
+        judge = CandidateEvaluator(family, model, yardstick)
         candidates_of_postures = []
         for _ in range(_LOCKED_POSTURES):
             posture = self._postures[self._rng.integers(len(self._postures))]
-            bounds = locked_bounds(task.bounds, posture, moving)
+            bounds = lock_bounds(task.bounds, posture, moving)
             seed = int(self._rng.integers(2**31))
-            candidates = random_candidates(
-                family, bounds, model, judge, count=_CANDIDATES, seed=seed, progress=part(task.progress, 0.0, 0.2)
+            candidates = draw_candidates(
+                family,
+                bounds,
+                model,
+                judge,
+                count=_CANDIDATES,
+                seed=seed,
+                progress=scale_progress(task.progress, 0.0, 0.2),
             )
             candidates_of_postures += [(candidate, bounds) for candidate in candidates]
         if not candidates_of_postures:
@@ -144,27 +152,33 @@ class RunSearch:
                 "no motion with locked joints was found that keeps the limits", pointer="/limits"
             )
         best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
-        problem = DesignProblem(family, model, yardstick.smooth, bounds)
-        shrinking = Shrinking(family, bounds, model)
-        best = optimise(problem, shrinking, judge, [best], budget, part(task.progress, 0.2, 0.9)).best
-        (motion, *_), _ = within_limits(task, family, best)
-        random = tuple(_information(judge, candidate.x, family.period) for candidate, _ in candidates_of_postures)
-        return FoundRun((motion,), trajectory.periods, motion.start, random)
+        problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds)
+        shrinking = AmplitudeScaler(family, bounds, model)
+        best = optimise_trajectories(
+            problem, shrinking, judge, [best], budget, scale_progress(task.progress, 0.2, 0.9)
+        ).best
+        (motion, *_), _ = fit_within_limits(task, family, best)
+        random = tuple(
+            _compute_information(judge, candidate.x, family.period) for candidate, _ in candidates_of_postures
+        )
+        return RunMotion((motion,), trajectory.periods, motion.start, random)
 
-    def _through_points(
-        self, task: Task, run: PlannedRun, moving: BoolArray, yardstick: Yardstick, budget: Budget
-    ) -> FoundRun:
+    def _search_points(
+        self, task: DesignTask, run: PlannedRun, moving: BoolArray, yardstick: DesignCriterion, budget: Budget
+    ) -> RunMotion:
         """Return moves between points, the best of some random ones improved."""
         trajectory, rng = task.request.trajectory, self._rng
         if self._legs is None:
-            self._legs = Legs(task.bounds, task.model, task.rate)
-        legs = self._legs.counting(moving)
-        space = self._space(task, run, moving)
-        candidates = drawn(space, legs, yardstick, count=_CANDIDATES, rng=rng, progress=part(task.progress, 0.0, 0.2))
+            self._legs = MovePlanner(task.bounds, task.model, task.rate)
+        legs = self._legs.restrict_to_joints(moving)
+        space = self._build_space(task, run, moving)
+        candidates = draw_sequences(
+            space, legs, yardstick, count=_CANDIDATES, rng=rng, progress=scale_progress(task.progress, 0.0, 0.2)
+        )
         of_points = (
             _VARIATIONS_OF_TWO_POINTS if isinstance(space, TwoPoints) else _VARIATIONS_OF_A_POINT * trajectory.points
         )
-        best, _ = improved(
+        best, _ = improve_sequence(
             candidates[0].sequence,
             space,
             legs,
@@ -172,28 +186,30 @@ class RunSearch:
             variations=of_points,
             rng=rng,
             budget=budget,
-            progress=part(task.progress, 0.2, 0.9),
+            progress=scale_progress(task.progress, 0.2, 0.9),
         )
-        sequence, pieces = first_that_fits(task, [best, *(candidate.sequence for candidate in candidates)])
+        sequence, pieces = select_first_fitting(task, [best, *(candidate.sequence for candidate in candidates)])
         length = sum(piece.duration for piece in pieces)
         rounds = trajectory.periods * max(1, round(trajectory.duration / length))
-        random = tuple(_of_sequence(legs, candidate.sequence, length * rounds) for candidate in candidates)
-        return FoundRun(pieces, rounds, sequence.points[-1], random)
+        random = tuple(
+            _compute_sequence_information(legs, candidate.sequence, length * rounds) for candidate in candidates
+        )
+        return RunMotion(pieces, rounds, sequence.points[-1], random)
 
-    def _space(self, task: Task, run: PlannedRun, moving: BoolArray) -> PointSpace:
+    def _build_space(self, task: DesignTask, run: PlannedRun, moving: BoolArray) -> PointSpace:
         bounds, trajectory = task.bounds, task.request.trajectory
         if isinstance(run.how, BetweenTwoPoints):
-            shortest, longest = _strokes(task, run.how, moving)
+            shortest, longest = _compute_stroke_ranges(task, run.how, moving)
             return TwoPoints(bounds, self._postures, shortest, longest)
-        if isinstance(run.how, Freely):
+        if isinstance(run.how, FreeMotion):
             posture = self._postures[self._rng.integers(len(self._postures))]
-            bounds = locked_bounds(bounds, posture, moving)
-            postures = holdable_postures(bounds, task.model, self._rng)
+            bounds = lock_bounds(bounds, posture, moving)
+            postures = draw_holdable_postures(bounds, task.model, self._rng)
             return FreePoints(bounds, postures, trajectory.points)
         return FreePoints(bounds, self._postures, trajectory.points, fastest=_SLOW)
 
 
-def rows_like(information: FloatArray) -> FloatArray:
+def factor_information(information: FloatArray) -> FloatArray:
     """Return rows (b, b) that have the WᵀW of an information matrix (b, b)."""
     sizes = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     # Scaled to a unit diagonal first: units of parameters must not cost digits.
@@ -202,7 +218,7 @@ def rows_like(information: FloatArray) -> FloatArray:
     return rows
 
 
-def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _compute_stroke_ranges(task: DesignTask, how: BetweenTwoPoints, moving: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the shortest and the longest way (n,) of every joint between two points."""
     bounds = task.bounds
     span = 2 * bounds.half_range
@@ -217,16 +233,16 @@ def _strokes(task: Task, how: BetweenTwoPoints, moving: BoolArray) -> tuple[Floa
     return shortest, longest
 
 
-def _information(judge: Judge, x: FloatArray, period: float) -> FloatArray:
+def _compute_information(judge: CandidateEvaluator, x: FloatArray, period: float) -> FloatArray:
     w = judge.observe(x)
     rows = w.reshape(-1, w.shape[-1])
     information: FloatArray = rows.T @ rows * (period / judge.n_samples)
     return information
 
 
-def _of_sequence(legs: Legs, sequence: PointSequence, seconds: float) -> FloatArray:
-    moves = legs.of(sequence)
+def _compute_sequence_information(legs: MovePlanner, sequence: PointSequence, seconds: float) -> FloatArray:
+    moves = legs.plan_sequence(sequence)
     assert moves is not None
-    rows = rows_of(moves)
+    rows = stack_rows(moves)
     information: FloatArray = seconds * rows.T @ rows
     return information

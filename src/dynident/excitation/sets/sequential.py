@@ -8,21 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.excitation.criteria.baseline import Baseline, baseline_of
+from dynident.excitation.criteria.baseline import Baseline, compute_baseline
 from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.experiments.point_to_point import check_no_path, verified
-from dynident.excitation.experiments.task import Made, Task, Valued
-from dynident.excitation.observation.row_models import EVERY_JOINT
+from dynident.excitation.experiments.point_to_point import check_no_path, verify_pieces
+from dynident.excitation.experiments.task import DesignedExperiment, DesignTask, MotionValues
+from dynident.excitation.observation.row_models import DYNAMIC_ROWS
 from dynident.excitation.optimising.budget import Budget
 from dynident.excitation.result import Run
-from dynident.excitation.sets.planned import BetweenTwoPoints, PlannedRun, planned_runs
-from dynident.excitation.sets.run_search import FoundRun, RunSearch, rows_like
+from dynident.excitation.sets.planned import BetweenTwoPoints, PlannedRun, plan_runs
+from dynident.excitation.sets.run_search import RunMotion, RunSearch, factor_information
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.moves.home import home_candidates, posture_note
-from dynident.motion.moves.ways import way_between
-from dynident.motion.trajectories.motion import Motion, Piece, in_sequence
-from dynident.progress import Progress, part
-from dynident.robot.pointers import listed
+from dynident.motion.moves.home import list_home_candidates, note_home
+from dynident.motion.moves.ways import plan_path
+from dynident.motion.trajectories.motion import Motion, Piece, sample_pieces
+from dynident.progress import Progress, scale_progress
+from dynident.robot.pointers import join_names
 
 _TRIES = 4
 _MOST_VALUED = 10_000
@@ -32,35 +32,37 @@ _ABOUT_PARAMETERS = ("parameters", "separation")
 
 
 @dataclass(frozen=True, eq=False)
-class _RunMade:
+class _PlacedRun:
     """A run, the move to its start, its samples, and W (m, n, b) at them without the equations of locked joints.
 
     `information` (b, b) is ∫ WᵀW dt.
     """
 
     planned: PlannedRun
-    found: FoundRun
+    run_motion: RunMotion
     approach: Piece
     motion: Motion
     w: FloatArray
     information: FloatArray
 
 
-def sequential(task: Task, budget: Budget) -> Made:
+def design_sequential(task: DesignTask, budget: Budget) -> DesignedExperiment:
     """Design the runs of a set one after the other, each to complement those before, with the moves between them."""
     request, bounds, model = task.request, task.bounds, task.model
-    runs = planned_runs(request.trajectory.sets, model.robot.joint_names)
+    runs = plan_runs(request.trajectory.sets, model.robot.joint_names)
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
         check_no_path(model)
     search = RunSearch(task, np.random.default_rng(request.seed))
-    home = home_candidates(request.home, bounds, model)[0]
+    home = list_home_candidates(request.home, bounds, model)[0]
     # Searching the first time is looking for what shows at all: it takes as long as looking again for the best.
     seconds = None if budget.seconds is None else budget.seconds / len(runs) / 2
-    first = _first(replace(task, progress=part(task.progress, 0.0, 0.45)), search, runs, home, seconds)
-    placed_runs = _again(replace(task, progress=part(task.progress, 0.45, 0.9)), search, first, home, budget)
-    in_time = not budget.spent
-    retreat = way_between(placed_runs[-1].found.start, home, bounds, model, task.rate)
-    experiment = _made(task, placed_runs, retreat, home)
+    first = _search_first(replace(task, progress=scale_progress(task.progress, 0.0, 0.45)), search, runs, home, seconds)
+    placed_runs = _search_again(
+        replace(task, progress=scale_progress(task.progress, 0.45, 0.9)), search, first, home, budget
+    )
+    in_time = not budget.is_spent
+    retreat = plan_path(placed_runs[-1].run_motion.start, home, bounds, model, task.rate)
+    experiment = _assemble(task, placed_runs, retreat, home)
     if in_time:
         return experiment
     note = (
@@ -70,22 +72,24 @@ def sequential(task: Task, budget: Budget) -> Made:
     return replace(experiment, notes=(*experiment.notes, note))
 
 
-def _first(
-    task: Task, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
-) -> list[_RunMade]:
+def _search_first(
+    task: DesignTask, search: RunSearch, runs: Sequence[PlannedRun], home: FloatArray, seconds: float | None
+) -> list[_PlacedRun]:
     """Return all runs, each of which adds the most to those before."""
-    information, at = search.nothing_told(), home
-    placed_runs: list[_RunMade] = []
+    information, at = search.create_initial_information(), home
+    placed_runs: list[_PlacedRun] = []
     for index, run in enumerate(runs):
-        progress = _labelled(task.progress, run, index, len(runs))
-        placed = _reachable(task, search, run, at, information, Budget(1, seconds), progress)
+        progress = _label_progress(task.progress, run, index, len(runs))
+        placed = _search_reachable(task, search, run, at, information, Budget(1, seconds), progress)
         information = information + placed.information
-        at = placed.found.start
+        at = placed.run_motion.start
         placed_runs.append(placed)
     return placed_runs
 
 
-def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArray, budget: Budget) -> list[_RunMade]:
+def _search_again(
+    task: DesignTask, search: RunSearch, first: list[_PlacedRun], home: FloatArray, budget: Budget
+) -> list[_PlacedRun]:
     """Return the runs after one more search of each by the requested criterion; the better motion is kept.
 
     Runs for which the time is not enough stay as they are.
@@ -94,28 +98,28 @@ def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArra
     best_runs = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return best_runs
-    value = _worth(task, best_runs).criterion
+    value = _evaluate_runs(task, best_runs).criterion
     # Without full rank no exchange of one run has a finite value, so that none could be compared.
     if not np.isfinite(value):
         return best_runs
     for index, placed in enumerate(first):
-        if budget.spent:
+        if budget.is_spent:
             break
         others = sum(
             (each.information for each in best_runs if each is not best_runs[index]), start=0.0 * placed.information
         )
-        progress = _labelled(task.progress, placed.planned, index, len(first))
+        progress = _label_progress(task.progress, placed.planned, index, len(first))
         try:
-            motion = search.again(placed.planned, others, Budget(1, seconds), progress)
+            motion = search.search_again(placed.planned, others, Budget(1, seconds), progress)
             changed = list(best_runs)
-            changed[index] = _with_samples(task, placed.planned, motion, placed.approach)
-            reached = _worth(task, changed).criterion
+            changed[index] = _sample_run(task, placed.planned, motion, placed.approach)
+            reached = _evaluate_runs(task, changed).criterion
             if reached >= value:
                 continue
-            ends = [home, *(each.found.start for each in changed)]
+            ends = [home, *(each.run_motion.start for each in changed)]
             for k in (index, index + 1):
                 if k < len(changed):
-                    way = way_between(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
+                    way = plan_path(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
                     changed[k] = replace(changed[k], approach=way)
         except ImpossibleLimitsError:
             continue
@@ -123,92 +127,92 @@ def _again(task: Task, search: RunSearch, first: list[_RunMade], home: FloatArra
     return best_runs
 
 
-def _labelled(progress: Progress, run: PlannedRun, index: int, count: int) -> Progress:
-    inner = part(progress, index / count, (index + 1) / count)
+def _label_progress(progress: Progress, run: PlannedRun, index: int, count: int) -> Progress:
+    inner = scale_progress(progress, index / count, (index + 1) / count)
     return lambda fraction, message: inner(fraction, f"run {index + 1} of {count} ({run.label}): {message}")
 
 
-def _reachable(
-    task: Task,
+def _search_reachable(
+    task: DesignTask,
     search: RunSearch,
     run: PlannedRun,
     at: FloatArray,
     information: FloatArray,
     budget: Budget,
     progress: Progress,
-) -> _RunMade:
+) -> _PlacedRun:
     """Return a run whose start can be reached from a posture (n,)."""
     for attempt in range(_TRIES):
         try:
-            motion = search.first(run, information, budget, progress)
-            approach = way_between(at, motion.start, task.bounds, task.model, task.rate)
+            motion = search.search_first(run, information, budget, progress)
+            approach = plan_path(at, motion.start, task.bounds, task.model, task.rate)
         except ImpossibleLimitsError:
             if attempt == _TRIES - 1:
                 raise
         else:
             break
-    return _with_samples(task, run, motion, approach)
+    return _sample_run(task, run, motion, approach)
 
 
-def _with_samples(task: Task, run: PlannedRun, found_run: FoundRun, approach: Piece) -> _RunMade:
-    motion = in_sequence(found_run.pieces, task.rate)
+def _sample_run(task: DesignTask, run: PlannedRun, found_run: RunMotion, approach: Piece) -> _PlacedRun:
+    motion = sample_pieces(found_run.pieces, task.rate)
     moving = np.isin(np.arange(task.model.robot.n), run.moving)
     observed = replace(task.model, counted=moving).observe_along(motion, np.arange(len(motion.t)))
     w = observed.reshape(len(motion.t), task.model.robot.n, -1)
-    return _RunMade(run, found_run, approach, motion, w, observed.T @ observed / task.rate)
+    return _PlacedRun(run, found_run, approach, motion, w, observed.T @ observed / task.rate)
 
 
-def _worth(task: Task, placed_runs: Sequence[_RunMade]) -> CriterionValues:
+def _evaluate_runs(task: DesignTask, placed_runs: Sequence[_PlacedRun]) -> CriterionValues:
     """Return the values of all runs together by the requested criterion, from their information matrices."""
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     information = sum((placed.information for placed in placed_runs), start=0.0 * placed_runs[0].information)
-    return task.yardstick.values(rows_like(information / seconds), 1)
+    return task.yardstick.evaluate(factor_information(information / seconds), 1)
 
 
-def _made(task: Task, runs: list[_RunMade], retreat: Piece, home: FloatArray) -> Made:
+def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: FloatArray) -> DesignedExperiment:
     pieces: list[Piece] = []
     spans: list[Run] = []
     clock = 0.0
     names = task.model.robot.joint_names
     for placed in runs:
         first = clock + placed.approach.duration
-        clock = first + sum(piece.duration for piece in placed.found.pieces)
+        clock = first + sum(piece.duration for piece in placed.run_motion.pieces)
         spans.append(Run(placed.planned.label, tuple(names[j] for j in placed.planned.moving), first, clock))
-        pieces += [placed.approach, *placed.found.pieces]
-    margins = verified(task, tuple(dict.fromkeys([*pieces, retreat])))
-    valued = _valued(task, runs)
-    notes = [*task.yardstick.notes, *_not_shown(task, valued), posture_note(home)]
+        pieces += [placed.approach, *placed.run_motion.pieces]
+    margins = verify_pieces(task, tuple(dict.fromkeys([*pieces, retreat])))
+    valued = _evaluate_samples(task, runs)
+    notes = [*task.yardstick.notes, *_note_not_shown(task, valued), note_home(home)]
     notes.append(
         f"{len(runs)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
         "of the joints that move count."
     )
-    return Made(
+    return DesignedExperiment(
         pieces=(*pieces, retreat),
         exciting=(spans[0].start, spans[-1].end),
         period=None,
         valued=valued,
-        baseline=_baseline(task, runs),
+        baseline=_compute_baseline(task, runs),
         margins=margins,
         notes=tuple(notes),
         runs=tuple(spans),
     )
 
 
-def _valued(task: Task, placed_runs: list[_RunMade]) -> Valued:
+def _evaluate_samples(task: DesignTask, placed_runs: list[_PlacedRun]) -> MotionValues:
     """Return the values of all runs together, from evenly taken samples."""
     total = sum(len(placed.motion.t) for placed in placed_runs)
     every = max(1, total // _MOST_VALUED)
     w = np.concatenate([placed.w[::every] for placed in placed_runs])
     dq = np.concatenate([placed.motion.dq[::every] for placed in placed_runs])
-    values = task.yardstick.values(w.reshape(-1, w.shape[-1]), len(w))
-    return Valued(values, task.expected(w, dq, EVERY_JOINT, total, None))
+    values = task.yardstick.evaluate(w.reshape(-1, w.shape[-1]), len(w))
+    return MotionValues(values, task.predict_uncertainties(w, dq, DYNAMIC_ROWS, total, None))
 
 
-def _not_shown(task: Task, valued: Valued) -> list[str]:
+def _note_not_shown(task: DesignTask, valued: MotionValues) -> list[str]:
     missing = [parameter.name for parameter in valued.expected if parameter.share < _NOT_SHOWN]
     if not missing:
         return []
-    note = f"W has no full rank: the runs do not show {listed(missing)}."
+    note = f"W has no full rank: the runs do not show {join_names(missing)}."
     if task.request.trajectory.sets != "vandanjon":
         note += (
             " Their joints never move together with those that would tell; choose the set 'vandanjon', or state a run "
@@ -217,17 +221,17 @@ def _not_shown(task: Task, valued: Valued) -> list[str]:
     return [note]
 
 
-def _baseline(task: Task, placed_runs: list[_RunMade]) -> Baseline | None:
+def _compute_baseline(task: DesignTask, placed_runs: list[_PlacedRun]) -> Baseline | None:
     """Return the baseline of the same set with random motions in every run; None where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
-    count = max(len(placed.found.random) for placed in placed_runs)
+    count = max(len(placed.run_motion.random) for placed in placed_runs)
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     values = []
     for k in range(count):
         information = sum(
-            (placed.found.random[k % len(placed.found.random)] for placed in placed_runs),
+            (placed.run_motion.random[k % len(placed.run_motion.random)] for placed in placed_runs),
             start=0.0 * placed_runs[0].information,
         )
-        values.append(task.yardstick.values(rows_like(information / seconds), 1))
-    return baseline_of(values)
+        values.append(task.yardstick.evaluate(factor_information(information / seconds), 1))
+    return compute_baseline(values)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, Information, Reduction, weighted_factor
+from dynident.estimation import EstimationError, PriorInformation, Reduction, build_weighted_factor
 from dynident.identification.choices import ModelName
-from dynident.identification.equations.unseen import unseen_parameters
+from dynident.identification.equations.unseen import find_undetermined_parameters
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.robot import Robot
@@ -80,7 +80,7 @@ def check_temperature(
     DynidentError
     """
     for index, choice in enumerate(effects):
-        if not effect_by_id(choice.effect, f"/effects/{index}").needs_temperature:
+        if not get_effect(choice.effect, f"/effects/{index}").needs_temperature:
             continue
         cold = [recording.name for recording in (*recordings, *validation) if not recording.has_temperature]
         if cold:
@@ -108,9 +108,9 @@ def check_runs(
     ------
     DynidentError
     """
-    labels = dict.fromkeys(label for recording in recordings for label in recording.run_labels)
+    labels = dict.fromkeys(label for recording in recordings for label in recording.segment_names)
     known = {*labels, *(recording.name for recording in recordings)}
-    besides = {label for recording in validation for label in (recording.name, *recording.run_labels)}
+    besides = {label for recording in validation for label in (recording.name, *recording.segment_names)}
     for index, choice in enumerate(effects):
         # Names of recordings and of the runs within them both count.
         strangers = [run for run in choice.runs if run not in known | besides]
@@ -128,7 +128,7 @@ def check_runs(
                 title="Unknown run",
             )
         stated = any(recording.payload is not None for recording in recordings)
-        if effect_by_id(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
+        if get_effect(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
             raise DynidentError(
                 f"{choice.effect} has to be in some of the runs: name them (runs), out of {', '.join(labels)}, or "
                 "state the payload in the metadata of the measurements that have one",
@@ -154,8 +154,8 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     """
     # The torques have to be asked, too: a parameter that they do not show either is the motion's fault, not the
     # equations'.
-    lost = unseen_parameters(model, equations)
-    if not lost or unseen_parameters(model, torque):
+    lost = find_undetermined_parameters(model, equations)
+    if not lost or find_undetermined_parameters(model, torque):
         return
     why = {
         "energy": "one equation over intervals, and none for what does no work",
@@ -187,7 +187,7 @@ def check_torque(model: Model, torque: Reduction) -> None:
     dead = [
         name
         for name, equation in zip(model.robot.joint_names, torque.equations, strict=True)
-        if equation.joined[:, :-1].any() and not equation.joined[:, -1].any()
+        if equation.joint_factor[:, :-1].any() and not equation.joint_factor[:, -1].any()
     ]
     if dead:
         raise EstimationError(
@@ -198,7 +198,7 @@ def check_torque(model: Model, torque: Reduction) -> None:
         )
 
 
-def check_reduction(model: Model, reduction: Reduction, known: Information | None = None) -> None:
+def check_reduction(model: Model, reduction: Reduction, known: PriorInformation | None = None) -> None:
     """Raise where the data, with what is known beside them, cannot determine the model; name what is missing.
 
     Parameters
@@ -219,18 +219,18 @@ def check_reduction(model: Model, reduction: Reduction, known: Information | Non
             pointer="/measurement_ids",
             title="Too few samples",
         )
-    if not any(equation.joined[:, -1].any() for equation in reduction.equations):
+    if not any(equation.joint_factor[:, -1].any() for equation in reduction.equations):
         raise EstimationError(
             "the torque is zero throughout: it was not recorded, or the motors were off. Of a robot that swings freely "
-            f"only ratios can be found, inertia and friction over gravity{_ratios(model, reduction)}. For the "
+            f"only ratios can be found, inertia and friction over gravity{_describe_ratios(model, reduction)}. For the "
             "parameters themselves record the torque of a motion that the motors drive, or check which columns hold it",
             pointer="/measurement_ids",
             title="No torque",
         )
-    unseen = unseen_parameters(model, reduction, known)
+    unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
-            f"not identifiable from this data: {_with_their_joints(model, unseen)} (a joint that does not move enough "
+            f"not identifiable from this data: {_name_parameters(model, unseen)} (a joint that does not move enough "
             "leaves its parameters undetermined); lock that joint, leave its effects out, or add a run in which it "
             "moves",
             pointer="/measurement_ids",
@@ -245,12 +245,12 @@ is then one direction W χ = 0, which noise leaves uncertain by about this share
 _MOST_RATIOS = 8
 
 
-def _ratios(model: Model, reduction: Reduction) -> str:
+def _describe_ratios(model: Model, reduction: Reduction) -> str:
     """Describe the parameters up to a common factor, where W χ = 0 determines their ratios; else return nothing.
 
     The solution is the right singular vector of W's smallest singular value, of columns of the same size.
     """
-    w = weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1]
+    w = build_weighted_factor(reduction, np.ones(len(reduction.equations)))[:-1, :-1]
     sizes = np.linalg.norm(w, axis=0)
     nonzero = np.flatnonzero(sizes > 1e-9 * sizes.max(initial=0.0))
     if len(nonzero) < 2:
@@ -275,7 +275,7 @@ def _ratios(model: Model, reduction: Reduction) -> str:
     return f"; up to one common factor {named}"
 
 
-def _with_their_joints(model: Model, names: Sequence[str]) -> str:
+def _name_parameters(model: Model, names: Sequence[str]) -> str:
     """Return the names of parameters, and their joints where these are one or two."""
     joints = dict.fromkeys(column.link for column in model.kept if column.name in names and column.link)
     few = f" of {' and '.join(joints)}" if 0 < len(joints) <= 2 else ""

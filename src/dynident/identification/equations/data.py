@@ -11,13 +11,13 @@ from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.asked import RowsAsked
+from dynident.identification.asked import RowOptions
 from dynident.identification.equations.checks import check_equations
-from dynident.identification.equations.model_equations import equations_of
-from dynident.progress import Progress, part, silent
+from dynident.identification.equations.model_equations import build_equations
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.rows import KeptRows, reduce_and_keep
+from dynident.regressors.rows import CachedRows, reduce_and_cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +35,22 @@ class Data:
     recordings: tuple[Recording, ...]
     preprocessing: Preprocessing
     reference: ReferenceParameters
-    rows: KeptRows | None = None
+    rows: CachedRows | None = None
     friction: tuple[Recording, ...] = ()
 
     @property
-    def weights(self) -> FloatArray:
+    def reversal_weights(self) -> FloatArray:
         """Weights (n,) of the rows at reversals; 1 for a joint whose reversals are not told apart."""
-        return np.array([1.0 if e.turned is None else e.turned.weight for e in self.torque.equations])
+        return np.array([1.0 if e.reversal_rows is None else e.reversal_rows.weight for e in self.torque.equations])
 
     def weighing_turns(self, weights: FloatArray) -> Data:
         """Return the same data with these weights (n,) of the rows at reversals."""
-        torque = self.torque.weighing_turns(weights)
+        torque = self.torque.weight_reversals(weights)
         # The dynamic model's equations are the torques, and stay the same object: others test for that.
         return replace(self, torque=torque, equations=torque if self.equations is self.torque else self.equations)
 
 
-def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Split recordings into motions to identify from, and tests of single joints' friction.
 
     Parameters
@@ -79,14 +79,14 @@ def motions_and_friction(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
     return ordinary, friction
 
 
-def reduced(
+def reduce_to_rows(
     model: Model,
-    rows: RowsAsked,
+    rows: RowOptions,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
-    known: KeptRows | None = None,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
 ) -> Data:
     """Reduce recordings to the rows of the chosen equation type, and to those of the joints' torques.
 
@@ -112,25 +112,25 @@ def reduced(
     DynidentError
         Where the model cannot make equations of these columns or recordings.
     """
-    ordinary, friction = motions_and_friction(recordings)
+    ordinary, friction = split_friction_tests(recordings)
     share = 1.0 if rows.model == "dynamic" else 0.5
     # Always reduce the joints' torques as well: errors of all equation types are compared in them.
-    data = torque_of(model, ordinary, preprocessing, reference, part(progress, 0.0, share), known)
+    data = reduce_torque(model, ordinary, preprocessing, reference, scale_progress(progress, 0.0, share), known)
     data = replace(data, friction=friction)
     if rows.model == "dynamic":
         return data
-    equations = equations_of(model, rows, ordinary, preprocessing, reference, part(progress, share, 1.0))
+    equations = build_equations(model, rows, ordinary, preprocessing, reference, scale_progress(progress, share, 1.0))
     check_equations(model, rows.model, equations, data.torque)
     return replace(data, equations=equations)
 
 
-def torque_of(
+def reduce_torque(
     model: Model,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
-    known: KeptRows | None = None,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
 ) -> Data:
     """Reduce recordings to the rows of the dynamic model [12.18].
 
@@ -145,5 +145,5 @@ def torque_of(
     known : KeptRows, optional
         Rows of a model that this one extends.
     """
-    reduction, rows = reduce_and_keep(model, recordings, preprocessing, reference, progress, known)
+    reduction, rows = reduce_and_cache(model, recordings, preprocessing, reference, progress, known)
     return Data(reduction, reduction, tuple(recordings), preprocessing, reference, rows)

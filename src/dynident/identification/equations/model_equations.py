@@ -9,27 +9,34 @@ from math import pi
 from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.asked import RowsAsked
-from dynident.identification.equations.wrench_equations import wrench_equations
-from dynident.progress import Progress, silent
-from dynident.recordings import Preprocessing, Recording, motion_band
-from dynident.regressors.equations import SHARE_OF_PERIOD, Treatment, filtered, over_intervals, plain, reduce_form
-from dynident.regressors.forms import Form, filtered_form, power_form
+from dynident.identification.asked import RowOptions
+from dynident.identification.equations.wrench_equations import build_wrench_equations
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings import Preprocessing, Recording, find_motion_band
+from dynident.regressors.equations import (
+    SHARE_OF_PERIOD,
+    Treatment,
+    filter_with_pole,
+    integrate_over_intervals,
+    reduce_form,
+    stream_equations,
+)
+from dynident.regressors.forms import EquationForm, build_filtered_form, build_power_form
 from dynident.regressors.model import Model
 
 _SMALLEST_POLE = 10.0
 """rad/s: the smallest a of F(s) that is recommended."""
 
-_FORGOTTEN = 4.7
+_SETTLING_TIMES = 4.7
 """Times 1 / a after which F(s) keeps a twentieth of a sample: (1 + 4.7) exp(-4.7)."""
 
 _HARMONICS = 15.0
 """Times the band of the motion that F(s) passes where no cut-off of the torque is chosen."""
 
 
-def with_constants(
-    rows: RowsAsked, recordings: Sequence[Recording], preprocessing: Preprocessing
-) -> tuple[RowsAsked, Preprocessing]:
+def find_constants(
+    rows: RowOptions, recordings: Sequence[Recording], preprocessing: Preprocessing
+) -> tuple[RowOptions, Preprocessing]:
     """Return the rows with the constants that their model needs, and the filters with the reasons for these constants.
 
     Parameters
@@ -48,21 +55,21 @@ def with_constants(
         Where the recordings are too short to tell them.
     """
     if rows.model == "filtered" and rows.pole is None:
-        pole, reason = _pole(recordings, preprocessing)
+        pole, reason = _choose_pole(recordings, preprocessing)
         return replace(rows, pole=pole), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
     if rows.model == "energy" and rows.interval is None:
-        interval, reason = _interval(recordings)
+        interval, reason = _choose_interval(recordings)
         return replace(rows, interval=interval), replace(preprocessing, reasons=(*preprocessing.reasons, reason))
     return rows, preprocessing
 
 
-def equations_of(
+def build_equations(
     model: Model,
-    rows: RowsAsked,
+    rows: RowOptions,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Reduction:
     """Reduce recordings to the equations of a model of rows, in the columns of its base parameters.
 
@@ -81,29 +88,29 @@ def equations_of(
         Where filter or intervals leave no equation, or the base's wrench was not recorded or does not show an effect.
     """
     if rows.model == "base_wrench":
-        return wrench_equations(model, rows, recordings, preprocessing, progress)
-    rows, _ = with_constants(rows, recordings, preprocessing)
-    form, treatment = _rows_of(model, rows)
+        return build_wrench_equations(model, rows, recordings, preprocessing, progress)
+    rows, _ = find_constants(rows, recordings, preprocessing)
+    form, treatment = _select_form(model, rows)
     # F(s) starts from rest, which the robot does not. Rows count only once the filter has forgotten where it began.
-    memory = _FORGOTTEN / rows.pole if rows.model == "filtered" and rows.pole is not None else 0.0
+    memory = _SETTLING_TIMES / rows.pole if rows.model == "filtered" and rows.pole is not None else 0.0
     reduction = reduce_form(form, treatment, recordings, preprocessing, reference, progress, memory)
     if reduction.n_rows == 0:
-        raise _none_left(rows)
+        raise _no_rows_error(rows)
     return reduction
 
 
-def _rows_of(model: Model, rows: RowsAsked) -> tuple[Form, Treatment]:
+def _select_form(model: Model, rows: RowOptions) -> tuple[EquationForm, Treatment]:
     known = model.robot, model.kept, model.signals
     if rows.model == "filtered" and rows.pole is not None:
-        return filtered_form(*known), filtered(rows.pole)
+        return build_filtered_form(*known), filter_with_pole(rows.pole)
     if rows.model == "energy" and rows.interval is not None:
-        return power_form(*known), over_intervals(rows.interval)
+        return build_power_form(*known), integrate_over_intervals(rows.interval)
     if rows.model == "power":
-        return power_form(*known), plain
+        return build_power_form(*known), stream_equations
     raise ValueError(f"no equations for the model {rows.model}")
 
 
-def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tuple[float, str]:
+def _choose_pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tuple[float, str]:
     """Return the pole a of F(s), and why: as wide as the band that Y and W are filtered to.
 
     A narrower one gains nothing, and noise above that band is gone already.
@@ -112,7 +119,7 @@ def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tupl
     source = "the torque cut-off"
     if cutoff is None:
         # The torque is not filtered, so the band of the motion itself has to serve.
-        cutoff, source = _HARMONICS * motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
+        cutoff, source = _HARMONICS * find_motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
     pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
     return pole, (
         f"Filtered model: a = {pole:g} rad/s in F(s), 2 pi times {source} of {cutoff:.3g} Hz (not below "
@@ -121,14 +128,14 @@ def _pole(recordings: Sequence[Recording], preprocessing: Preprocessing) -> tupl
     )
 
 
-def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
+def _choose_interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     """Return the interval of an energy equation, and why: as long as energy at the motion's highest frequency grows.
 
     Energy goes with the square of velocity, so it swings twice as fast as the motion. Longer intervals lose what swings
     more than once in them, and gather the errors of low frequency (§12.6.2); shorter ones are differences of nearly the
     same energy.
     """
-    band = motion_band(recordings)
+    band = find_motion_band(recordings)
     # Half a swing of the energy at the highest frequency of the motion.
     interval = 1.0 / (SHARE_OF_PERIOD * band)
     return interval, (
@@ -138,7 +145,7 @@ def _interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     )
 
 
-def _none_left(rows: RowsAsked) -> DynidentError:
+def _no_rows_error(rows: RowOptions) -> DynidentError:
     """Return the error that no rows are left, with the remedy for the equation type."""
     if rows.model == "filtered" and rows.pole is not None:
         detail = (

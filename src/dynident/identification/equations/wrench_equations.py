@@ -7,22 +7,22 @@ from collections.abc import Sequence
 from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction
-from dynident.estimation.nuisance import without_nuisance
-from dynident.identification.asked import RowsAsked
-from dynident.progress import Progress, silent
+from dynident.estimation.nuisance import marginalise_parameters
+from dynident.identification.asked import RowOptions
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.types import WRENCH_NAMES
-from dynident.regressors.base_wrench import wrench_model
-from dynident.regressors.equations import plain, reduce_form
+from dynident.regressors.base_wrench import build_wrench_model
+from dynident.regressors.equations import reduce_form, stream_equations
 from dynident.regressors.model import Model
 
 
-def wrench_equations(
+def build_wrench_equations(
     model: Model,
-    rows: RowsAsked,
+    rows: RowOptions,
     recordings: Sequence[Recording],
     preprocessing: Preprocessing,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Reduction:
     """Reduce recordings to six equations in the model's base parameters.
 
@@ -43,9 +43,9 @@ def wrench_equations(
         For an effect that does not show in the base's wrench, a recording without one, or a base parameter that the
         wrench does not determine.
     """
-    check_effects(model)
+    check_wrench_effects(model)
     check_wrenches(recordings)
-    wrench = wrench_model(model, tolerance=rows.tolerance)
+    wrench = build_wrench_model(model, tolerance=rows.tolerance)
     if wrench.unseen:
         raise EstimationError(
             f"the base's wrench does not determine {', '.join(wrench.unseen)} of this robot; choose another model",
@@ -53,16 +53,16 @@ def wrench_equations(
             title="Not identifiable with this model",
         )
     # The columns of the links need no predicted load, so any reference parameters will do.
-    nothing = ReferenceParameters.nothing(model.robot)
-    reduction = reduce_form(wrench.form, plain, recordings, preprocessing, nothing, progress)
+    nothing = ReferenceParameters.massless(model.robot)
+    reduction = reduce_form(wrench.form, stream_equations, recordings, preprocessing, nothing, progress)
     if reduction.n_rows == 0:
-        return reduction.combined(wrench.coordinates[:, wrench.n_extra :])
+        return reduction.combine_columns(wrench.coordinates[:, wrench.n_extra :])
     # Columns that only the wrench shows come first; they are eliminated so that the rest is in the model's
     # parameters.
-    return without_nuisance(reduction.combined(wrench.coordinates), wrench.n_extra, weighted=rows.weighted)
+    return marginalise_parameters(reduction.combine_columns(wrench.coordinates), wrench.n_extra, weighted=rows.weighted)
 
 
-def check_effects(model: Model) -> None:
+def check_wrench_effects(model: Model) -> None:
     """Raise where an effect does not show in the base's wrench."""
     silent_ones = {column.effect for column in model.columns if column.wrench is None}
     for index, choice in enumerate(model.effects):

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.estimators.recorded_motion import RecordedMotion, whole_segments
+from dynident.identification.estimators.recorded_motion import RecordedMotion, read_whole_segments
 from dynident.recordings import Preprocessing, Recording
-from dynident.recordings.commanded import commanded
+from dynident.recordings.commanded import replace_by_command
 
 # Share of the motion by which it may differ from the delayed command; above it the robot did not follow.
 _FOLLOWED = 0.05
 # Gauss-Newton steps for the delay: it is small, so that few are enough.
-_ROUNDS = 3
+_DELAY_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class CommandedMotion:
     rest: float
 
     @property
-    def followed(self) -> bool:
+    def is_followed(self) -> bool:
         """Whether the robot followed the command but for the delay."""
         return self.rest <= _FOLLOWED
 
 
-def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMotion:
+def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMotion:
     """Return the commanded motion behind a zero-phase filter, as late as the measured one behind the same filter.
 
     Parameters
@@ -48,11 +48,11 @@ def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMo
     -------
     CommandedMotion
     """
-    measured = whole_segments(recording, smooth)
-    ahead = whole_segments(commanded(recording), smooth)
+    measured = read_whole_segments(recording, smooth)
+    ahead = read_whole_segments(replace_by_command(recording), smooth)
     delay = np.zeros(recording.n)
-    for _ in range(_ROUNDS):
-        late = tuple(_delayed(motion, delay) for motion in ahead)
+    for _ in range(_DELAY_ROUNDS):
+        late = tuple(_delay_motion(motion, delay) for motion in ahead)
         gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
         slope = np.concatenate([c.reference.dq for c in late])
         squares = np.sum(slope**2, axis=0)
@@ -61,7 +61,7 @@ def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMo
         delay = delay - np.sum(gap * slope, axis=0) / np.where(squares > 0, squares, np.inf)
     if not np.isfinite(delay).all():
         return CommandedMotion(measured, np.zeros(recording.n), np.inf)
-    late = tuple(_delayed(motion, delay) for motion in ahead)
+    late = tuple(_delay_motion(motion, delay) for motion in ahead)
     gap = np.concatenate([m.reference.q - c.reference.q for m, c in zip(measured, late, strict=True)])
     size = np.std(np.concatenate([m.reference.q for m in measured]), axis=0)
     # A joint that hardly moves has no motion that the difference could be compared with.
@@ -70,7 +70,7 @@ def commanded_motion(recording: Recording, smooth: Preprocessing) -> CommandedMo
     return CommandedMotion(late, delay, float(rest.max(initial=0.0)))
 
 
-def _delayed(motion: RecordedMotion, delay: FloatArray) -> RecordedMotion:
+def _delay_motion(motion: RecordedMotion, delay: FloatArray) -> RecordedMotion:
     """Return the motion with every joint delayed by so many seconds."""
     reference = motion.reference
     q, dq, ddq = (

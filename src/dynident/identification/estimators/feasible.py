@@ -16,13 +16,19 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Reduction, Solution, errors, noise_levels, statistics, weighted
-from dynident.estimation.least_squares import doubtful_noise, weighted_factor, weights_settled
-from dynident.estimation.semidefinite import Constrained
-from dynident.identification.asked import Trust
-from dynident.identification.estimators.feasible_problem import WEAK, Believed, FeasibleProblem, believed_of, problem_of
+from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, statistics, weighted
+from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
+from dynident.estimation.semidefinite import ConstrainedSolution
+from dynident.identification.asked import DescriptionTrust
+from dynident.identification.estimators.feasible_problem import (
+    WEAK,
+    FeasibleProblem,
+    StandardPrior,
+    build_problem,
+    build_standard_prior,
+)
 from dynident.identification.fit import Fit
-from dynident.identification.parameters.bodies import bodies_of
+from dynident.identification.parameters.bodies import find_bodies
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
@@ -46,7 +52,7 @@ _TO_COMPARE = 1e-5
 _FEASIBLE = 0.2
 
 
-def feasible(request: Problem) -> Fit:
+def solve_feasible(request: Problem) -> Fit:
     """Return weighted least squares over all parameters that a real robot can have.
 
     Standard deviations take the constraints that hold the solution back as certain.
@@ -68,28 +74,28 @@ def feasible(request: Problem) -> Fit:
     """
     model, data, known = request.model, request.data, request.known
     unconstrained = weighted(data.equations, known)
-    believed = believed_of(model, request.trust, unconstrained)
-    problem = problem_of(model, data.equations, known, believed.at(believed.belief.mean))
-    levels = noise_levels if known is None else doubtful_noise
+    believed = build_standard_prior(model, request.trust, unconstrained)
+    problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean))
+    levels = compute_noise_levels if known is None else compute_correlated_noise
     noise = unconstrained.noise
     converged = False
     for _ in range(_ROUNDS):
         if believed.entropic is None:
             constrained = problem.solve(noise)
         else:
-            problem, constrained = nearest(model, problem, believed, noise)
+            problem, constrained = minimise_entropic_cost(model, problem, believed, noise)
         # The noise depends on the residual, and that on the weights by the noise: iterate until both agree.
-        before, noise = noise, levels(data.equations, problem.base_of(constrained))
-        if converged := weights_settled(data.equations, before, noise):
+        before, noise = noise, levels(data.equations, problem.to_base_parameters(constrained))
+        if converged := are_weights_settled(data.equations, before, noise):
             break
-    values = problem.base_of(constrained)
-    factor = weighted_factor(data.equations, noise, problem.known)[:-1, :-1]
-    solution = Solution(values, noise, factor, problem.known, problem.free(constrained), converged)
+    values = problem.to_base_parameters(constrained)
+    factor = build_weighted_factor(data.equations, noise, problem.known)[:-1, :-1]
+    solution = Solution(values, noise, factor, problem.known, problem.find_free_directions(constrained), converged)
     return Fit(
         solution,
         statistics(data.equations, solution, request.covariance),
-        _warnings(model, problem, constrained, data.equations, unconstrained),
-        problem.standard(constrained),
+        _list_warnings(model, problem, constrained, data.equations, unconstrained),
+        problem.to_standard_parameters(constrained),
     )
 
 
@@ -112,8 +118,8 @@ class NearestFeasible:
         return self.distance <= _FEASIBLE
 
 
-def nearest_feasible(
-    model: Model, equations: Reduction, solution: Solution, trust: Trust, weak: float = _TO_COMPARE
+def find_nearest_feasible(
+    model: Model, equations: Reduction, solution: Solution, trust: DescriptionTrust, weak: float = _TO_COMPARE
 ) -> NearestFeasible:
     """Find the parameters of a robot that can exist nearest to those of a solution, whatever estimated it.
 
@@ -136,18 +142,18 @@ def nearest_feasible(
     DynidentError
         Where nothing that is possible was found.
     """
-    believed = believed_of(model, replace(trust, prior=None), solution)
-    problem = problem_of(model, equations, solution.known, believed.at(believed.belief.mean))
-    constrained = problem.nearest_to(solution, weak)
-    values = problem.base_of(constrained)
+    believed = build_standard_prior(model, replace(trust, prior=None), solution)
+    problem = build_problem(model, equations, solution.known, believed.approximate_at(believed.belief.mean))
+    constrained = problem.solve_nearest_to(solution, weak)
+    values = problem.to_base_parameters(constrained)
     distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
     limits = [model.columns[k].name for k in constrained.zeros] + [
         problem.bodies[place].name for place in constrained.edges
     ]
-    return NearestFeasible(values, problem.standard(constrained), distance, tuple(limits))
+    return NearestFeasible(values, problem.to_standard_parameters(constrained), distance, tuple(limits))
 
 
-def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Trust) -> Fit:
+def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: DescriptionTrust) -> Fit:
     """Move a fit to the nearest feasible parameters where its error grows by less than `FREE`; else leave it.
 
     The covariance stays. The feasible set holds the truth and is convex, so that moving to it brings no estimate
@@ -166,21 +172,21 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Trus
     """
     # An effect of some runs alone, such as a payload, is a difference between runs, and the question is whether it
     # exists at all. Constrained to a body that can exist, it would always seem to.
-    if not bodies_of(model.columns) or any(column.runs for column in model.columns):
+    if not find_bodies(model.columns) or any(column.runs for column in model.columns):
         return fitted
     try:
-        nearest = nearest_feasible(model, equations, fitted.solution, trust, WEAK)
+        nearest = find_nearest_feasible(model, equations, fitted.solution, trust, WEAK)
     except DynidentError:
         return fitted
-    before, after = (errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
+    before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
     if not nearest.limits or after > FREE * before:
         return fitted
     return replace(fitted, solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
 
 
-def nearest(
-    model: Model, problem: FeasibleProblem, believed: Believed, noise: FloatArray
-) -> tuple[FeasibleProblem, Constrained]:
+def minimise_entropic_cost(
+    model: Model, problem: FeasibleProblem, believed: StandardPrior, noise: FloatArray
+) -> tuple[FeasibleProblem, ConstrainedSolution]:
     """Minimise the cost with the entropic prior by Newton's method.
 
     The cost is convex. The divergence is a barrier like a logarithm's, so Newton's method with steps that are cut back
@@ -193,10 +199,10 @@ def nearest(
     """
     prior, unit = believed.entropic, problem.unit
     assert prior is not None
-    data, right = problem.rows(noise, None, problem.rest[:0])
+    data, right = problem.build_rows(noise, None, problem.rest[:0])
 
-    def cost(values: FloatArray) -> float:
-        divergence = prior.value(unit * values)
+    def compute_cost(values: FloatArray) -> float:
+        divergence = prior.compute_cost(unit * values)
         return float(np.sum((data @ values - right) ** 2)) + divergence
 
     # Bodies of the prior start at the description, where the cost is finite; all other parameters at the constrained
@@ -204,19 +210,19 @@ def nearest(
     values = problem.solve(noise).values
     values[prior.columns] = believed.belief.mean[prior.columns] / unit[prior.columns]
     for _ in range(_MOST_STEPS):
-        problem = problem_of(model, problem.equations, problem.known, believed.at(unit * values))
+        problem = build_problem(model, problem.equations, problem.known, believed.approximate_at(unit * values))
         constrained = problem.solve(noise)
         step = constrained.values - values
-        rows, goal = problem.rows(noise, problem.known, problem.rest)
+        rows, goal = problem.build_rows(noise, problem.known, problem.rest)
         slope = 2.0 * float((rows @ values - goal) @ (rows @ step))
         if slope > -_SETTLED:
             return problem, replace(constrained, values=np.asarray(values))
-        share, before = 1.0, cost(values)
+        share, before = 1.0, compute_cost(values)
         # Backtracking (Armijo): halve the step until the cost falls by a share of what its slope promises.
-        while cost(values + share * step) > before + _PAYS * share * slope and share > _SHORTEST:
+        while compute_cost(values + share * step) > before + _PAYS * share * slope and share > _SHORTEST:
             share *= 0.5
         values = values + share * step
-        if not np.isfinite(cost(values)):
+        if not np.isfinite(compute_cost(values)):
             break
     raise DynidentError(
         "the physically feasible parameters nearest to the description have not settled: a prior_error of "
@@ -226,8 +232,12 @@ def nearest(
     )
 
 
-def _warnings(
-    model: Model, problem: FeasibleProblem, constrained: Constrained, equations: Reduction, unconstrained: Solution
+def _list_warnings(
+    model: Model,
+    problem: FeasibleProblem,
+    constrained: ConstrainedSolution,
+    equations: Reduction,
+    unconstrained: Solution,
 ) -> tuple[str, ...]:
     """Name the active constraints, and what feasibility costs in the residual."""
     sentences = []
@@ -241,8 +251,8 @@ def _warnings(
         )
     if sentences:
         sentences.append("Standard deviations take these limits as certain.")
-    before = errors(equations, unconstrained.values).rms_total
-    after = errors(equations, problem.base_of(constrained)).rms_total
+    before = compute_errors(equations, unconstrained.values).rms_total
+    after = compute_errors(equations, problem.to_base_parameters(constrained)).rms_total
     if before > 0 and after > FREE * before:
         sentences.append(
             f"Physical feasibility costs {after / before - 1:.0%} of the residual in the fit: the data want parameters "

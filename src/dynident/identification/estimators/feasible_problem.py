@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import Column, Role, effect_by_id, role_of, spec_of
+from dynident.effects import Column, Role, get_effect, get_role, get_spec
 from dynident.errors import DynidentError
-from dynident.estimation import Information, Reduction, Solution
-from dynident.estimation.deviations import deviations, null_space
-from dynident.estimation.least_squares import doubtful_noise, weighted_factor
-from dynident.estimation.semidefinite import Constrained, InfeasibleError, MatrixBound, constrained_least_squares
-from dynident.identification.asked import Trust
-from dynident.identification.parameters.bodies import Body, bodies_of
+from dynident.estimation import PriorInformation, Reduction, Solution
+from dynident.estimation.deviations import compute_null_space, compute_standard_deviations
+from dynident.estimation.least_squares import build_weighted_factor, compute_correlated_noise
+from dynident.estimation.semidefinite import ConstrainedSolution, InfeasibleError, MatrixBound, solve_constrained
+from dynident.identification.asked import DescriptionTrust
+from dynident.identification.parameters.bodies import Body, find_bodies
 from dynident.identification.parameters.standard import StandardParameters
-from dynident.identification.prior.belief import Belief, parted
-from dynident.identification.prior.entropic import EntropicPrior, entropic_prior
-from dynident.identification.prior.prior import belief_of
+from dynident.identification.prior.belief import NormalPrior, split_prior
+from dynident.identification.prior.entropic import EntropicPrior, build_entropic_prior
+from dynident.identification.prior.prior import build_normal_prior
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 
@@ -34,24 +34,24 @@ _NULL = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Believed:
+class StandardPrior:
     """Prior on standard parameters; `prior` is false where it only decides what the data leave open.
 
     `entropic`: the distance of bodies from the description's, where that is the prior.
     """
 
-    belief: Belief
+    belief: NormalPrior
     prior: bool
     entropic: EntropicPrior | None
 
-    def at(self, values: FloatArray) -> Believed:
+    def approximate_at(self, values: FloatArray) -> StandardPrior:
         """Return the prior with its normal approximation at standard parameters (c,)."""
         if self.entropic is None:
             return self
-        return replace(self, belief=self.entropic.belief_at(self.belief, values))
+        return replace(self, belief=self.entropic.approximate_at(self.belief, values))
 
     @property
-    def free_of_bounds(self) -> set[int]:
+    def first_columns_without_bound(self) -> set[int]:
         """First columns of the bodies that the entropic prior keeps possible by itself."""
         return set() if self.entropic is None else {int(columns[0]) for columns in self.entropic.columns}
 
@@ -65,7 +65,7 @@ class FeasibleProblem:
     """
 
     equations: Reduction
-    known: Information | None
+    known: PriorInformation | None
     grouping: FloatArray
     written: FloatArray
     unit: FloatArray
@@ -75,24 +75,26 @@ class FeasibleProblem:
     bodies: tuple[Body, ...]
     not_negative: IndexArray
 
-    def base_of(self, constrained: Constrained) -> FloatArray:
+    def to_base_parameters(self, constrained: ConstrainedSolution) -> FloatArray:
         """Return the base parameters (b,) of a solution."""
         return np.asarray(self.grouping @ constrained.values)
 
-    def rows(self, noise: FloatArray, known: Information | None, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def build_rows(
+        self, noise: FloatArray, known: PriorInformation | None, rest: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return [rows | right] of u: equations weighted by 1 / noise (n,), the prior, its rest, and what is open."""
-        factor = weighted_factor(self.equations, noise, known)
+        factor = build_weighted_factor(self.equations, noise, known)
         b = len(factor) - 1
         of_data = factor[:b, :b] @ self.grouping
         weak = max(WEAK, _LEAST_SHARE * float(np.abs(of_data).max(initial=0.0)))
         rows = np.vstack([of_data, rest, weak * self.open])
         return rows, np.concatenate([factor[:b, b], rest @ self.mean, weak * (self.open @ self.mean)])
 
-    def solve(self, noise: FloatArray) -> Constrained:
+    def solve(self, noise: FloatArray) -> ConstrainedSolution:
         """Return the solution u with equations weighted by 1 / noise (n,)."""
-        return self._constrained(*self.rows(noise, self.known, self.rest))
+        return self._solve_constrained(*self.build_rows(noise, self.known, self.rest))
 
-    def nearest_to(self, solution: Solution, weak: float) -> Constrained:
+    def solve_nearest_to(self, solution: Solution, weak: float) -> ConstrainedSolution:
         """Return the u whose base parameters are nearest to those of a solution, in its own covariance.
 
         Parameters
@@ -104,12 +106,12 @@ class FeasibleProblem:
         of_data = solution.factor @ self.grouping
         weak *= max(1.0, _LEAST_SHARE / WEAK * float(np.abs(of_data).max(initial=0.0)))
         right = np.concatenate([solution.factor @ solution.values, weak * (self.open @ self.mean)])
-        return self._constrained(np.vstack([of_data, weak * self.open]), right)
+        return self._solve_constrained(np.vstack([of_data, weak * self.open]), right)
 
-    def _constrained(self, rows: FloatArray, right: FloatArray) -> Constrained:
+    def _solve_constrained(self, rows: FloatArray, right: FloatArray) -> ConstrainedSolution:
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
         try:
-            constrained = constrained_least_squares(rows, right, bounds, self.not_negative)
+            constrained = solve_constrained(rows, right, bounds, self.not_negative)
         except InfeasibleError as error:
             raise DynidentError(
                 f"no physically feasible parameters were found: {error.detail}",
@@ -123,7 +125,7 @@ class FeasibleProblem:
             else replace(constrained, values=np.asarray(np.linalg.lstsq(rows, right)[0]))
         )
 
-    def free(self, constrained: Constrained) -> FloatArray | None:
+    def find_free_directions(self, constrained: ConstrainedSolution) -> FloatArray | None:
         """Return the directions (b, f) in which base parameters can move while the active constraints stay active.
 
         None where they can move in all directions.
@@ -132,22 +134,24 @@ class FeasibleProblem:
             return None
         size = np.linalg.norm(self.written, axis=1)
         directions, singular, _ = np.linalg.svd(
-            (self.written / size[:, None]) @ null_space(constrained.held), full_matrices=False
+            (self.written / size[:, None]) @ compute_null_space(constrained.held), full_matrices=False
         )
         reached = singular > _NULL * max(float(singular.max(initial=0.0)), np.finfo(float).tiny)
         if int(np.count_nonzero(reached)) == len(size):
             return None
         return np.asarray(directions[:, reached] * size[:, None])
 
-    def standard(self, constrained: Constrained) -> StandardParameters:
+    def to_standard_parameters(self, constrained: ConstrainedSolution) -> StandardParameters:
         """Return the standard parameters with their standard deviations."""
-        noise = doubtful_noise(self.equations, self.base_of(constrained))
+        noise = compute_correlated_noise(self.equations, self.to_base_parameters(constrained))
         b = len(self.grouping)
-        rows = np.vstack([weighted_factor(self.equations, noise, self.known)[:b, :b] @ self.written, self.rest])
-        return StandardParameters(self.unit * constrained.values, self.unit * deviations(rows, constrained.held))
+        rows = np.vstack([build_weighted_factor(self.equations, noise, self.known)[:b, :b] @ self.written, self.rest])
+        return StandardParameters(
+            self.unit * constrained.values, self.unit * compute_standard_deviations(rows, constrained.held)
+        )
 
 
-def believed_of(model: Model, trust: Trust, unconstrained: Solution) -> Believed:
+def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: Solution) -> StandardPrior:
     """Return the prior of a description, with parameters outside of bodies in units of the torque that they explain.
 
     Parameters
@@ -157,18 +161,20 @@ def believed_of(model: Model, trust: Trust, unconstrained: Solution) -> Believed
     unconstrained : Solution
         Least squares, for these units.
     """
-    belief = belief_of(model, trust)
-    entropic = entropic_prior(model, trust.error, belief) if trust.of_bodies else None
-    sized = replace(belief, size=_sizes(model, belief, unconstrained))
-    return Believed(sized, trust.prior is not None, entropic)
+    belief = build_normal_prior(model, trust)
+    entropic = build_entropic_prior(model, trust.error, belief) if trust.of_bodies else None
+    sized = replace(belief, size=_estimate_sizes(model, belief, unconstrained))
+    return StandardPrior(sized, trust.prior is not None, entropic)
 
 
-def problem_of(model: Model, equations: Reduction, known: Information | None, believed: Believed) -> FeasibleProblem:
+def build_problem(
+    model: Model, equations: Reduction, known: PriorInformation | None, believed: StandardPrior
+) -> FeasibleProblem:
     """Build the problem with a normal prior; an entropic one replaces what is known."""
     belief = believed.belief
     rest = np.zeros((0, len(belief.size)))
     if believed.prior:
-        both = parted(model, belief)
+        both = split_prior(model, belief)
         rest = both.rest
         if believed.entropic is not None:
             known = both.base
@@ -183,18 +189,20 @@ def problem_of(model: Model, equations: Reduction, known: Information | None, be
         unit=belief.size,
         mean=belief.mean / belief.size,
         rest=rest,
-        open=null_space(determined).T,
-        bodies=tuple(b for b in bodies_of(model.columns) if int(b.columns[0]) not in believed.free_of_bounds),
-        not_negative=_not_negative(model),
+        open=compute_null_space(determined).T,
+        bodies=tuple(
+            b for b in find_bodies(model.columns) if int(b.columns[0]) not in believed.first_columns_without_bound
+        ),
+        not_negative=_list_not_negative(model),
     )
 
 
-def _sizes(model: Model, belief: Belief, unconstrained: Solution) -> FloatArray:
+def _estimate_sizes(model: Model, belief: NormalPrior, unconstrained: Solution) -> FloatArray:
     """Return orders of magnitude (c,) of all standard parameters; outside of bodies, from the torque they explain."""
     factor = unconstrained.factor @ model.base.grouping
     torque = float(np.linalg.norm(unconstrained.factor @ unconstrained.values))
     columns = np.linalg.norm(factor, axis=0)
-    bodies = {int(k) for body in bodies_of(model.columns) for k in body.columns}
+    bodies = {int(k) for body in find_bodies(model.columns) for k in body.columns}
     return np.array(
         [
             belief.size[k] if k in bodies or columns[k] == 0 or torque == 0 else torque / columns[k]
@@ -203,28 +211,27 @@ def _sizes(model: Model, belief: Belief, unconstrained: Solution) -> FloatArray:
     )
 
 
-def _not_negative(model: Model) -> IndexArray:
+def _list_not_negative(model: Model) -> IndexArray:
     """Return the parameters that cannot be negative.
 
     Beside other friction effects Coulomb and viscous friction are only parts of a sum, which alone has a sign.
     """
     others = any(
-        effect_by_id(c.effect).is_friction and not effect_by_id(c.effect).held_in(_PLAIN_FRICTION)
-        for c in model.effects
+        get_effect(c.effect).is_friction and not get_effect(c.effect).fits_roles(_PLAIN_FRICTION) for c in model.effects
     )
     return np.array(
         [
             k
             for k, column in enumerate(model.columns)
             # Friction of some runs alone is the difference from the other runs, and may have any sign.
-            if _positive(column) and not (role_of(column) in _PLAIN_FRICTION and (column.runs or others))
+            if _is_positive(column) and not (get_role(column) in _PLAIN_FRICTION and (column.runs or others))
         ],
         dtype=np.intp,
     )
 
 
-def _positive(column: Column) -> bool:
-    spec = spec_of(column)
+def _is_positive(column: Column) -> bool:
+    spec = get_spec(column)
     return spec is not None and (spec.positive or spec.resists)
 
 

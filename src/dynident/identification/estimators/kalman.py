@@ -10,30 +10,30 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.estimation import (
     EstimationError,
-    Information,
+    PriorInformation,
     Solution,
     Statistics,
-    errors,
-    freedom_of_rows,
-    known_values,
-    noise_levels,
+    build_prior,
+    build_weighted_factor,
+    compute_errors,
+    compute_noise_levels,
+    compute_row_freedom,
     statistics,
     weighted,
-    weighted_factor,
 )
 from dynident.estimation.kalman import KalmanNoise
-from dynident.estimation.recursive import recursive_statistics
+from dynident.estimation.recursive import compute_recursive_statistics
 from dynident.identification.equations.data import Data
-from dynident.identification.estimators.kalman_run import KalmanRun, diverged, run_filter
+from dynident.identification.estimators.kalman_run import KalmanRun, divergence_error, run_filter
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
 from dynident.recordings import Recording, choose_preprocessing, filtered_blocks
-from dynident.recordings.spectra import spectra
+from dynident.recordings.spectra import estimate_spectra
 from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
 
-START = (0.25, 0.5, 1.0)
+START_SHARES = (0.25, 0.5, 1.0)
 """Shares of the data for the filter's initial parameters; the first share that determines them is used."""
 
 # Factor on the initial standard deviations: those of a short recording are unreliable, and the filter sees the same
@@ -50,15 +50,15 @@ _WORSE, _ALLOWED = 1.5, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class _Initial:
+class _FilterStart:
     """Start of the filter: prior on χ, the share of the data that it comes from, and its residual (n,)."""
 
     share: float
-    known: Information
+    known: PriorInformation
     residual: FloatArray
 
 
-def kalman(problem: Problem) -> Fit:
+def estimate_by_kalman_filter(problem: Problem) -> Fit:
     """Estimate with an extended Kalman filter: state [q, q̇, χ], measured positions and torques, χ constant.
 
     Initial parameters come from the beginning of the data by weighted least squares, with widened deviations. Position
@@ -87,32 +87,36 @@ def kalman(problem: Problem) -> Fit:
     torque = TorqueFunction(model)
     if data.preprocessing.position_cutoff is None:
         data = replace(data, preprocessing=choose_preprocessing(data.recordings))
-    initial = _initial(model, data, known)
-    run = run_filter(torque, model, data, initial.known, noise_of(data, initial.residual))
+    initial = _solve_beginning(model, data, known)
+    run = run_filter(torque, model, data, initial.known, estimate_noise(data, initial.residual))
     values = run.values[-1]
-    before, after = (errors(data.torque, chi).relative_total for chi in (run.values[0], values))
+    before, after = (compute_errors(data.torque, chi).relative_total for chi in (run.values[0], values))
     if not after <= _WORSE * before + _ALLOWED:
-        raise diverged(f"its parameters end with a torque error of {after:.1%}, those it began with had {before:.1%}")
-    noise = noise_levels(data.equations, values)
-    solution = Solution(values, noise, weighted_factor(data.equations, noise, known)[:-1, :-1], known)
+        raise divergence_error(
+            f"its parameters end with a torque error of {after:.1%}, those it began with had {before:.1%}"
+        )
+    noise = compute_noise_levels(data.equations, values)
+    solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known)
     # Every instant has two rows, of the torque and of the position. As the acceleration is unknown, they are worth one.
-    uncertainty = recursive_statistics(run.rows, values, initial.known)
+    uncertainty = compute_recursive_statistics(run.rows, values, initial.known)
     worth = 0.5 * uncertainty.effective_rows
-    uncertainty = Statistics(uncertainty.covariance, worth, noise, freedom_of_rows(worth, len(values)))
-    late = _still_changing(run, uncertainty)
-    return Fit(replace(solution, converged=not late), uncertainty, _said(run, uncertainty, initial.share, late))
+    uncertainty = Statistics(uncertainty.covariance, worth, noise, compute_row_freedom(worth, len(values)))
+    late = _count_changing(run, uncertainty)
+    return Fit(
+        replace(solution, converged=not late), uncertainty, _list_warnings(run, uncertainty, initial.share, late)
+    )
 
 
-def _still_changing(run: KalmanRun, uncertainty: Statistics) -> int:
+def _count_changing(run: KalmanRun, uncertainty: Statistics) -> int:
     """Return how many parameters changed by more than a standard deviation over the last tenth of the data."""
     before = run.values[int(0.9 * len(run.times))]
     change = np.abs(run.values[-1] - before) / np.maximum(uncertainty.standard_deviations, np.finfo(float).tiny)
     return int(np.count_nonzero(change > 1.0))
 
 
-def noise_of(data: Data, residual: FloatArray) -> KalmanNoise:
+def estimate_noise(data: Data, residual: FloatArray) -> KalmanNoise:
     """Return the noises from the spectra of the recordings, and from the residual (n,) of the initial parameters."""
-    spectra_of_all = [spectra(recording) for recording in data.recordings]
+    spectra_of_all = [estimate_spectra(recording) for recording in data.recordings]
     position = np.max([np.sqrt(spectrum.noise * 0.5 * spectrum.rate) for spectrum in spectra_of_all], axis=0)
     # The torque's noise is the floor of its spectrum at high frequencies, where no motion is left.
     floors = [
@@ -129,9 +133,9 @@ def noise_of(data: Data, residual: FloatArray) -> KalmanNoise:
     )
 
 
-def _beginning(recordings: tuple[Recording, ...], share: float) -> tuple[Recording, ...]:
+def _cut_beginning(recordings: tuple[Recording, ...], share: float) -> tuple[Recording, ...]:
     """Return the first share of the data in seconds."""
-    spans = [(recording, start, end) for recording in recordings for start, end in _spans(recording)]
+    spans = [(recording, start, end) for recording in recordings for start, end in _iterate_spans(recording)]
     remaining = share * sum(end - start for _, start, end in spans)
     windows: dict[int, list[tuple[float, float]]] = {}
     for recording, start, end in spans:
@@ -142,7 +146,7 @@ def _beginning(recordings: tuple[Recording, ...], share: float) -> tuple[Recordi
     return tuple(r.with_windows(tuple(windows[id(r)])) for r in recordings if id(r) in windows)
 
 
-def _spans(recording: Recording) -> Iterator[tuple[float, float]]:
+def _iterate_spans(recording: Recording) -> Iterator[tuple[float, float]]:
     """Yield the first and last time of the used part of every segment, s."""
     for segment in recording.segments:
         start, end = segment.start_time, segment.start_time + segment.length * recording.period
@@ -151,30 +155,30 @@ def _spans(recording: Recording) -> Iterator[tuple[float, float]]:
                 yield max(start, low), min(end, high)
 
 
-def _initial(model: Model, data: Data, known: Information | None) -> _Initial:
+def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -> _FilterStart:
     """Solve the beginning of the data by weighted least squares; a prior keeps its certainty."""
-    for share in START:
-        first = _beginning(data.recordings, share)
+    for share in START_SHARES:
+        first = _cut_beginning(data.recordings, share)
         try:
             beginning = reduce_recordings(model.observation, first, data.preprocessing, data.reference)
             solution = weighted(beginning, known)
             break
         except EstimationError:
-            if share == START[-1]:
+            if share == START_SHARES[-1]:
                 raise
     # The filter needs a covariance of full rank, which one from blocks of time may not have.
     uncertainty = statistics(beginning, solution, "by_joint")
     c = len(solution.values)
-    start = known_values(solution.values, uncertainty.covariance * _DOUBT**2, np.arange(c), c)
+    start = build_prior(solution.values, uncertainty.covariance * _DOUBT**2, np.arange(c), c)
     if known is not None:
         # Widening divides the prior's rows by the factor, too. Adding this much of them gives them their full weight
         # again.
         undoubted = np.sqrt(1.0 - 1.0 / _DOUBT**2)
-        start = start.and_also(Information(undoubted * known.factor, undoubted * known.right))
-    return _Initial(share, start, uncertainty.noise)
+        start = start.combine_with(PriorInformation(undoubted * known.factor, undoubted * known.right))
+    return _FilterStart(share, start, uncertainty.noise)
 
 
-def _said(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
+def _list_warnings(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     sentences = [
         f"The Kalman filter began with the first {share:.0%} of the data and saw {run.times[-1]:.1f} s. Its standard "

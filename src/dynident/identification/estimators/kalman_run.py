@@ -10,14 +10,14 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import EstimationError, Information, Reduction
-from dynident.estimation.information import covariance_of
+from dynident.estimation import EstimationError, PriorInformation, Reduction
+from dynident.estimation.information import invert_information
 from dynident.estimation.kalman import KalmanFilter, KalmanNoise, KalmanSample
-from dynident.estimation.triangles import triangular
+from dynident.estimation.triangles import compute_r_factor
 from dynident.identification.equations.data import Data
 from dynident.identification.estimators.torque_function import TorqueFunction
 from dynident.recordings import Preprocessing, Recording, filtered_blocks
-from dynident.regressors.folding import EquationRows, folded
+from dynident.regressors.folding import EquationRows, accumulate_equations
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
 
@@ -27,7 +27,7 @@ _TELLS_NOTHING = 1e6
 # so many times on average.
 _LOST, _LOST_SAMPLES, _LOST_ON_AVERAGE = 1e6, 50, 1e3
 # Number of times at which the parameters are recorded.
-_KEPT = 200
+_RECORDED_TIMES = 200
 # Samples whose equations are reduced at a time.
 _BLOCK = 1024
 
@@ -49,7 +49,9 @@ class KalmanRun:
     surprise: float
 
 
-def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise) -> KalmanRun:
+def run_filter(
+    torque: TorqueFunction, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
+) -> KalmanRun:
     """Let a filter that begins with a prior on χ run through the recordings.
 
     Parameters
@@ -70,9 +72,9 @@ def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Informat
     EstimationError
         Where it diverges.
     """
-    way = _Way(torque, model, data, start, noise)
+    way = _FilterPass(torque, model, data, start, noise)
     c, n = start.n_columns, model.robot.n
-    rows = folded(way.rows_of, [np.arange(c)] * n, c, data.recordings, in_turn=True)
+    rows = accumulate_equations(way.iterate_rows, [np.arange(c)] * n, c, data.recordings, in_turn=True)
     if not way.samples:
         raise DynidentError(
             "there are too few samples in a row for a filter; use a longer recording",
@@ -81,41 +83,41 @@ def run_filter(torque: TorqueFunction, model: Model, data: Data, start: Informat
         )
     surprise = way.surprise / way.samples
     if not surprise < _LOST_ON_AVERAGE:
-        raise diverged(f"its innovations vary {surprise:.2g} times as much as its noises say")
-    way.keep()
+        raise divergence_error(f"its innovations vary {surprise:.2g} times as much as its noises say")
+    way.record_state()
     times, values, deviations = (np.array(item) for item in zip(*way.kept, strict=True))
     return KalmanRun(times, values, deviations, rows, surprise)
 
 
-class _Way:
+class _FilterPass:
     """State of the filter on its pass through the recordings, and the record of its parameters."""
 
     def __init__(
-        self, torque: TorqueFunction, model: Model, data: Data, start: Information, noise: KalmanNoise
+        self, torque: TorqueFunction, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
     ) -> None:
         self._torque, self._model, self._data, self._noise = torque, model, data, noise
         self.values: FloatArray = np.asarray(np.linalg.lstsq(start.factor, start.right)[0])
-        self.covariance: FloatArray = covariance_of(triangular(start.factor))
+        self.covariance: FloatArray = invert_information(compute_r_factor(start.factor))
         self.seen, self.samples, self.surprise = 0.0, 0, 0.0
         self.kept: list[tuple[float, FloatArray, FloatArray]] = []
-        self._gap = max(1, round(sum(recording.n_samples for recording in data.recordings) / _KEPT))
+        self._gap = max(1, round(sum(recording.n_samples for recording in data.recordings) / _RECORDED_TIMES))
         self._lost = 0
-        self.keep()
+        self.record_state()
 
-    def keep(self) -> None:
+    def record_state(self) -> None:
         """Record the parameters and their deviations now."""
         self.kept.append((self.seen, self.values, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))))
 
-    def rows_of(self, recording: Recording) -> Iterator[EquationRows]:
+    def iterate_rows(self, recording: Recording) -> Iterator[EquationRows]:
         """Yield the equations of χ that the samples of a recording make, block by block."""
-        phases = RowPhases.of(self._model.observation, recording, self._data.preprocessing)
+        phases = RowPhases.from_recording(self._model.observation, recording, self._data.preprocessing)
         times: list[float] = []
         rows: list[FloatArray] = []
         kalman: KalmanFilter | None = None
         segment = -1
-        for now in _samples(recording, self._data.preprocessing, phases):
+        for now in _iterate_samples(recording, self._data.preprocessing, phases):
             if times and (now.place == 0 or len(times) >= _BLOCK):
-                yield self._equations(times, rows, segment)
+                yield self._build_equations(times, rows, segment)
                 times, rows = [], []
             # A filter begins anew with every unbroken piece: positions and velocities jump, the parameters go on.
             if now.place == 1:
@@ -124,31 +126,33 @@ class _Way:
                 kalman.begin(now.before, now.q, now.tau, now.ddq, now.doubt)
             elif now.place > 1:
                 assert kalman is not None
-                rows.append(self._stepped(kalman, now, recording).rows)
+                rows.append(self._step(kalman, now, recording).rows)
                 times.append(now.t)
         if times:
-            yield self._equations(times, rows, segment)
+            yield self._build_equations(times, rows, segment)
 
-    def _equations(self, times: list[float], rows: list[FloatArray], segment: int) -> EquationRows:
+    def _build_equations(self, times: list[float], rows: list[FloatArray], segment: int) -> EquationRows:
         """Return a row of the torque and one of the position for every joint and instant."""
         n, samples = self._model.robot.n, np.array(rows)
         both = [samples[:, [joint, n + joint]].reshape(-1, samples.shape[2]) for joint in range(n)]
         return EquationRows(np.repeat(times, 2), both, segment)
 
-    def _stepped(self, kalman: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
+    def _step(self, kalman: KalmanFilter, now: _Sample, recording: Recording) -> KalmanSample:
         try:
             step = kalman.step(now.q, now.tau, now.ddq, now.doubt)
         except EstimationError as error:
-            raise diverged(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
+            raise divergence_error(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
         self._lost = self._lost + 1 if step.surprise > _LOST else 0
         if self._lost > _LOST_SAMPLES or not np.isfinite(kalman.values).all():
-            raise diverged(f"from t = {now.t:.2f} s of {recording.name} on it does not follow the motion any more")
+            raise divergence_error(
+                f"from t = {now.t:.2f} s of {recording.name} on it does not follow the motion any more"
+            )
         self.values, self.covariance = kalman.values, kalman.covariance
         self.seen += recording.period
         self.samples += 1
         self.surprise += step.surprise
         if self.samples % self._gap == 0:
-            self.keep()
+            self.record_state()
         return step
 
 
@@ -168,7 +172,7 @@ class _Sample(NamedTuple):
     doubt: FloatArray
 
 
-def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) -> Iterator[_Sample]:
+def _iterate_samples(recording: Recording, filters: Preprocessing, phases: RowPhases) -> Iterator[_Sample]:
     """Yield measured positions and torques, unfiltered, with the acceleration of the filtered motion."""
     raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
     place = -1
@@ -176,7 +180,7 @@ def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) ->
     for block in filtered_blocks(recording, filters):
         if block.starts_segment:
             place = -1
-        doubt = np.where(phases.used(block.segment, block.t), 1.0, _TELLS_NOTHING)
+        doubt = np.where(phases.find_used_rows(block.segment, block.t), 1.0, _TELLS_NOTHING)
         for k, used in enumerate(block.used):
             q = next(raw)
             place = place + 1 if used else -1
@@ -185,7 +189,7 @@ def _samples(recording: Recording, filters: Preprocessing, phases: RowPhases) ->
             before = q
 
 
-def diverged(how: str) -> EstimationError:
+def divergence_error(how: str) -> EstimationError:
     """Return the error of a filter that does not follow the data."""
     return EstimationError(
         f"the Kalman filter diverged: {how}. Begin with better values (the prior description, a longer recording), or "

@@ -29,7 +29,7 @@ class RecordedMotion:
     label: str
 
 
-def whole_segments(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
+def read_whole_segments(recording: Recording, preprocessing: Preprocessing) -> tuple[RecordedMotion, ...]:
     """Return the motion of every segment from its first sample to its last, inside the windows or not.
 
     Parameters
@@ -49,11 +49,11 @@ def whole_segments(recording: Recording, preprocessing: Preprocessing) -> tuple[
     motions = []
     for segment in range(len(recording.segments)):
         blocks = filtered_blocks(recording, preprocessing, segments=[segment])
-        motions.append(_motion(recording, segment, [_rows(block) for block in blocks]))
+        motions.append(_join_pieces(recording, segment, [_take_rows(block) for block in blocks]))
     return tuple(motions)
 
 
-def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest: float) -> RecordedMotion:
+def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longest: float) -> RecordedMotion:
     """Return the longest unbroken piece of used samples, cut to at most `longest` seconds.
 
     Parameters
@@ -80,7 +80,7 @@ def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest:
             if first == last or not block.used[first]:
                 run, length = [], 0
                 continue
-            run = [*run, _rows(block, slice(first, last))]
+            run = [*run, _take_rows(block, slice(first, last))]
             length += last - first
             if length > longest_length:
                 best, longest_length, segment_of_best = run, length, block.segment
@@ -90,18 +90,18 @@ def longest_stretch(recording: Recording, preprocessing: Preprocessing, longest:
             pointer="/windows",
             title="No motion to simulate",
         )
-    return _motion(recording, segment_of_best, best, longest)
+    return _join_pieces(recording, segment_of_best, best, longest)
 
 
-def _rows(block: SampleBlock, part: slice = _EVERYTHING) -> _Rows:
+def _take_rows(block: SampleBlock, part: slice = _EVERYTHING) -> _Rows:
     heat = np.zeros_like(block.q) if block.temperature is None else block.temperature
     return block.t[part], block.q[part], block.dq[part], block.ddq[part], block.tau[part], heat[part]
 
 
-def _motion(recording: Recording, segment: int, pieces: list[_Rows], longest: float = np.inf) -> RecordedMotion:
+def _join_pieces(recording: Recording, segment: int, pieces: list[_Rows], longest: float = np.inf) -> RecordedMotion:
     """Join consecutive pieces of a segment to one motion, cut to at most `longest` seconds."""
     t, q, dq, ddq, tau, heat = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     inside = t <= t[0] + longest
     temperature = heat[inside] if recording.has_temperature else None
     reference = Reference(t[inside], q[inside], dq[inside], ddq[inside], temperature)
-    return RecordedMotion(reference, tau[inside], recording.sampling_rate, recording.run_label(segment))
+    return RecordedMotion(reference, tau[inside], recording.sampling_rate, recording.name_segment(segment))

@@ -15,16 +15,16 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Information, Reduction, noise_levels, solve, statistics, weighted
-from dynident.estimation.least_squares import doubtful_noise, floored
-from dynident.estimation.robust import BISQUARE, HUBER, Influence, robust_scale
+from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
+from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
+from dynident.estimation.robust import BISQUARE, HUBER, Influence, estimate_robust_scale
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import FilteredSamples, filtered_samples, reduce_recordings
+from dynident.regressors.stream import FilteredSamples, reduce_recordings, stream_filtered_samples
 
 _MOST_ROUNDS = 15
 # A round that moves no parameter by more than this share of its standard deviation is the last.
@@ -37,7 +37,7 @@ _NOTABLE = 0.002
 _MOST_SPANS, _GAP = 3, 0.5
 
 
-def reweighted(problem: Problem) -> Fit:
+def estimate_robustly(problem: Problem) -> Fit:
     """Return robust estimates from the rows of all joints' torques.
 
     Parameters
@@ -54,32 +54,34 @@ def reweighted(problem: Problem) -> Fit:
         Where the equations are not the rows of the joints' torques, or no recording is at hand to go through again.
     """
     model, data, known = problem.model, problem.data, problem.known
-    _check(data)
+    _check_data(data)
     passes = _Passes(model, data)
     first = weighted(data.equations, known)
     # Against a prior, correlated rows must not count as independent samples: their noise is raised to what they are
     # worth.
     share = np.ones(len(first.noise))
     if known is not None:
-        share = doubtful_noise(data.equations, first.values) / noise_levels(data.equations, first.values)
+        share = compute_correlated_noise(data.equations, first.values) / compute_noise_levels(
+            data.equations, first.values
+        )
     values, converged = first.values, True
     # Huber's function has a single minimum, so it finds the start for the bisquare, which has several but ignores
     # outliers.
     for influence in (HUBER, BISQUARE):
-        values, converged = _settled(passes, values, influence, share, known)
-    sigma = robust_scale(passes.residuals(values))
-    pseudo = passes.pseudo_observations(values, sigma, BISQUARE)
-    solution = replace(solve(pseudo, floored(sigma) * share, known), converged=converged)
-    return Fit(solution, statistics(pseudo, solution, problem.covariance), passes.told(values, sigma))
+        values, converged = _reweight_until_settled(passes, values, influence, share, known)
+    sigma = estimate_robust_scale(passes.compute_residuals(values))
+    pseudo = passes.reduce_pseudo_observations(values, sigma, BISQUARE)
+    solution = replace(solve(pseudo, floor_noise(sigma) * share, known), converged=converged)
+    return Fit(solution, statistics(pseudo, solution, problem.covariance), passes.list_warnings(values, sigma))
 
 
-def _settled(
-    passes: _Passes, values: FloatArray, influence: Influence, share: FloatArray, known: Information | None
+def _reweight_until_settled(
+    passes: _Passes, values: FloatArray, influence: Influence, share: FloatArray, known: PriorInformation | None
 ) -> tuple[FloatArray, bool]:
     """Reweight until χ settles, in at most fifteen rounds; return it, and whether it settled."""
     for _ in range(_MOST_ROUNDS):
-        sigma = floored(robust_scale(passes.residuals(values)))
-        rows = passes.reduced(values, sigma, influence)
+        sigma = floor_noise(estimate_robust_scale(passes.compute_residuals(values)))
+        rows = passes.reduce_weighted(values, sigma, influence)
         solution = solve(rows, sigma * share, known)
         moved = np.abs(solution.values - values)
         values = solution.values
@@ -88,7 +90,7 @@ def _settled(
     return values, False
 
 
-def _check(data: Data) -> None:
+def _check_data(data: Data) -> None:
     if data.equations is not data.torque:
         raise DynidentError(
             "irls gives each row of the joints' torques a weight of its own, and these equations are made of many rows "
@@ -112,54 +114,58 @@ class _Passes:
     model: Model
     data: Data
 
-    def residuals(self, values: FloatArray) -> FloatArray:
+    def compute_residuals(self, values: FloatArray) -> FloatArray:
         """Return y - ŷ of all rows (m, n) for parameters (b,), NaN where a row is left out."""
         residuals = [
-            self._counted(recording, samples, values)
+            self._compute_counted_residuals(recording, samples, values)
             for recording in self.data.recordings
-            for samples in self._samples(recording)
+            for samples in self._iterate_samples(recording)
         ]
         return np.concatenate(residuals) if residuals else np.zeros((0, self.model.robot.n))
 
-    def _counted(self, recording: Recording, samples: FilteredSamples, values: FloatArray) -> FloatArray:
+    def _compute_counted_residuals(
+        self, recording: Recording, samples: FilteredSamples, values: FloatArray
+    ) -> FloatArray:
         """Return the residuals (m, n); NaN where a joint stands or reverses, whose rows are left out."""
-        rest = self._residual(samples, values)
-        phases = RowPhases.of(self.model.observation, recording, self.data.preprocessing)
-        rest[~phases.used(samples.segment, samples.t)] = np.nan
+        rest = self._compute_residual(samples, values)
+        phases = RowPhases.from_recording(self.model.observation, recording, self.data.preprocessing)
+        rest[~phases.find_used_rows(samples.segment, samples.t)] = np.nan
         return rest
 
-    def reduced(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
+    def reduce_weighted(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """Return the equations with every row times the root of its weight at parameters (b,) and scales (n,)."""
         rows = self.model.observation.entry_rows
 
         def weigh(samples: FilteredSamples) -> FilteredSamples:
-            root = np.sqrt(influence.weight(self._residual(samples, values) / sigma))
+            root = np.sqrt(influence.weight(self._compute_residual(samples, values) / sigma))
             return replace(samples, values=samples.values * root[:, rows], tau=samples.tau * root)
 
         return self._reduce(weigh)
 
-    def pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
+    def reduce_pseudo_observations(self, values: FloatArray, sigma: FloatArray, influence: Influence) -> Reduction:
         """Return the equations of the pseudo-observations ŷ + ψ(e) / mean ψ', with weights 1."""
-        safe = floored(sigma)
-        slope = influence.slope(self.residuals(values) / safe)
+        safe = floor_noise(sigma)
+        slope = influence.slope(self.compute_residuals(values) / safe)
         counted = np.isfinite(slope)
         slope = np.where(counted, slope, 0.0).sum(axis=0) / np.maximum(counted.sum(axis=0), 1)
 
         def replace_torque(samples: FilteredSamples) -> FilteredSamples:
-            rest = self._residual(samples, values)
+            rest = self._compute_residual(samples, values)
             # A small mean slope would blow up the pseudo-observations, so it is bounded from below.
             influenced = influence.weight(rest / safe) * rest / np.maximum(slope, 0.1)
             return replace(samples, tau=samples.tau - rest + influenced)
 
         return self._reduce(replace_torque)
 
-    def told(self, values: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
+    def list_warnings(self, values: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
         """Return a warning that names the rows that were given up; nothing where they are few."""
-        safe = floored(sigma)
+        safe = floor_noise(sigma)
         weights, times = [], []
         for recording in self.data.recordings:
-            for samples in self._samples(recording):
-                weights.append(BISQUARE.weight(self._counted(recording, samples, values) / safe) < _REJECTED)
+            for samples in self._iterate_samples(recording):
+                weights.append(
+                    BISQUARE.weight(self._compute_counted_residuals(recording, samples, values) / safe) < _REJECTED
+                )
                 times.append([(recording.name, float(t)) for t in samples.t])
         rejected = np.concatenate(weights)
         shares = rejected.mean(axis=0)
@@ -168,7 +174,7 @@ class _Passes:
         names = self.model.robot.joint_names
         joints = ", ".join(f"{names[j]} {shares[j]:.1%}" for j in np.argsort(-shares) if shares[j] >= _NOTABLE)
         when = [place for part in times for place in part]
-        spans = _spans([when[k] for k in np.flatnonzero(rejected.any(axis=1))])
+        spans = _find_spans([when[k] for k in np.flatnonzero(rejected.any(axis=1))])
         return (f"Rows that nothing in the model explains were given up: {joints}; most at {', '.join(spans)}.",)
 
     def _reduce(self, change: Callable[[FilteredSamples], FilteredSamples]) -> Reduction:
@@ -178,25 +184,25 @@ class _Passes:
             data.recordings,
             data.preprocessing,
             data.reference,
-            samples_of=lambda recording: (change(samples) for samples in self._samples(recording)),
+            samples_of=lambda recording: (change(samples) for samples in self._iterate_samples(recording)),
         )
 
-    def _samples(self, recording: Recording) -> Iterator[FilteredSamples]:
-        in_memory = None if self.data.rows is None else self.data.rows.of(recording, self.data.preprocessing)
+    def _iterate_samples(self, recording: Recording) -> Iterator[FilteredSamples]:
+        in_memory = None if self.data.rows is None else self.data.rows.find_samples(recording, self.data.preprocessing)
         if in_memory is not None:
             yield from in_memory
             return
         data = self.data
-        phases = RowPhases.of(self.model.observation, recording, data.preprocessing)
-        yield from filtered_samples(
+        phases = RowPhases.from_recording(self.model.observation, recording, data.preprocessing)
+        yield from stream_filtered_samples(
             self.model.observation, recording, data.preprocessing, data.reference, phases=phases
         )
 
-    def _residual(self, samples: FilteredSamples, values: FloatArray) -> FloatArray:
-        return np.asarray(samples.tau - self.model.observation.torque(samples.values, values))
+    def _compute_residual(self, samples: FilteredSamples, values: FloatArray) -> FloatArray:
+        return np.asarray(samples.tau - self.model.observation.compute_torque(samples.values, values))
 
 
-def _spans(places: list[tuple[str, float]]) -> list[str]:
+def _find_spans(places: list[tuple[str, float]]) -> list[str]:
     """Return the intervals that hold most of these places (recording, time), the fullest first."""
     spans: list[tuple[int, str, float, float]] = []
     for name, time in places:

@@ -10,8 +10,8 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.identification.estimators.recorded_motion import RecordedMotion
-from dynident.identification.estimators.simulator import Simulator, simulator_of
-from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.estimators.simulator import Simulator, build_simulator
+from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue
 from dynident.recordings import Recording, SampleBlock
 from dynident.regressors.model import Model
 from dynident.simulation import Controller
@@ -31,7 +31,7 @@ class SimulatedMotion:
     recording: Recording
     segments: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
 
-    def block(self, measured: SampleBlock) -> SampleBlock:
+    def replace_motion(self, measured: SampleBlock) -> SampleBlock:
         """Return a block of the recording with the simulated motion in place of the measured one."""
         rate = self.recording.sampling_rate
         first = round((measured.t[0] - self.recording.segments[measured.segment].start_time) * rate)
@@ -42,7 +42,7 @@ class SimulatedMotion:
         return replace(measured, q=q[rows], dq=dq[rows], ddq=ddq[rows], dddq=dddq[rows], ddddq=ddddq[rows])
 
 
-def movable_simulator(model: Model, values: FloatArray) -> Simulator:
+def build_movable_simulator(model: Model, values: FloatArray) -> Simulator:
     """Return a simulator with these base parameters (b,), or with links that can move.
 
     Where the inertia matrix is not positive definite, the links of the description are used instead.
@@ -60,7 +60,7 @@ def movable_simulator(model: Model, values: FloatArray) -> Simulator:
     # Without a positive definite inertia matrix the equation of motion has no solution that a controller could
     # follow.
     links = None
-    if not smallest_inertia_eigenvalue(model, values) > 0:
+    if not compute_smallest_inertia_eigenvalue(model, values) > 0:
         links = model.robot.inertias
         if links is None:
             raise DynidentError(
@@ -70,10 +70,12 @@ def movable_simulator(model: Model, values: FloatArray) -> Simulator:
                 pointer="/estimator",
                 title="No simulation",
             )
-    return simulator_of(model, values, links=links, controller=_CONTROLLER, longest_step=_STEP)
+    return build_simulator(model, values, links=links, controller=_CONTROLLER, longest_step=_STEP)
 
 
-def simulated_motion(simulator: Simulator, recording: Recording, motions: Sequence[RecordedMotion]) -> SimulatedMotion:
+def simulate_recording(
+    simulator: Simulator, recording: Recording, motions: Sequence[RecordedMotion]
+) -> SimulatedMotion:
     """Let the simulated robot follow the motion of a recording's segments.
 
     Parameters

@@ -14,23 +14,23 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation import Information, Reduction, instrumental, statistics, weighted
+from dynident.estimation import PriorInformation, Reduction, solve_instrumental, statistics, weighted
 from dynident.identification.equations.data import Data
-from dynident.identification.estimators.commanded_motion import commanded_motion
-from dynident.identification.estimators.recorded_motion import RecordedMotion, whole_segments
+from dynident.identification.estimators.commanded_motion import align_commanded_motion
+from dynident.identification.estimators.recorded_motion import RecordedMotion, read_whole_segments
 from dynident.identification.estimators.simulated_motion import (
     BANDWIDTH,
     SimulatedMotion,
-    movable_simulator,
-    simulated_motion,
+    build_movable_simulator,
+    simulate_recording,
 )
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
-from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, motion_band
-from dynident.regressors.folding import EquationRows, folded
+from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, find_motion_band
+from dynident.regressors.folding import EquationRows, accumulate_equations
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import SampleFunction, parallel_filtered, reduce_recordings
+from dynident.regressors.stream import SampleFunction, filter_in_parallel, reduce_recordings
 
 # Times the band of the motion that the reference of instruments keeps: noise that remains in it biases the estimate.
 _HARMONICS = 4.0
@@ -42,7 +42,7 @@ _SETTLED, _ROUNDS = 0.05, 10
 _STRONG = 0.7
 
 
-def instrumental_variables(problem: Problem) -> Fit:
+def estimate_by_instrumental_variables(problem: Problem) -> Fit:
     """Estimate by instrumental variables [Gautier, Janot and Vandanjon 2013]: Z from simulation, W measured.
 
     All are filtered alike. Simulation and estimate alternate until the estimates change by less than a twentieth of a
@@ -67,16 +67,16 @@ def instrumental_variables(problem: Problem) -> Fit:
         Where nothing can be simulated, or the simulated motion is no instrument for the measured one.
     """
     model, data, known = problem.model, problem.data, problem.known
-    references = _references(data, _HARMONICS * motion_band(data.recordings))
+    references = _choose_references(data, _HARMONICS * find_motion_band(data.recordings))
     strength = 1.0
 
     def solve(both: Reduction) -> Fit:
         nonlocal strength
-        instrumented = instrumental(both, known, problem.covariance)
+        instrumented = solve_instrumental(both, known, problem.covariance)
         strength = instrumented.strength
         return Fit(instrumented.solution, instrumented.statistics)
 
-    settled = _alternated(model, data, references, known, solve)
+    settled = _alternate(model, data, references, known, solve)
     summary = (
         f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows "
         f"{references.words}; settled after {settled.rounds} rounds; the weakest correlation "
@@ -88,7 +88,7 @@ def instrumental_variables(problem: Problem) -> Fit:
     return Fit(settled.fit.solution, settled.fit.statistics, warnings)
 
 
-def output_error(problem: Problem) -> Fit:
+def estimate_by_output_error(problem: Problem) -> Fit:
     """Estimate by DIDIM, closed-loop output error on the torque: min over χ of |Y - W(q_s(χ)) χ|, q_s simulated.
 
     The Gauss-Newton step takes the simulated positions for fixed, as they hardly depend on χ under closed loop. So each
@@ -108,19 +108,19 @@ def output_error(problem: Problem) -> Fit:
         Where nothing can be simulated.
     """
     model, data, known = problem.model, problem.data, problem.known
-    references = _references(data, choose_preprocessing(data.recordings).position_cutoff)
+    references = _choose_references(data, choose_preprocessing(data.recordings).position_cutoff)
     c = model.n_parameters
     error = 0.0
 
     def solve(both: Reduction) -> Fit:
         nonlocal error
-        simulated = both.select(np.arange(c))
+        simulated = both.select_columns(np.arange(c))
         solution = weighted(simulated, known)
         uncertainty = statistics(simulated, solution, problem.covariance)
         error = float(np.sqrt(np.mean(uncertainty.noise**2)))
         return Fit(solution, uncertainty)
 
-    settled = _alternated(model, data, references, known, solve)
+    settled = _alternate(model, data, references, known, solve)
     summary = (
         f"Output error: torque simulated along {references.words} under a control bandwidth of {BANDWIDTH:g} Hz; "
         f"settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
@@ -137,21 +137,21 @@ class _References:
     warnings: tuple[str, ...]
 
 
-def _references(data: Data, measured: float | None) -> _References:
+def _choose_references(data: Data, measured: float | None) -> _References:
     """Return the commanded motions where they are recorded and were followed, else the measured ones.
 
     These are filtered below `measured` Hz. Commands hold no noise of encoders, and may be taken up to what the data's
     own filter leaves.
     """
-    cutoff, wide = _cutoff(data, measured), _cutoff(data, None)
+    cutoff, wide = _limit_cutoff(data, measured), _limit_cutoff(data, None)
     motions, warnings, delays = [], [], []
     for recording in data.recordings:
-        command = commanded_motion(recording, Preprocessing(wide, None, 1)) if recording.has_command else None
-        if command is not None and command.followed:
+        command = align_commanded_motion(recording, Preprocessing(wide, None, 1)) if recording.has_command else None
+        if command is not None and command.is_followed:
             motions.append(command.segments)
             delays.append(float(np.abs(command.delay).max()))
             continue
-        motions.append(whole_segments(recording, Preprocessing(cutoff, None, 1)))
+        motions.append(read_whole_segments(recording, Preprocessing(cutoff, None, 1)))
         if command is not None:
             how = f"even delayed, they are off the measured ones by {command.rest:.0%} of the motion"
             why = how if np.isfinite(command.rest) else "not all of them are numbers"
@@ -165,36 +165,38 @@ def _references(data: Data, measured: float | None) -> _References:
 
 
 @dataclass(frozen=True, eq=False)
-class _Settled:
+class _AlternationResult:
     fit: Fit
     rounds: int
     warnings: tuple[str, ...]
 
 
-def _alternated(
-    model: Model, data: Data, references: _References, known: Information | None, solve: Callable[[Reduction], Fit]
-) -> _Settled:
+def _alternate(
+    model: Model, data: Data, references: _References, known: PriorInformation | None, solve: Callable[[Reduction], Fit]
+) -> _AlternationResult:
     """Simulate with the last estimates, solve with the simulated motion, and repeat until the estimates settle."""
-    values = _first_estimate(model, data, known)
+    values = _solve_first(model, data, known)
     change = np.inf
     fitted: Fit | None = None
     for number in range(1, _ROUNDS + 1):
-        fitted = solve(_beside_simulated(model, data, _simulated(model, data, references.motions, values)))
+        fitted = solve(
+            _reduce_with_simulated(model, data, _simulate_recordings(model, data, references.motions, values))
+        )
         deviations = np.maximum(fitted.statistics.standard_deviations, np.finfo(float).tiny)
         change = float(np.max(np.abs(fitted.solution.values - values) / deviations))
         values = fitted.solution.values
         if change < _SETTLED:
-            return _Settled(fitted, number, ())
+            return _AlternationResult(fitted, number, ())
     assert fitted is not None
     unsettled = (
         f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "
         f"{change:.2g} of its standard deviations."
     )
     restless = replace(fitted, solution=replace(fitted.solution, converged=False))
-    return _Settled(restless, _ROUNDS, (unsettled,))
+    return _AlternationResult(restless, _ROUNDS, (unsettled,))
 
 
-def _first_estimate(model: Model, data: Data, known: Information | None) -> FloatArray:
+def _solve_first(model: Model, data: Data, known: PriorInformation | None) -> FloatArray:
     """Solve by weighted least squares behind the filters that the data ask for: good enough to simulate with.
 
     With filters that leave much noise, which is what instruments are for, the first robot would be too light to
@@ -206,13 +208,13 @@ def _first_estimate(model: Model, data: Data, known: Information | None) -> Floa
     return weighted(reduce_recordings(model.observation, data.recordings, own, data.reference), known).values
 
 
-def _simulated(
+def _simulate_recordings(
     model: Model, data: Data, motions: list[tuple[RecordedMotion, ...]], values: FloatArray
 ) -> list[SimulatedMotion]:
-    simulator = movable_simulator(model, values)
+    simulator = build_movable_simulator(model, values)
     pairs = zip(data.recordings, motions, strict=True)
     try:
-        return [simulated_motion(simulator, recording, own) for recording, own in pairs]
+        return [simulate_recording(simulator, recording, own) for recording, own in pairs]
     except DynidentError as error:
         raise DynidentError(
             f"the robot with the estimated parameters cannot be simulated along the recordings: {error.detail}. Use "
@@ -222,37 +224,37 @@ def _simulated(
         ) from error
 
 
-def _beside_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) -> Reduction:
+def _reduce_with_simulated(model: Model, data: Data, motions: list[SimulatedMotion]) -> Reduction:
     """Return rows [Z | W | Y], Z of the simulated motion, all behind the same filters; 2 b columns."""
     observation, b = model.observation, model.n_parameters
     layout = [observation.joint_entries(joint) for joint in range(observation.robot.n)]
     n_entries = len(observation.entry_rows)
     of_recording = dict(zip(map(id, data.recordings), motions, strict=True))
 
-    def rows_of(recording: Recording) -> Iterator[EquationRows]:
+    def iterate_rows(recording: Recording) -> Iterator[EquationRows]:
         simulated = SampleFunction(observation, data.reference, recording)
         measured = SampleFunction(observation, data.reference, recording)
         motion = of_recording[id(recording)]
-        phases = RowPhases.of(observation, recording, data.preprocessing)
+        phases = RowPhases.from_recording(observation, recording, data.preprocessing)
 
         # Simulated and measured columns go through the filters together, so that the instruments have the same delay
         # and band.
         def values(block: SampleBlock) -> FloatArray:
-            return np.hstack([simulated(motion.block(block)), measured(block), block.tau])
+            return np.hstack([simulated(motion.replace_motion(block)), measured(block), block.tau])
 
-        for segment, t, rows in parallel_filtered(recording, data.preprocessing, values):
+        for segment, t, rows in filter_in_parallel(recording, data.preprocessing, values):
             z, w, tau = rows[:, :n_entries], rows[:, n_entries : 2 * n_entries], rows[:, 2 * n_entries :]
             equations = [
                 np.hstack([z[:, positions], w[:, positions], tau[:, joint : joint + 1]])
                 for joint, (positions, _) in enumerate(layout)
             ]
-            yield EquationRows(t, equations, segment, phases.used(segment, t))
+            yield EquationRows(t, equations, segment, phases.find_used_rows(segment, t))
 
     columns = [np.concatenate([own, own + b]) for _, own in layout]
-    return folded(rows_of, columns, 2 * b, data.recordings)
+    return accumulate_equations(iterate_rows, columns, 2 * b, data.recordings)
 
 
-def _cutoff(data: Data, wish: float | None) -> float:
+def _limit_cutoff(data: Data, wish: float | None) -> float:
     """Return the wished cut-off in Hz (None: all), but below what the sampling rate and the position filter leave."""
     rate = min(recording.sampling_rate for recording in data.recordings)
     own = data.preprocessing.position_cutoff

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, effect_by_id, role_of
+from dynident.effects import Column, get_effect, get_role
 from dynident.effects.prediction import ROTOR_INERTIA
 from dynident.identification.estimators.recorded_motion import RecordedMotion
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.simulation import Controller, Measurement, Sensors, TrueEffect, VirtualRobot, on_each_joint
+from dynident.simulation import Controller, Sensors, SimulatedRecording, TrueEffect, VirtualRobot, spread_over_joints
 from dynident.simulation.truth import may_be_negative
 from dynident.simulation.virtual_robot import LONGEST_STEP
 
@@ -34,7 +34,7 @@ class Simulator:
     robot: VirtualRobot
     values: FloatArray
 
-    def follow(self, motion: RecordedMotion, progress: Progress = silent) -> Measurement:
+    def follow(self, motion: RecordedMotion, progress: Progress = ignore_progress) -> SimulatedRecording:
         """Let the robot follow a recorded motion, sampled like it and without noise.
 
         Parameters
@@ -55,7 +55,7 @@ class Simulator:
         return self.robot.measure(motion.reference, sensors, run=motion.label, progress=progress)
 
 
-def simulator_of(
+def build_simulator(
     model: Model,
     values: FloatArray,
     *,
@@ -81,20 +81,20 @@ def simulator_of(
         Where no such robot can exist.
     """
     robot = model.robot
-    standard = possible_standard(model, values)
+    standard = compute_possible_standard(model, values)
     # Links that the model leaves out keep the inertia of the description.
-    inertias, rotors = model.standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
+    inertias, rotors = model.compute_standard_inertia(values).reshape(-1, 10).copy(), np.zeros(robot.n)
     for k, column in enumerate(model.columns):
-        if role_of(column) == "link":
-            standard[k] = standard[k] if links is None else links[_place(model, column)]
-            inertias[_place(model, column)] = standard[k]
-        elif role_of(column) == "rotor":
+        if get_role(column) == "link":
+            standard[k] = standard[k] if links is None else links[_locate_parameter(model, column)]
+            inertias[_locate_parameter(model, column)] = standard[k]
+        elif get_role(column) == "rotor":
             standard[k] = standard[k] if links is None else 0.0
             rotors[robot.joint_names.index(column.link)] = standard[k]
-    turning = [rotor for rotor in on_each_joint(robot, *ROTOR_INERTIA, rotors) if rotor.values[0][1] > 0]
+    turning = [rotor for rotor in spread_over_joints(robot, *ROTOR_INERTIA, rotors) if rotor.values[0][1] > 0]
     virtual = VirtualRobot(
-        _tireless(robot),
-        [*turning, *_other_effects(model, standard)],
+        _remove_effort_limits(robot),
+        [*turning, *_list_other_effects(model, standard)],
         inertias=inertias if links is None else links,
         controller=controller,
         longest_step=longest_step,
@@ -102,7 +102,7 @@ def simulator_of(
     return Simulator(virtual, model.base.grouping @ standard)
 
 
-def possible_standard(model: Model, values: FloatArray) -> FloatArray:
+def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
     """Return standard parameters (c,) of all columns with these base parameters (b,), as far as signs allow.
 
     Of rotors and links only sums are determined, so a rotor may have come out below zero: the links take that over.
@@ -112,14 +112,14 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
     model : Model
     values : (b,)
     """
-    inertias = model.standard_inertia(values).reshape(-1, 10)
-    rotors = model.reference(values).rotors
+    inertias = model.compute_standard_inertia(values).reshape(-1, 10)
+    rotors = model.build_reference(values).rotors
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):
-        if role_of(column) == "link":
-            standard[k] = inertias[_place(model, column)]
-        elif role_of(column) == "rotor":
+        if get_role(column) == "link":
+            standard[k] = inertias[_locate_parameter(model, column)]
+        elif get_role(column) == "rotor":
             standard[k] = rotors[model.robot.joint_names.index(column.link)]
         else:
             standard[k] = own.get(k, 0.0)
@@ -127,7 +127,7 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
         k for k, c in enumerate(model.columns) if standard[k] < 0 and not may_be_negative(c.effect, c.parameter, c.runs)
     ]
     standard[impossible] = 0.0
-    links = [k for k, column in enumerate(model.columns) if role_of(column) == "link"]
+    links = [k for k, column in enumerate(model.columns) if get_role(column) == "link"]
     if impossible and links:
         # The smallest change of the links that gives the base parameters back, now that some parameters were set to
         # zero.
@@ -136,21 +136,21 @@ def possible_standard(model: Model, values: FloatArray) -> FloatArray:
     return standard
 
 
-def _tireless(robot: Robot) -> Robot:
+def _remove_effort_limits(robot: Robot) -> Robot:
     """Return the robot without effort limits: the real one has made the motion, whatever its limits are said to be."""
     return replace(robot, joints=tuple(replace(j, limits=replace(j.limits, effort=None)) for j in robot.joints))
 
 
-def _place(model: Model, column: Column) -> tuple[int, int]:
+def _locate_parameter(model: Model, column: Column) -> tuple[int, int]:
     return model.robot.tree.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
 
 
-def _other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
+def _list_other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
     """Return what acts on a robot with these standard parameters (c,) besides its links and rotors."""
     effects: dict[TrueEffect, list[tuple[str, float]]] = {}
     for k in model.base.kept:
         column = model.columns[k]
-        effect = effect_by_id(column.effect)
+        effect = get_effect(column.effect)
         if not effect.is_inertia:
             joint = column.link if effect.scope == "joint" else ""
             of = TrueEffect(column.effect, joint, (), column.shape, column.runs)

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Signals, columns_of
-from dynident.effects.sizes import slowest_velocity
+from dynident.effects import Signals, build_columns
+from dynident.effects.sizes import get_slowest_velocity
 from dynident.errors import DynidentError
 from dynident.estimation.kalman import TorqueSlopes
 from dynident.regressors.model import Model
@@ -27,8 +27,8 @@ class TorqueFunction:
 
     def __init__(self, model: Model) -> None:
         robot, n = model.robot, model.robot.n
-        signals = Signals(robot, smooth_sign=_SIGN_WIDTH * slowest_velocity(robot))
-        all_columns = {column.key: column for column in columns_of(model.effects, signals)}
+        signals = Signals(robot, smooth_sign=_SIGN_WIDTH * get_slowest_velocity(robot))
+        all_columns = {column.key: column for column in build_columns(model.effects, signals)}
         columns = [all_columns[column.key] for column in model.kept]
         motion = {symbol.name() for part in (signals.q, signals.dq, signals.ddq) for symbol in ca.symvar(part)}
         for column in columns:

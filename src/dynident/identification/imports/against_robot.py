@@ -7,28 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.fits import DynamicsFits
 from dynident.identification.imports.proposal import Guess, Question
-from dynident.identification.mistakes import examine
+from dynident.identification.mistakes import check_recording_faults
 from dynident.identification.mistakes.checks import GRAVITY, SCALE
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.stated import COMMANDED
 from dynident.recordings.types import Check
 from dynident.robot import Robot
 
-_SOUND = 0.5
+_UNEXPLAINED_LIMIT = 0.5
 """Unexplained share of an average joint's torque above which the columns are taken for wrong."""
 
-_ASKED = (GRAVITY, SCALE)
+_ASKED_WARNINGS = (GRAVITY, SCALE)
 """Checks that are asked about although they only warn: what they find makes a model useless."""
 
 _FIELDS = {GRAVITY: "gravity", SCALE: "units/tau", COMMANDED: "effort_kind"}
 """Fields of the metadata, or of the robot, that checks are about; all other checks are about the columns."""
 
 
-def hold_against(
+def check_against_dynamics(
     robot: Robot,
-    fits: Fits,
+    fits: DynamicsFits,
     q: FloatArray,
     tau: FloatArray,
     names: tuple[Sequence[str], Sequence[str]],
@@ -59,17 +59,17 @@ def hold_against(
     -------
     tuple of guesses and questions
     """
-    recording = fits.recording(q, tau)
-    examined = None if recording is None else examine(robot, recording, *names)
+    recording = fits.to_recording(q, tau)
+    examined = None if recording is None else check_recording_faults(robot, recording, *names)
     # Where the unit is not known yet, the size of the torques says nothing: that is asked together with the unit.
     wrong = [] if examined is None else [check for check in examined.checks if _is_finding(check, in_si=in_si)]
     questions = [
         Question(_FIELDS.get(check.name, "columns"), check.detail, check=check.name)
         for check in wrong
-        if _is_asked(check)
+        if _is_question(check)
     ]
     guesses = [
-        Guess("check", check.name.replace("_", " "), 0.5, check.detail) for check in wrong if not _is_asked(check)
+        Guess("check", check.name.replace("_", " "), 0.5, check.detail) for check in wrong if not _is_question(check)
     ]
     is_commanded = any(check.name == COMMANDED for check in wrong)
     # A torque that never changes while its joint moves was not recorded, or another column holds it.
@@ -83,24 +83,22 @@ def hold_against(
                 f'say "columns": {{"tau{int(still[0]) + 1}": "{NOT_RECORDED}"}}, or lock the joint.',
             )
         )
-    if examined is None or examined.left is None:
+    if examined is None or examined.unexplained is None:
         nothing = "the sample moves too little to be held against the robot's dynamics"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
-    unexplained = examined.left
+    unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
-    reason = (
-        f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {unexplained.worst:.0%}"
-    )
-    if unexplained.usual < _SOUND and not wrong:
-        return [*guesses, Guess("check", f"{unexplained.usual:.0%} left", 0.9, reason)], questions
+    reason = f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {unexplained.worst_share:.0%}"
+    if unexplained.average_share < _UNEXPLAINED_LIMIT and not wrong:
+        return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
     # The most probable cause comes first, before all other guesses.
     cause = f"; most probably: {wrong[0].detail}" if wrong else ""
-    return [Guess("check", f"{unexplained.usual:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
+    return [Guess("check", f"{unexplained.average_share:.0%} left", 0.4, f"{reason}{cause}"), *guesses], questions
 
 
 def _is_finding(check: Check, *, in_si: bool) -> bool:
     return check.status != "ok" and (in_si or check.name != SCALE)
 
 
-def _is_asked(check: Check) -> bool:
-    return check.status == "error" or check.name in _ASKED
+def _is_question(check: Check) -> bool:
+    return check.status == "error" or check.name in _ASKED_WARNINGS

@@ -6,11 +6,18 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
-from dynident.identification.imports.facts import CLOCK_FACTORS, Clock, clock_like, clock_of, filled, is_counter
-from dynident.identification.imports.fits import Fits, PoseFits
-from dynident.identification.imports.groups import Group
+from dynident.identification.imports.facts import (
+    CLOCK_FACTORS,
+    Clock,
+    fill_gaps,
+    find_clock_columns,
+    is_counter,
+    read_clock,
+)
+from dynident.identification.imports.fits import DynamicsFits, PoseFits
+from dynident.identification.imports.groups import ColumnGroup
 from dynident.identification.imports.working_proposal import WorkingProposal
-from dynident.recordings.poses import jump_from_row_to_row
+from dynident.recordings.poses import are_poses
 from dynident.recordings.stated import EffortKind
 
 _EXPLAINED = 0.5
@@ -32,11 +39,17 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     Clock or None
     """
     names, values = work.sample.names, work.sample.values
-    running = clock_like(values) if len(values) > 2 else []
-    clocks = [clock for column in running if (clock := clock_of(values, column, work.named[column].unit)) is not None]
-    by_name = [clock for clock in clocks if work.named[clock.column].signal == "t"]
+    running = find_clock_columns(values) if len(values) > 2 else []
+    clocks = [
+        clock for column in running if (clock := read_clock(values, column, work.column_names[column].unit)) is not None
+    ]
+    by_name = [clock for clock in clocks if work.column_names[clock.column].signal == "t"]
     by_name.sort(key=lambda clock: is_counter(values, clock.column))
-    even = [clock for clock in clocks if not is_counter(values, clock.column) or work.named[clock.column].signal == "t"]
+    even = [
+        clock
+        for clock in clocks
+        if not is_counter(values, clock.column) or work.column_names[clock.column].signal == "t"
+    ]
     # A column with the name of a time first; then one that runs evenly; a row counter only where nothing else does.
     choice = next(iter(by_name or even or clocks), None)
     if choice is None:
@@ -44,7 +57,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
             "No column runs as a clock does: which one is the time, and in which unit? Where the file has none, "
             f"state the rate of its rows in Hz (rate); where another file has it, {TOGETHER}."
         )
-        work.ask("columns/t", detail, names)
+        work.add_question("columns/t", detail, names)
         return None
     sure = choice.sure and bool(by_name or even)
     if not by_name and is_counter(values, choice.column):
@@ -54,26 +67,26 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     if choice.unit != "s":
         work.units["t"] = choice.unit
     reason = "its name, and " if by_name else "it runs forward evenly; "
-    work.say("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
+    work.add_guess("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
     if not sure:
-        work.ask("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
+        work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
     return choice
 
 
-def are_poses(work: WorkingProposal) -> bool:
+def columns_are_poses(work: WorkingProposal) -> bool:
     """Tell whether the columns called positions jump from row to row: the robot stands at each."""
-    positions = [k for k, name in enumerate(work.named) if name.signal == "q"]
-    q = filled(work.sample.values[:, positions])
-    return len(positions) >= work.robot.n and jump_from_row_to_row(q)
+    positions = [k for k, name in enumerate(work.column_names) if name.signal == "q"]
+    q = fill_gaps(work.sample.values[:, positions])
+    return len(positions) >= work.robot.n and are_poses(q)
 
 
 def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
     """Return the time column of rows that are poses, whose steps are no sampling period."""
-    column = next((k for k, name in enumerate(work.named) if name.signal == "t"), None)
+    column = next((k for k, name in enumerate(work.column_names) if name.signal == "t"), None)
     if column is None:
-        work.ask("columns/t", "Which column is the time, or counts the poses?", work.sample.names)
+        work.add_question("columns/t", "Which column is the time, or counts the poses?", work.sample.names)
         return None
-    unit = work.named[column].unit or "s"
+    unit = work.column_names[column].unit or "s"
     steps = np.diff(work.sample.values[:, column])
     # A nominal rate, only so that the rows have an order; no filter uses it.
     middle = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
@@ -81,12 +94,17 @@ def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
     if unit != "s":
         work.units["t"] = unit
     reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, a row each"
-    work.say("columns/t", work.sample.names[column], 0.95, reason)
+    work.add_guess("columns/t", work.sample.names[column], 0.95, reason)
     return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
 
 
 def guess_efforts_at_poses(
-    work: WorkingProposal, fits: Fits | PoseFits, tau: FloatArray, effort: Group, q: FloatArray | None, kind: EffortKind
+    work: WorkingProposal,
+    fits: DynamicsFits | PoseFits,
+    tau: FloatArray,
+    effort: ColumnGroup,
+    q: FloatArray | None,
+    kind: EffortKind,
 ) -> EffortKind:
     """Take the efforts for what their names say, and report what gravity leaves of them."""
     signal = "current" if effort.signal == "current" else "tau"
@@ -94,12 +112,12 @@ def guess_efforts_at_poses(
         kind = "motor_current"
     elif kind == "unknown":
         kind = "joint_torque"
-    work.say("effort_kind", kind, 0.8, "by its name; a robot that stands shows no more")
-    work.map(signal, effort)
+    work.add_guess("effort_kind", kind, 0.8, "by its name; a robot that stands shows no more")
+    work.assign_columns(signal, effort)
     gains = [drive.gain for drive in work.robot.drives]
-    work.effort_unit(signal, tau, effort, gains, of_units.reach_of(work.robot))
-    unexplained = None if q is None else fits.left(q, tau)
+    work.take_effort_unit(signal, tau, effort, gains, of_units.compute_reach(work.robot))
+    unexplained = None if q is None else fits.measure_unexplained(q, tau)
     if unexplained is not None:
         reason = "what gravity and constant torques of the robot do not explain of poses at rest"
-        work.say("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
+        work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
     return kind

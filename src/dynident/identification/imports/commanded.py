@@ -6,7 +6,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 
-LEFT, LEFT_ALONE = 1e-3, 0.03
+COMPUTED_NOISE, PREDICTABLE_NOISE = 1e-3, 0.03
 """Share of a torque's noise that earlier positions leave unexplained, below which it was computed from them; and share
 that the torque's own past has to leave, or it is no noise. Measured torques of the open recordings also hold what the
 controller makes of the position's noise, and leave 0.012 and more (`benchmarks/effort_kinds.py`)."""
@@ -50,7 +50,7 @@ def is_commanded(q: FloatArray, tau: FloatArray) -> bool | None:
 
 def _is_computed(q: FloatArray, tau: FloatArray) -> bool | None:
     """Tell whether one joint's torque was computed from its positions; None where the noise does not tell."""
-    if _roughness(q) < _NOISY:
+    if _compute_roughness(q) < _NOISY:
         return None
     before, noise = np.diff(q, n=_ORDER), np.diff(tau, n=_ORDER)
     first = _POSITIONS
@@ -59,12 +59,12 @@ def _is_computed(q: FloatArray, tau: FloatArray) -> bool | None:
     torques = [noise[first - k : len(noise) - k] for k in range(1, _TORQUES + 1)]
     target = noise[first:]
     # A torque that its own past predicts is smooth, so there is no noise to decide by.
-    if _left(np.column_stack(torques), target) < LEFT_ALONE:
+    if _compute_unexplained(np.column_stack(torques), target) < PREDICTABLE_NOISE:
         return None
-    return _left(np.column_stack([*positions, *torques]), target) < LEFT
+    return _compute_unexplained(np.column_stack([*positions, *torques]), target) < COMPUTED_NOISE
 
 
-def _left(rows: FloatArray, target: FloatArray) -> float:
+def _compute_unexplained(rows: FloatArray, target: FloatArray) -> float:
     """Return the share of the second half's variance that a fit to the first half leaves."""
     half = len(target) // 2
     size = np.sqrt((rows**2).mean(axis=0)) + np.finfo(float).tiny
@@ -73,6 +73,6 @@ def _left(rows: FloatArray, target: FloatArray) -> float:
     return float((rest**2).mean() / max(float((target[half:] ** 2).mean()), np.finfo(float).tiny))
 
 
-def _roughness(values: FloatArray) -> float:
+def _compute_roughness(values: FloatArray) -> float:
     size = float(np.diff(values, n=_ORDER).var())
     return float(np.diff(values, n=_ORDER + 1).var()) / size if size > 0 else 0.0

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.fits import DynamicsFits
 from dynident.identification.imports.unit_guess import CLEARLY, LEAST_MOTION, MOST_MOTION, UnitGuess
-from dynident.recordings.units import conversion
+from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 
 WELL_KNOWN = (
@@ -22,14 +22,14 @@ WELL_KNOWN = (
 _NEAR = 1.6
 """Ratio to the best power of two up to which other numbers are tried: half way to the next power."""
 
-_EXPLAINED = 0.5
+_EXPLAINED_BY_COUNTS = 0.5
 """Share of the torque that the right counts may leave unexplained."""
 
 _MOST_ASKED = 4
 
 
-def counts_unit(
-    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray | None, fits: Fits
+def guess_counts_unit(
+    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray | None, fits: DynamicsFits
 ) -> UnitGuess | None:
     """Guess the unit of positions that cannot be angles of the joints; None where they are no counts either.
 
@@ -51,33 +51,35 @@ def counts_unit(
     units = [
         unit
         for counts in WELL_KNOWN
-        for unit in _written(counts, low, high)
-        if _possible(robot, turning, low, high, unit)
+        for unit in _write_units(counts, low, high)
+        if _is_possible_count(robot, turning, low, high, unit)
     ]
     if not units:
         return None
     reason = "no unit of angles makes a joint's of them, and they look like the counts of an encoder"
     unexplained: dict[str, float] = {}
     if tau is not None:
-        unexplained = _left(
-            robot, turning, q, tau, fits, [unit for unit in units if np.log2(_counts(unit)) % 1.0 == 0.0]
+        unexplained = _compute_unexplained_counts(
+            robot, turning, q, tau, fits, [unit for unit in units if np.log2(_parse_counts(unit)) % 1.0 == 0.0]
         )
         # Powers of two first, as most encoders have them; other numbers only near the best of these, since each trial
         # is a fit.
-        best = _counts(min(unexplained, key=lambda unit: unexplained[unit], default=units[0]))
-        others = [unit for unit in units if unit not in unexplained and 1.0 / _NEAR < _counts(unit) / best < _NEAR]
-        unexplained |= _left(robot, turning, q, tau, fits, others)
+        best = _parse_counts(min(unexplained, key=lambda unit: unexplained[unit], default=units[0]))
+        others = [
+            unit for unit in units if unit not in unexplained and 1.0 / _NEAR < _parse_counts(unit) / best < _NEAR
+        ]
+        unexplained |= _compute_unexplained_counts(robot, turning, q, tau, fits, others)
     ranked = sorted(unexplained, key=lambda unit: unexplained[unit]) or units
     unit = ranked[0]
     alike = [other for other in ranked if not unexplained or unexplained[other] < CLEARLY * unexplained[unit]]
     if unexplained:
         shares = [f"{unexplained[other]:.1%} of the torque with {_name_unit(other)}" for other in ranked[:3]]
         reason += f"; the robot's dynamics leave {', '.join(shares)}"
-    sure = len(alike) == 1 and unexplained.get(unit, 1.0) < _EXPLAINED
+    sure = len(alike) == 1 and unexplained.get(unit, 1.0) < _EXPLAINED_BY_COUNTS
     return UnitGuess(unit, 0.9 if sure else 0.5, reason, tuple(alike[:_MOST_ASKED]))
 
 
-def _written(counts: float, low: FloatArray, high: FloatArray) -> list[str]:
+def _write_units(counts: float, low: FloatArray, high: FloatArray) -> list[str]:
     """Return the unit with zero at 0; and at half a turn, where all counts are within one turn."""
     unit = f"counts:{counts:.0f}"
     within_a_turn = low.min() >= 0.0 and high.max() <= counts
@@ -89,13 +91,13 @@ def _name_unit(unit: str) -> str:
     return f"{counts} counts a turn" + (f" and zero at {zero}" if zero else "")
 
 
-def _counts(unit: str) -> float:
+def _parse_counts(unit: str) -> float:
     return float(unit.removeprefix("counts:").partition("@")[0])
 
 
-def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
+def _is_possible_count(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
     """Tell whether all joints are inside their limits, and at least one moves as far as one does in a recording."""
-    factor, offset = conversion("q", "revolute", unit, "q")
+    factor, offset = find_conversion("q", "revolute", unit, "q")
     span = factor * (high - low)
     if span.max() < LEAST_MOTION or span.max() > MOST_MOTION:
         return False
@@ -109,16 +111,16 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
     return True
 
 
-def _left(
-    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: Fits, units: Sequence[str]
+def _compute_unexplained_counts(
+    robot: Robot, turning: Sequence[int], q: FloatArray, tau: FloatArray, fits: DynamicsFits, units: Sequence[str]
 ) -> dict[str, float]:
     """Return the unexplained share of the torque with each of the units."""
     unexplained = {}
     for unit in units:
-        factor, offset = conversion("q", "revolute", unit, "q")
+        factor, offset = find_conversion("q", "revolute", unit, "q")
         scaled = np.array(q)
         scaled[:, turning] = scaled[:, turning] * factor + offset
-        share = fits.left(scaled, tau)
+        share = fits.measure_unexplained(scaled, tau)
         if share is not None:
             unexplained[unit] = share
     return unexplained

@@ -6,15 +6,19 @@ from collections.abc import Sequence
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports.effort import is_as_described
-from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.fits import DynamicsFits
 from dynident.identification.imports.proposal import Question
 
 _BY_THE_CONTROLLER = ("MACur",)
 """Names of currents that makers' handbooks give in per cent of the largest one, and much software takes for A."""
 
 
-def question_of_gains(
-    names: str, unit: str | None, gains: Sequence[float | None], fits: Fits, columns: tuple[FloatArray, FloatArray]
+def ask_for_gains(
+    names: str,
+    unit: str | None,
+    gains: Sequence[float | None],
+    fits: DynamicsFits,
+    columns: tuple[FloatArray, FloatArray],
 ) -> Question | None:
     """Ask for drive gains, or whether they are per unit of these currents; None where neither is needed.
 

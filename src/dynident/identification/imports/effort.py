@@ -9,14 +9,18 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.identification.imports.commanded import is_commanded
-from dynident.identification.imports.fits import Fits
-from dynident.identification.mistakes.gravity import compensated, mounting_of
-from dynident.identification.mistakes.scales import usual_scale
-from dynident.identification.mistakes.search import CLEARLY_AGREES, better_by_other_gains, left_of
+from dynident.identification.imports.fits import DynamicsFits
+from dynident.identification.mistakes.gravity import detect_compensated_gravity, find_mounting
+from dynident.identification.mistakes.scales import compute_median_scale
+from dynident.identification.mistakes.search import (
+    CLEARLY_AGREES,
+    measure_gain_by_other_scales,
+    measure_unexplained_share,
+)
 from dynident.identification.mistakes.swaps import Motion
 from dynident.recordings.stated import EffortKind
 from dynident.robot import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 CANNOT_TELL = "whether it was measured or commanded, the data cannot tell: they hold no noise of their own"
 
@@ -40,7 +44,7 @@ _LARGEST_GAIN = 500.0
 _APART = 1.25
 """Times what is left with gravity, below which the motion does not show whether there is any: at least 1.7 in torques
 of the open recordings, up to 1.6 without it (`benchmarks/effort_kinds.py`)."""
-_TOLD, _STATES = 0.3, 400
+_TRUSTED_VARIANCE, _STATES = 0.3, 400
 """Share of the variance without the load that may be left with it for a joint's scale to be trusted; and rows used."""
 _LOADED = 0.02
 """Share of a joint's largest torque that gravity has to have for the joint to count as loaded."""
@@ -58,7 +62,7 @@ class EffortGuess:
 
 
 def classify_effort(
-    fits: Fits,
+    fits: DynamicsFits,
     q: FloatArray,
     tau: FloatArray,
     signal: str | None,
@@ -87,12 +91,12 @@ def classify_effort(
     if commanded:
         reason = "its noise is that of the positions before, as a controller computes it, to a thousandth"
         return EffortGuess("commanded", 0.9, reason)
-    guess = _measured(fits, q, tau, signal, unit, torque_factor, current_factor)
+    guess = _classify_measured(fits, q, tau, signal, unit, torque_factor, current_factor)
     return guess if commanded is False else replace(guess, reason=f"{guess.reason}; {CANNOT_TELL}")
 
 
-def _measured(
-    fits: Fits,
+def _classify_measured(
+    fits: DynamicsFits,
     q: FloatArray,
     tau: FloatArray,
     signal: str | None,
@@ -101,24 +105,24 @@ def _measured(
     current_factor: float | None,
 ) -> EffortGuess:
     """Classify torques that no controller computed from the positions."""
-    motion = fits.motion(q, tau)
+    motion = fits.to_motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
-        return _by_word(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
+        return _classify_by_name(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
     # External torques are what remains without the robot's own dynamics, so the motion cannot explain them.
-    with_gravity = left_of(fits.robot, motion)
+    with_gravity = measure_unexplained_share(fits.robot, motion)
     if with_gravity > _NOTHING:
         return EffortGuess(
             "external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)"
         )
     told_apart = 1.0
     if _has_gravity(fits.robot):
-        without = left_of(_floating(fits.robot), motion)
+        without = measure_unexplained_share(_remove_gravity(fits.robot), motion)
         told_apart = without / max(with_gravity, 1e-9)
         # On a robot that is mounted otherwise than stated, gravity along another axis explains the torque just as well.
-        if without < _LOST * with_gravity and mounting_of(fits.robot, motion).left > without / _LOST:
+        if without < _LOST * with_gravity and find_mounting(fits.robot, motion).unexplained > without / _LOST:
             reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
             return EffortGuess("gravity_compensated", 0.9, reason)
-    taken_out = compensated(fits.robot, motion, torque_factor)
+    taken_out = detect_compensated_gravity(fits.robot, motion, torque_factor)
     if taken_out is not None:
         reason = (
             f"of the description's load of gravity {taken_out.gravity:.0%} is in it, of the torque that motion needs "
@@ -126,18 +130,18 @@ def _measured(
         )
         return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":
-        scales = scales_of(fits.robot, motion)
-        if scales is not None and not scales.plausible(torque_factor):
-            size = scales.usual * torque_factor
+        scales = compare_with_description(fits.robot, motion)
+        if scales is not None and not scales.is_plausible(torque_factor):
+            size = scales.median * torque_factor
             return EffortGuess("unknown", 0.3, f"it is {size:.2g} times what the inertias of the description say")
     if signal in ("tau", "current") or unit is not None:
-        return _by_word(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
+        return _classify_by_name(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
     if told_apart < _APART and _has_load(fits.robot, motion):
         return EffortGuess("unknown", 0.3, "the motion does not tell whether the load of gravity is in it")
-    return by_size(fits.robot, motion, torque_factor, current_factor)
+    return classify_by_size(fits.robot, motion, torque_factor, current_factor)
 
 
-def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:
+def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: float | None) -> EffortGuess:
     """Tell torque from current by the inertias of the description, and by drive gains where there are any.
 
     Parameters
@@ -147,20 +151,20 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
     torque_factor, current_factor : float
         Make N m and A of the numbers; None where the currents' unit is not known.
     """
-    scales = scales_of(robot, motion)
+    scales = compare_with_description(robot, motion)
     if scales is None:
-        return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
+        return _classify_by_elimination(robot, motion, torque_factor) or EffortGuess(
             "unknown", 0.3, "neither name nor description tell torque from current"
         )
-    is_torque = scales.near_one(np.full(robot.n, torque_factor))
+    is_torque = scales.is_near_one(np.full(robot.n, torque_factor))
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
     known = current_factor is not None and bool(np.isfinite(gains).all())
-    is_current = known and scales.near_one(gains * (current_factor or 1.0))
+    is_current = known and scales.is_near_one(gains * (current_factor or 1.0))
     # The masses of a description may be guesses. So currents that are somewhat off are still possible.
     may_be_current = known and scales.is_fair(gains * (current_factor or 1.0))
     # All joints have to agree on one unit: currents look like torques on single joints, but not on all with the same
     # factor.
-    agrees = is_torque and not may_be_current and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES
+    agrees = is_torque and not may_be_current and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES
     if agrees:
         return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
     if is_current and not is_torque:
@@ -169,18 +173,18 @@ def by_size(robot: Robot, motion: Motion, torque_factor: float, current_factor: 
         return EffortGuess(
             "unknown", 0.3, "with the drive gains and without them it could be what the description says"
         )
-    return _torque_by_elimination(robot, motion, torque_factor) or EffortGuess(
-        "unknown", 0.3, f"taken for torque it is {scales.usual * torque_factor:.2g} times what the description says"
+    return _classify_by_elimination(robot, motion, torque_factor) or EffortGuess(
+        "unknown", 0.3, f"taken for torque it is {scales.median * torque_factor:.2g} times what the description says"
     )
 
 
-def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
+def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -> EffortGuess | None:
     """Return torque where it cannot be currents: those would be too large or too small for an arm."""
     # Currents of an arm lie in a known range, so values outside of it can only be torques.
-    peak, usual = float(np.abs(motion.tau).max()), usual_scale(robot, motion)
+    peak, usual = float(np.abs(motion.tau).max()), compute_median_scale(robot, motion)
     if usual is None:
         # Without masses, only values that are too small for a motor in any unit decide: joint torques in kN m.
-        if peak < _LEAST_OF_MOTORS and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES:
+        if peak < _LEAST_OF_MOTORS and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
             return EffortGuess("joint_torque", 0.85, "no arm's motors have currents or torques that are so small")
         return None
     if not _FAIR[0] < usual * torque_factor < _FAIR[1]:
@@ -191,28 +195,28 @@ def _torque_by_elimination(robot: Robot, motion: Motion, torque_factor: float) -
         if _CURRENTS[0] <= peak * factor <= _CURRENTS[1] and 1.0 / (usual * factor) <= _LARGEST_GAIN
     ]
     size = f"it is {usual * torque_factor:.2g} times what the description says"
-    if not possible and better_by_other_gains(robot, motion, 2.0) < CLEARLY_AGREES:
+    if not possible and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
         return EffortGuess("joint_torque", 0.85, f"{size}, and no arm's currents are so large or so small")
     return None
 
 
 @dataclass(frozen=True, eq=False)
-class Scales:
+class TorqueScales:
     """Measured over described torque of every joint (n,), and the joints for which it can be trusted."""
 
     values: FloatArray
     trusted: BoolArray
 
     @property
-    def usual(self) -> float:
+    def median(self) -> float:
         """Median of the trusted scales, without sign."""
         return float(np.median(np.abs(self.values[self.trusted])))
 
-    def plausible(self, factor: float) -> bool:
+    def is_plausible(self, factor: float) -> bool:
         """Tell whether the values, times a factor, could be torques of the joints, if the description is poor."""
-        return _POOR[0] < self.usual * factor < _POOR[1]
+        return _POOR[0] < self.median * factor < _POOR[1]
 
-    def near_one(self, factors: FloatArray) -> bool:
+    def is_near_one(self, factors: FloatArray) -> bool:
         """Tell whether the trusted values, times factors (n,), agree with the description, as far as descriptions do.
 
         A payload that it does not have makes some of them larger, and none smaller.
@@ -230,7 +234,7 @@ class Scales:
         return _FAIR[0] < float(np.median(np.abs(self.values * factors)[self.trusted])) < _FAIR[1]
 
 
-def scales_of(robot: Robot, motion: Motion) -> Scales | None:
+def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | None:
     """Compare torques with those of the description's inertias; None where it gives none, or no joint can be trusted.
 
     Parameters
@@ -242,7 +246,7 @@ def scales_of(robot: Robot, motion: Motion) -> Scales | None:
         return None
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
-    described = described_torque(robot, q, dq, ddq)
+    described = compute_described_torque(robot, q, dq, ddq)
     values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     for joint in range(robot.n):
         speed = dq[:, joint]
@@ -256,11 +260,13 @@ def scales_of(robot: Robot, motion: Motion) -> Scales | None:
         # The load has to explain much of what friction leaves, or its factor means nothing.
         remainder = tau[:, joint] - rows / size @ solution
         values[joint] = solution[0] / size[0]
-        trusted[joint] = remainder.var() < _TOLD * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
-    return Scales(values, trusted) if trusted.any() else None
+        trusted[joint] = (
+            remainder.var() < _TRUSTED_VARIANCE * other.var() and remainder.var() < 0.1 * tau[:, joint].var()
+        )
+    return TorqueScales(values, trusted) if trusted.any() else None
 
 
-def is_as_described(fits: Fits, q: FloatArray, currents: FloatArray, gains: Sequence[float | None]) -> bool:
+def is_as_described(fits: DynamicsFits, q: FloatArray, currents: FloatArray, gains: Sequence[float | None]) -> bool:
     """Tell whether drive gains make of currents the torque that the inertias of the description need.
 
     False where the description has none, or a gain is missing.
@@ -272,12 +278,12 @@ def is_as_described(fits: Fits, q: FloatArray, currents: FloatArray, gains: Sequ
     gains : sequence of float or None
     """
     known = np.array([np.nan if gain is None else gain for gain in gains])
-    motion = fits.motion(q, currents) if np.isfinite(known).all() else None
-    scales = scales_of(fits.robot, motion) if motion is not None and len(motion.q) else None
+    motion = fits.to_motion(q, currents) if np.isfinite(known).all() else None
+    scales = compare_with_description(fits.robot, motion) if motion is not None and len(motion.q) else None
     return scales is not None and scales.is_sure(known)
 
 
-def _by_word(signal: str | None, unit: str | None, confidence: float, reason: str) -> EffortGuess:
+def _classify_by_name(signal: str | None, unit: str | None, confidence: float, reason: str) -> EffortGuess:
     if signal == "current" or unit in ("A", "mA"):
         return EffortGuess("motor_current", confidence, reason)
     if unit in ("permille", "percent"):
@@ -296,9 +302,9 @@ def _has_load(robot: Robot, motion: Motion) -> bool:
     if robot.inertias is None:
         return True
     q = motion.q[:: max(1, len(motion.q) // 50)]
-    loads = described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    loads = compute_described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
     return bool((np.abs(loads).max(axis=0) > _LOADED * np.abs(motion.tau).max(axis=0)).any())
 
 
-def _floating(robot: Robot) -> Robot:
+def _remove_gravity(robot: Robot) -> Robot:
     return replace(robot, gravity=np.zeros(3))

@@ -42,7 +42,7 @@ _SLOWEST, _FASTEST = 8.0, 8000.0
 """Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
 
 
-def changing(values: FloatArray) -> BoolArray:
+def find_changing_columns(values: FloatArray) -> BoolArray:
     """Return which columns (columns,) hold numbers, and more than one."""
     finite = np.isfinite(values)
     enough = finite.mean(axis=0) > 0.9
@@ -51,7 +51,7 @@ def changing(values: FloatArray) -> BoolArray:
     return np.asarray(enough & (high > low))
 
 
-def clock_like(values: FloatArray) -> list[int]:
+def find_clock_columns(values: FloatArray) -> list[int]:
     """Return the columns that run forward and never back, nearly evenly."""
     clocks = []
     for column in range(values.shape[1]):
@@ -66,7 +66,7 @@ def clock_like(values: FloatArray) -> list[int]:
     return clocks
 
 
-def clock_of(values: FloatArray, column: int, unit: str | None) -> Clock | None:
+def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | None:
     """Read a column as a clock; None where no unit gives the rate of a robot's recording.
 
     Parameters
@@ -103,7 +103,7 @@ def is_counter(values: FloatArray, column: int) -> bool:
     return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
 
 
-def smoothed(values: FloatArray, width: int) -> FloatArray:
+def smooth_columns(values: FloatArray, width: int) -> FloatArray:
     """Return means over `width` rows, twice, without the ends (m, columns)."""
     if width <= 1:
         return values
@@ -114,7 +114,7 @@ def smoothed(values: FloatArray, width: int) -> FloatArray:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def filled(values: FloatArray) -> FloatArray:
+def fill_gaps(values: FloatArray) -> FloatArray:
     """Return the values with gaps filled by straight lines between the numbers."""
     result = np.array(values, dtype=np.float64)
     rows = np.arange(len(values))
@@ -125,7 +125,7 @@ def filled(values: FloatArray) -> FloatArray:
     return result
 
 
-def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Correlate the slope of every column with every other column.
 
     Parameters
@@ -145,7 +145,7 @@ def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     # Smooth over 40 ms: differences of positions from row to row would be mostly noise of the encoder.
     width = max(1, int(rate * 0.04))
     restarts = np.concatenate([[0], np.cumsum(steps < 0)])
-    steady = smoothed(np.column_stack([t, filled(values)]), width)
+    steady = smooth_columns(np.column_stack([t, fill_gaps(values)]), width)
     t, values = steady[:, 0], steady[:, 1:]
     reach = max(1, width)
     step = t[2 * reach :] - t[: -2 * reach]
@@ -166,12 +166,12 @@ def slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(correlation), np.asarray(factor)
 
 
-def roughness(t: FloatArray, values: FloatArray) -> FloatArray:
+def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the roughness of every column (c,): near 0 for positions, large for torques.
 
     It is the rms of the second difference over the standard deviation.
     """
-    values = filled(values)
+    values = fill_gaps(values)
     first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
     size = values.std(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):

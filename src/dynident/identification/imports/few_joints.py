@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dynident.identification.imports.groups import Group
-from dynident.identification.imports.words import Named, Signal
+from dynident.identification.imports.groups import ColumnGroup
+from dynident.identification.imports.words import ColumnName, Signal
 from dynident.robot import Robot
 
 _LETTERS = "xyz"
@@ -14,7 +14,7 @@ _LENGTHS = ("m", "mm", "cm")
 _FORCES = frozenset({"f", "force", "kraft", "forces"})
 
 
-def groups_of_few_joints(named: Sequence[Named], rest: Sequence[int], robot: Robot) -> list[Group]:
+def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Robot) -> list[ColumnGroup]:
     """Group columns that belong to the only joint, or by their letters to axes that all slide.
 
     Parameters
@@ -30,10 +30,10 @@ def groups_of_few_joints(named: Sequence[Named], rest: Sequence[int], robot: Rob
     list of Group
     """
     slides = all(joint.kind == "prismatic" for joint in robot.joints)
-    signals = {index: _signal(named[index], slides=slides) for index in rest}
+    signals = {index: _get_signal(named[index], slides=slides) for index in rest}
     if robot.n == 1:
         return [
-            Group((index,), signal, named[index].unit, named[index].rank, named[index], "the robot has one joint")
+            ColumnGroup((index,), signal, named[index].unit, named[index].rank, named[index], "the robot has one joint")
             for index, signal in signals.items()
             if signal is not None
         ]
@@ -41,7 +41,7 @@ def groups_of_few_joints(named: Sequence[Named], rest: Sequence[int], robot: Rob
         return []
     members: dict[tuple[Signal, int], dict[str, int]] = {}
     for index, signal in signals.items():
-        letter = _letter(named[index])
+        letter = _get_axis_letter(named[index])
         if signal is not None and letter:
             members.setdefault((signal, named[index].rank), {}).setdefault(letter, index)
     groups = []
@@ -51,18 +51,18 @@ def groups_of_few_joints(named: Sequence[Named], rest: Sequence[int], robot: Rob
             columns = tuple(places[letter] for letter in sorted(places))
             first = named[columns[0]]
             groups.append(
-                Group(columns, signal, first.unit, rank, first, "the axes are called by their letters, in order")
+                ColumnGroup(columns, signal, first.unit, rank, first, "the axes are called by their letters, in order")
             )
     return groups
 
 
-def _letter(column: Named) -> str:
+def _get_axis_letter(column: ColumnName) -> str:
     """Return the axis that a name is of: the only word that is x, y or z, or the last letter of a force, fx."""
     letters = [word[-1] for word in column.words if word in _LETTERS or word[:-1] in _FORCES]
     return letters[0] if len(letters) == 1 and letters[0] in _LETTERS else ""
 
 
-def _signal(column: Named, *, slides: bool) -> Signal | None:
+def _get_signal(column: ColumnName, *, slides: bool) -> Signal | None:
     """Return the signal that a name says, with forces and lengths where the axes slide."""
     if column.signal in _SIGNALS:
         return column.signal

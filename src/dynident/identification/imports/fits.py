@@ -6,13 +6,13 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.identification.mistakes.bands import motion_of
-from dynident.identification.mistakes.search import left_of
+from dynident.identification.mistakes.bands import filter_motion
+from dynident.identification.mistakes.search import measure_unexplained_share
 from dynident.identification.mistakes.swaps import Motion
-from dynident.identification.study.poses import left_at_rest
+from dynident.identification.study.poses import measure_unexplained_at_rest
 from dynident.recordings import Check, JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.importing import condition_arrays
-from dynident.recordings.restarts import RestartLabels
+from dynident.recordings.restarts import RunLabels
 from dynident.robot import Robot
 
 FEWEST_ROWS = 200
@@ -21,15 +21,15 @@ FEWEST_POSES = 10
 """Poses below which gravity is not fitted: a six-axis arm has ten parameters of gravity, and six torques a pose."""
 
 
-class Fits:
+class DynamicsFits:
     """Fits of a robot to the columns of a sample with the times t (m,) in s."""
 
     def __init__(self, robot: Robot, t: FloatArray, segment: FloatArray | None = None) -> None:
         self.robot = robot
         self._t = t
-        self._segment = RestartLabels().label(0, t) if segment is None else segment.astype(np.int64)
+        self._segment = RunLabels().label_rows(0, t) if segment is None else segment.astype(np.int64)
 
-    def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+    def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return the sample as a recording; None where it is too short.
 
         Parameters
@@ -40,7 +40,7 @@ class Fits:
         if len(self._t) < FEWEST_ROWS:
             return None
         try:
-            q, tau, _ = self.condition(q, tau)
+            q, tau, _ = self.condition_signals(q, tau)
             good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
             segment = self._segment[good]
             return recording_from_arrays(
@@ -49,7 +49,7 @@ class Fits:
         except DynidentError:
             return None
 
-    def condition(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
+    def condition_signals(self, q: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, tuple[Check, ...]]:
         """Correct positions (m, n) in rad or m and torques (m, n) as an import does, and return the checks about it."""
         limits = [
             JointLimits(joint.kind, joint.limits.position, joint.limits.velocity, joint.limits.effort)
@@ -57,12 +57,12 @@ class Fits:
         ]
         return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
-    def motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
+    def to_motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
         """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few."""
-        recording = self.recording(q, tau)
-        return None if recording is None else motion_of(recording)
+        recording = self.to_recording(q, tau)
+        return None if recording is None else filter_motion(recording)
 
-    def left(self, q: FloatArray, tau: FloatArray) -> float | None:
+    def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Return the unexplained share of an average joint's torque; None where it cannot be told.
 
         Parameters
@@ -70,24 +70,24 @@ class Fits:
         q, tau : (m, n)
             Positions in rad or m, and torques in any unit.
         """
-        motion = self.motion(q, tau)
+        motion = self.to_motion(q, tau)
         # A sample in which nothing moves explains any torque by constants.
         if motion is None or not len(motion.q) or not (np.ptp(motion.q, axis=0) > 0).any():
             return None
-        unexplained = left_of(self.robot, motion)
+        unexplained = measure_unexplained_share(self.robot, motion)
         return unexplained if np.isfinite(unexplained) else None
 
 
-class PoseFits(Fits):
+class PoseFits(DynamicsFits):
     """Fits of a robot to poses at which it stands, a row each."""
 
-    def recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
+    def to_recording(self, q: FloatArray, tau: FloatArray) -> Recording | None:
         """Return None: there is no motion."""
         return None
 
-    def left(self, q: FloatArray, tau: FloatArray) -> float | None:
+    def measure_unexplained(self, q: FloatArray, tau: FloatArray) -> float | None:
         """Return the share of the torque that gravity and constant torques leave; None where rows are too few."""
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
         if good.sum() < FEWEST_POSES:
             return None
-        return left_at_rest(self.robot, q[good], tau[good])
+        return measure_unexplained_at_rest(self.robot, q[good], tau[good])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.words import Named, Signal, signal_of_unit
+from dynident.identification.imports.words import ColumnName, Signal, get_signal_of_unit
 
 EXPLAINED = 0.3
 """Largest unexplained share of the torque for positions that nothing else identifies: wrong ones leave far more."""
@@ -26,24 +26,24 @@ _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2")
 
 
 @dataclass(frozen=True)
-class Group:
+class ColumnGroup:
     """Columns (by index) of one signal in the robot's order of joints, with the signal and how that is known."""
 
     columns: tuple[int, ...]
     signal: Signal | None
     unit: str | None
     rank: int
-    named: Named
+    named: ColumnName
     reason: str
 
-    def among(self, places: list[int]) -> Group:
+    def renumber(self, places: list[int]) -> ColumnGroup:
         """Return the same group where its columns are at these places of all columns."""
         return replace(self, columns=tuple(places[index] for index in self.columns))
 
 
-def groups_of(
-    named: Sequence[Named], joint_names: Sequence[str], followers: Sequence[str] = ()
-) -> tuple[list[Group], list[int], list[int]]:
+def group_columns(
+    named: Sequence[ColumnName], joint_names: Sequence[str], followers: Sequence[str] = ()
+) -> tuple[list[ColumnGroup], list[int], list[int]]:
     """Group columns that differ by the joint alone.
 
     Parameters
@@ -56,7 +56,7 @@ def groups_of(
     -------
     groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`
     """
-    ours = _by_our_names(named, joint_names)
+    ours = _group_by_own_names(named, joint_names)
     in_ours = {index for group in ours for index in group.columns}
     following: list[int] = []
     by_stem: dict[tuple[str, ...], dict[int, int]] = {}
@@ -64,7 +64,7 @@ def groups_of(
     for index, column in enumerate(named):
         if index in in_ours:
             continue
-        hit = _by_joint_name(column.words, (*joint_names, *followers))
+        hit = _match_joint_name(column.words, (*joint_names, *followers))
         if hit is not None and hit[0] >= len(joint_names):
             following.append(index)
         elif hit is not None:
@@ -74,18 +74,18 @@ def groups_of(
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
-    numbered, why = _by_number(named, used | in_ours | set(following), len(joint_names))
+    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names))
     by_stem |= numbered
     reasons |= why
     used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
     groups = ours
     for stem, group in by_stem.items():
         columns = tuple(group[joint] for joint in range(len(joint_names)))
-        groups.append(_group(columns, named, reasons[stem]))
+        groups.append(_build_group(columns, named, reasons[stem]))
     return groups, [index for index in range(len(named)) if index not in used], following
 
 
-def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Group]:
+def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str]) -> list[ColumnGroup]:
     """Group columns that have the names of a stored recording: q_<joint>, whatever the joints are called."""
     places = {name.name: index for index, name in enumerate(named)}
     groups = []
@@ -94,11 +94,13 @@ def _by_our_names(named: Sequence[Named], joint_names: Sequence[str]) -> list[Gr
         known = tuple(column for column in columns if column is not None)
         if len(known) == len(joint_names):
             reason = "they are called as a recording's own columns are"
-            groups.append(Group(known, signal, None, -1, named[known[0]], reason))
+            groups.append(ColumnGroup(known, signal, None, -1, named[known[0]], reason))
     return groups
 
 
-def incomplete_groups(named: Sequence[Named], joint_names: Sequence[str]) -> list[tuple[Named, dict[int, int]]]:
+def find_incomplete_groups(
+    named: Sequence[ColumnName], joint_names: Sequence[str]
+) -> list[tuple[ColumnName, dict[int, int]]]:
     """Return the columns of each signal that most joints have, but not all.
 
     Each as what the name of its first column says, and the columns by joint.
@@ -110,7 +112,7 @@ def incomplete_groups(named: Sequence[Named], joint_names: Sequence[str]) -> lis
         own = next(
             (joint for joint, name in enumerate(joint_names) if column.name in (f"tau_{name}", f"q_{name}")), None
         )
-        hit = _by_joint_name(column.words, joint_names)
+        hit = _match_joint_name(column.words, joint_names)
         if own is not None:
             by_stem.setdefault(("ours", column.signal or ""), {}).setdefault(own, index)
         elif hit is not None:
@@ -125,16 +127,16 @@ def incomplete_groups(named: Sequence[Named], joint_names: Sequence[str]) -> lis
     return [(named[next(iter(members.values()))], members) for members in by_stem.values() if n / 2 < len(members) < n]
 
 
-def hold_the_same(values: FloatArray, groups: Sequence[Group]) -> bool:
+def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
     """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
     first, *others = (values[:, list(group.columns)] for group in groups)
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
     return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
 
 
-def of_more_joints(named: Sequence[Named], n: int) -> str:
+def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
     """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them."""
-    counted: dict[tuple[str, ...], list[Named]] = {}
+    counted: dict[tuple[str, ...], list[ColumnName]] = {}
     for column in named:
         if len(column.numbers) == 1:
             counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
@@ -148,9 +150,11 @@ def of_more_joints(named: Sequence[Named], n: int) -> str:
     return ""
 
 
-def by_elimination(
-    groups: Sequence[Group], whole: Sequence[Group], unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
-) -> list[Group]:
+def infer_by_elimination(
+    groups: Sequence[ColumnGroup],
+    whole: Sequence[ColumnGroup],
+    unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
+) -> list[ColumnGroup]:
     """Return the one group of `whole` that must be the missing torque, or the missing positions.
 
     Parameters
@@ -176,24 +180,24 @@ def by_elimination(
     return []
 
 
-def _group(columns: tuple[int, ...], named: Sequence[Named], reason: str) -> Group:
+def _build_group(columns: tuple[int, ...], named: Sequence[ColumnName], reason: str) -> ColumnGroup:
     members = [named[index] for index in columns]
     units = {member.unit for member in members}
     # Of a robot that turns and slides the units differ; that of the first joint tells the signal.
     unit = units.pop() if len(units) == 1 else members[0].unit
     signals = {member.signal for member in members}
     signal = signals.pop() if len(signals) == 1 else None
-    return Group(
-        columns, signal or signal_of_unit(unit), unit, max(member.rank for member in members), members[0], reason
+    return ColumnGroup(
+        columns, signal or get_signal_of_unit(unit), unit, max(member.rank for member in members), members[0], reason
     )
 
 
-def _by_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[int, tuple[str, ...]] | None:
+def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[int, tuple[str, ...]] | None:
     """Return the joint whose name the words hold, the longest where several do, and the words without it."""
     best: tuple[int, int, int] | None = None
     for joint, name in enumerate(joint_names):
-        for spelling in _spellings(name):
-            place = _place(words, spelling)
+        for spelling in _list_spellings(name):
+            place = _find_phrase(words, spelling)
             # The longest name wins: "wrist_1" must not be taken for a joint "wrist".
             if place is not None and (best is None or len(spelling) > best[1]):
                 best = joint, len(spelling), place
@@ -203,7 +207,7 @@ def _by_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[
     return joint, (*words[:place], "*", *words[place + length :])
 
 
-def _spellings(name: str) -> list[tuple[str, ...]]:
+def _list_spellings(name: str) -> list[tuple[str, ...]]:
     """Return a joint's name as words, with and without the word joint; none that is a number alone."""
     words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
     bare = tuple(word for word in words if word != "joint")
@@ -212,15 +216,15 @@ def _spellings(name: str) -> list[tuple[str, ...]]:
     ]
 
 
-def _place(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
+def _find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
     for start in range(len(words) - len(phrase) + 1):
         if words[start : start + len(phrase)] == phrase:
             return start
     return None
 
 
-def _by_number(
-    named: Sequence[Named], used: set[int], n: int
+def _group_by_number(
+    named: Sequence[ColumnName], used: set[int], n: int
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
     """Group columns whose names differ by one number that counts all joints, from 0 or from 1."""
     stems: dict[tuple[str, ...], dict[int, int]] = {}
@@ -241,12 +245,12 @@ def _by_number(
                 reasons[stem] = f"the joints are counted from {base} in the names"
                 used = used | set(members.values())
                 break
-    pendant, why = _by_pendant(named, used, n)
+    pendant, why = _group_by_pendant_names(named, used, n)
     return by_stem | pendant, reasons | why
 
 
-def _by_pendant(
-    named: Sequence[Named], used: set[int], n: int
+def _group_by_pendant_names(
+    named: Sequence[ColumnName], used: set[int], n: int
 ) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
     if n != len(_PENDANT):
         return {}, {}
@@ -255,7 +259,7 @@ def _by_pendant(
         if index in used:
             continue
         for joint, words in enumerate(_PENDANT):
-            place = _place(column.words, words)
+            place = _find_phrase(column.words, words)
             if place is not None:
                 stem = (*column.words[:place], "*", *column.words[place + len(words) :])
                 stems.setdefault(stem, {}).setdefault(joint, index)

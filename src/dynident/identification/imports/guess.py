@@ -8,42 +8,53 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.identification.imports import units as of_units
-from dynident.identification.imports.against_robot import hold_against
+from dynident.identification.imports.against_robot import check_against_dynamics
 from dynident.identification.imports.clock_guess import (
     TOGETHER,
-    are_poses,
+    columns_are_poses,
     guess_clock,
     guess_clock_of_poses,
     guess_efforts_at_poses,
 )
-from dynident.identification.imports.currents import question_of_gains
+from dynident.identification.imports.currents import ask_for_gains
 from dynident.identification.imports.effort import classify_effort
 from dynident.identification.imports.facts import (
     SLOPE,
     Sample,
-    changing,
-    filled,
-    slopes,
+    correlate_slopes,
+    fill_gaps,
+    find_changing_columns,
 )
-from dynident.identification.imports.few_joints import groups_of_few_joints
-from dynident.identification.imports.fits import Fits, PoseFits
+from dynident.identification.imports.few_joints import group_few_joints
+from dynident.identification.imports.fits import DynamicsFits, PoseFits
 from dynident.identification.imports.groups import (
-    Group,
-    by_elimination,
-    groups_of,
-    hold_the_same,
-    of_more_joints,
+    ColumnGroup,
+    describe_further_joints,
+    group_columns,
+    hold_same_values,
+    infer_by_elimination,
 )
-from dynident.identification.imports.missing_joints import columns_of_strangers, question_of_missing, torque_of_most
+from dynident.identification.imports.missing_joints import (
+    ask_for_missing_joints,
+    find_columns_of_other_joints,
+    find_torque_of_most_joints,
+)
 from dynident.identification.imports.proposal import Proposal, Question
 from dynident.identification.imports.put_right import condition_sample
-from dynident.identification.imports.unnamed import Kinds, as_counted, is_in_order, kinds_of, own_torques, whole_signals
+from dynident.identification.imports.unnamed import (
+    UnnamedColumns,
+    assign_torques,
+    identify_unnamed_columns,
+    is_in_order,
+    select_whole_signals,
+    sort_by_number,
+)
 from dynident.identification.imports.working_proposal import WorkingProposal
-from dynident.identification.mistakes.described_units import find_units
+from dynident.identification.mistakes.described_units import find_description_units
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.stated import EffortKind
-from dynident.recordings.units import conversion
+from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 
 NO_MEASUREMENT: dict[EffortKind, str] = {
@@ -71,12 +82,12 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
     -------
     Proposal
     """
-    units = find_units(robot)
-    return _Guesser(sample, robot if units is None else units.of(robot), robot).run()
+    units = find_description_units(robot)
+    return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()
 
 
 @dataclass
-class _Guesser(WorkingProposal):
+class _ColumnInference(WorkingProposal):
     """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
 
     silent: list[int] = field(default_factory=list)
@@ -84,78 +95,80 @@ class _Guesser(WorkingProposal):
     def run(self) -> Proposal:
         """Guess time, groups of columns, positions, efforts and units, in this order."""
         sample, n = self.sample, self.robot.n
-        self.of_poses = are_poses(self)
-        self.alive = changing(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
+        self.of_poses = columns_are_poses(self)
+        self.alive = (
+            find_changing_columns(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
+        )
         kind: EffortKind = "unknown"
         for remark in self.sample.remarks:
-            self.say("rows", "joined", 0.95, remark)
-        self._set_aside()
+            self.add_guess("rows", "joined", 0.95, remark)
+        self._report_empty_columns()
         # Everything else needs the time: slopes, filters and fits.
         clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
         if clock is None:
-            return self._done(kind)
+            return self._finish(kind)
         self.t = sample.values[:, clock.column] * clock.factor
-        segment = self._segment()
+        segment = self._find_segment_column()
         good = np.isfinite(self.t)
         if np.count_nonzero(good) < _FEWEST_ROWS:
-            self.ask("columns/t", "Hardly any row has a time: which column is it?", sample.names)
-            return self._done(kind)
-        self.values = filled(sample.values[good])
+            self.add_question("columns/t", "Hardly any row has a time: which column is it?", sample.names)
+            return self._finish(kind)
+        self.values = fill_gaps(sample.values[good])
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
         # From here on every guess can be tested: the better the columns are understood, the more the dynamics
         # explain.
-        self.fits = PoseFits(self.robot, self.t) if self.of_poses else Fits(self.robot, self.t, labels)
-        others = [name for index, name in enumerate(self.named) if index != clock.column]
-        places = [index for index in range(len(self.named)) if index != clock.column]
+        self.fits = PoseFits(self.robot, self.t) if self.of_poses else DynamicsFits(self.robot, self.t, labels)
+        others = [name for index, name in enumerate(self.column_names) if index != clock.column]
+        places = [index for index in range(len(self.column_names)) if index != clock.column]
         followers = () if self.robot.linkage is None else self.robot.linkage.passive
         names = [self.robot.tree.joint_names[j] for j in followers]
-        local, rest, following = groups_of(others, self.robot.joint_names, names)
+        local, rest, following = group_columns(others, self.robot.joint_names, names)
         if following:
             unused = ", ".join(others[index].name for index in following)
-            self.say(
+            self.add_guess(
                 "columns", unused, 0.9, "not used: of joints that are not driven, which follow from those that are"
             )
-        local += groups_of_few_joints(others, rest, self.robot)
+        local += group_few_joints(others, rest, self.robot)
         in_groups = {index for group in local for index in group.columns}
         rest = [index for index in rest if index not in in_groups]
         # The groups were numbered without the time column; number them as the file does.
-        groups = [group.among(places) for group in local]
-        groups += self._unnamed(groups, [places[index] for index in rest], n)
-        position = self._position(groups)
-        effort, kind = self._effort(groups, position)
+        groups = [group.renumber(places) for group in local]
+        groups += self._group_unnamed(groups, [places[index] for index in rest], n)
+        position = self._choose_position(groups)
+        effort, kind = self._choose_effort(groups, position)
         if position is None or effort is None:
-            return self._done(kind)
+            return self._finish(kind)
         # Registers and empty columns are corrected first, as the import will do it.
         self._read_signs(position, "q")
         self._read_signs(effort, "tau")
-        self._without_torque(effort)
-        q = self._positions(position, effort)
+        self._mark_unrecorded_torques(effort)
+        q = self._convert_positions(position, effort)
         if self.of_poses:
-            return self._done(
+            return self._finish(
                 guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
             )
         if q is not None:
             rows = replace(self.sample, values=self.sample.values[good])
             q, put_right = condition_sample(self.fits, rows, position, effort, q)
-            self._rates(groups, position, q)
-            kind = self._efforts(effort, q, kind)
+            self._guess_rates(groups, position, q)
+            kind = self._guess_efforts(effort, q, kind)
             self.guesses += put_right
-        return self._done(kind)
+        return self._finish(kind)
 
-    def _done(self, kind: EffortKind) -> Proposal:
-        if strangers := columns_of_strangers(self.named, self.columns, self.robot.n):
-            self.say("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
+    def _finish(self, kind: EffortKind) -> Proposal:
+        if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
+            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
-    def _set_aside(self) -> None:
+    def _report_empty_columns(self) -> None:
         """Report which columns hold no numbers at all."""
         empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
-            self.say("columns", names, 0.9, "not used: no row of them holds a number")
+            self.add_guess("columns", names, 0.9, "not used: no row of them holds a number")
 
-    def _read_signs(self, group: Group, kind: str) -> None:
+    def _read_signs(self, group: ColumnGroup, kind: str) -> None:
         """Read unsigned register values as signed ones, as an import does."""
         columns = list(group.columns)
         decoded, register = decode_registers(self.values[:, columns], self.t, kind)
@@ -166,9 +179,9 @@ class _Guesser(WorkingProposal):
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
         detail = f"{self.name_columns(group)} are registers whose sign was not read: {register}. They are read so."
-        self.say("rows/registers", "put right", 0.95, detail)
+        self.add_guess("rows/registers", "put right", 0.95, detail)
 
-    def _without_torque(self, effort: Group) -> None:
+    def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
         raw = np.array(self.sample.values)
         for joint, column in enumerate(effort.columns):
@@ -179,108 +192,116 @@ class _Guesser(WorkingProposal):
             reason = (
                 f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
             )
-            self.say(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
+            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
 
-    def _segment(self) -> FloatArray | None:
-        for index, name in enumerate(self.named):
+    def _find_segment_column(self) -> FloatArray | None:
+        for index, name in enumerate(self.column_names):
             values = self.sample.values[:, index]
             if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
                 continue
             if len(np.unique(values)) < max(2, len(values) // 20):
                 self.columns["segment"] = name.name
-                self.say("columns/segment", name.name, 0.9, "whole numbers that stay for long: runs")
+                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay for long: runs")
                 return np.asarray(values)
         return None
 
-    def _unnamed(self, groups: list[Group], rest: list[int], n: int) -> list[Group]:
+    def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
         have = {group.signal for group in groups}
         if "q" in have and have & {"tau", "current", "effort"}:
             return []
         silent = [index for group in groups if group.signal is None for index in group.columns]
         # A column whose name says command is no measurement, whatever it holds.
-        measured = [index for index in (*rest, *silent) if self.named[index].rank < 4]
-        pool = sorted({index for index in measured if self.named[index].signal is None or index in silent})
-        pool = as_counted(self.named, whole_signals(pool, self.values, self.alive, n))
+        measured = [index for index in (*rest, *silent) if self.column_names[index].rank < 4]
+        pool = sorted({index for index in measured if self.column_names[index].signal is None or index in silent})
+        pool = sort_by_number(self.column_names, select_whole_signals(pool, self.values, self.alive, n))
         whole = [group for group in groups if group.signal is None]
-        kinds = kinds_of(self.t, self.values, pool, n, self._explains) if pool else None
+        kinds = identify_unnamed_columns(self.t, self.values, pool, n, self._measure_unexplained) if pool else None
         if kinds is None:
-            return by_elimination(groups, whole, self._explains)
+            return infer_by_elimination(groups, whole, self._measure_unexplained)
         groups[:] = [group for group in groups if group.signal is not None]
         for group in whole:
             # The names count the joints, which gives the order; the content gives the signal.
             for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
                 if set(group.columns) == set(columns):
-                    groups.append(Group(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
+                    groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
         if {group.signal for group in groups} >= {"q", "tau"}:
             return []
-        return self._ordered(kinds, pool)
+        return self._order_by_joint(kinds, pool)
 
-    def _explains(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
+    def _measure_unexplained(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
         """Return the unexplained share of the torque if these columns are it, with positions in rad or in degrees."""
         q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
-        shares = [self.fits.left(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
+        shares = [self.fits.measure_unexplained(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
         return min((share for share in shares if share is not None), default=1.0)
 
-    def _ordered(self, kinds: Kinds, pool: list[int]) -> list[Group]:
+    def _order_by_joint(self, kinds: UnnamedColumns, pool: list[int]) -> list[ColumnGroup]:
         """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
-        named = [self.named[columns[0]] for columns in (kinds.positions, kinds.efforts)]
+        named = [self.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts)]
         positions, efforts = list(kinds.positions), list(kinds.efforts)
         place = {column: k for k, column in enumerate(pool)}
         regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
         counted = pool != sorted(pool)
         reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
-        if regular and counted and self._as_good_in_file_order(kinds):
-            self.ask("columns", "The joints stand in one order by their numbers, in another in the file: which one?")
+        if regular and counted and self._is_file_order_as_good(kinds):
+            self.add_question(
+                "columns", "The joints stand in one order by their numbers, in another in the file: which one?"
+            )
         if not regular:
-            self.ask("columns", "The names of the columns do not say which joint they are of, and their order neither.")
+            self.add_question(
+                "columns", "The names of the columns do not say which joint they are of, and their order neither."
+            )
             q, tau = self.values[:, positions], self.values[:, efforts]
-            order, _ = own_torques(self.t, q, tau)
+            order, _ = assign_torques(self.t, q, tau)
             efforts = [efforts[index] for index in order]
         groups = [
-            Group(tuple(positions), "q", None, 0, named[0], reason),
-            Group(tuple(efforts), "effort", None, 0, named[1], reason),
+            ColumnGroup(tuple(positions), "q", None, 0, named[0], reason),
+            ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason),
         ]
         if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
-            groups.append(Group(kinds.rates, "dq", None, 0, self.named[kinds.rates[0]], reason))
+            groups.append(ColumnGroup(kinds.rates, "dq", None, 0, self.column_names[kinds.rates[0]], reason))
         return groups
 
-    def _as_good_in_file_order(self, kinds: Kinds) -> bool:
+    def _is_file_order_as_good(self, kinds: UnnamedColumns) -> bool:
         """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
         positions, efforts = sorted(kinds.positions), sorted(kinds.efforts)
         if not (is_in_order(positions) and is_in_order(efforts)):
             return False
         counted, in_file = ((kinds.positions, kinds.efforts), (tuple(positions), tuple(efforts)))
-        return in_file != counted and self._explains(*in_file) < _CLEARLY * self._explains(*counted)
+        return in_file != counted and self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(
+            *counted
+        )
 
-    def _position(self, groups: list[Group]) -> Group | None:
+    def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
         candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
         if not candidates:
-            if missing := question_of_missing(self.named, self.robot):
+            if missing := ask_for_missing_joints(self.column_names, self.robot):
                 self.questions.append(missing)
                 return None
-            more = of_more_joints(self.named, self.robot.n)
+            more = describe_further_joints(self.column_names, self.robot.n)
             detail = (
                 f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
                 f"they are in another file, {TOGETHER}."
             )
-            self.ask("columns/q", detail, self.sample.names)
+            self.add_question("columns/q", detail, self.sample.names)
             return None
         # Several columns of the same rank that hold the same numbers are one signal, logged twice.
         equal = [group for group in candidates if group.rank == candidates[0].rank]
-        if len(equal) > 1 and not hold_the_same(self.values, equal):
+        if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
-            self.ask("columns/q", "Several sets of columns may be the measured positions: which one?", names)
+            self.add_question("columns/q", "Several sets of columns may be the measured positions: which one?", names)
         elif candidates[0].rank >= 4:
-            self.ask(
+            self.add_question(
                 "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
             )
-        self.map("q", candidates[0])
+        self.assign_columns("q", candidates[0])
         return candidates[0]
 
-    def _effort(self, groups: list[Group], position: Group | None) -> tuple[Group | None, EffortKind]:
+    def _choose_effort(
+        self, groups: list[ColumnGroup], position: ColumnGroup | None
+    ) -> tuple[ColumnGroup | None, EffortKind]:
         if any(question.field == "robot" for question in self.questions):
             # First the user has to say which joints the robot has.
             return None, "unknown"
@@ -292,7 +313,7 @@ class _Guesser(WorkingProposal):
         # Torque is preferred to current, as it needs no drive gains.
         candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
         if not candidates and silent:
-            self.map(silent[0].signal or "tau", silent[0])
+            self.assign_columns(silent[0].signal or "tau", silent[0])
             detail = (
                 f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
                 "swing with its motors off? Then only ratios can be found, inertia and friction over gravity."
@@ -300,7 +321,7 @@ class _Guesser(WorkingProposal):
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
         if not candidates:
-            candidates = self._of_most_joints(position)
+            candidates = self._find_torque_of_most_joints(position)
         if not candidates:
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
@@ -308,13 +329,13 @@ class _Guesser(WorkingProposal):
                 "No columns were recognised as torques or currents of all joints. Where they are in another file, "
                 f"{TOGETHER}."
             )
-            self.ask("columns/tau", detail, self.sample.names)
+            self.add_question("columns/tau", detail, self.sample.names)
             return None, "unknown"
         best = candidates[0]
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
-            self.ask("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
+            self.add_question("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
         kind: EffortKind = "unknown"
         if best.named.external:
             kind = "external"
@@ -326,15 +347,15 @@ class _Guesser(WorkingProposal):
             self._refuse_kind(kind, self.name_columns(best))
         return best, kind
 
-    def _of_most_joints(self, position: Group | None) -> list[Group]:
+    def _find_torque_of_most_joints(self, position: ColumnGroup | None) -> list[ColumnGroup]:
         """Return torques of most joints: those of the others were not recorded, or the joints are not the arm's."""
         if position is None:
             return []
         positions = self.values[:, list(position.columns)]
-        torque = torque_of_most(self.named, self.robot, positions, len(self.named))
+        torque = find_torque_of_most_joints(self.column_names, self.robot, positions, len(self.column_names))
         if isinstance(torque, Question):
             self.questions.append(torque)
-        if not isinstance(torque, Group):
+        if not isinstance(torque, ColumnGroup):
             return []
         # All joints without a torque share one empty column.
         empty = np.full((len(self.sample.values), 1), np.nan)
@@ -346,72 +367,74 @@ class _Guesser(WorkingProposal):
 
     def _refuse_kind(self, kind: EffortKind, names: str) -> None:
         why = NO_MEASUREMENT[kind]
-        self.ask("effort_kind", f"{names} are {why}. Nothing can be identified from them; give the measured torque.")
+        self.add_question(
+            "effort_kind", f"{names} are {why}. Nothing can be identified from them; give the measured torque."
+        )
 
-    def _positions(self, position: Group, effort: Group) -> FloatArray | None:
+    def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
         q = np.array(self.values[:, list(position.columns)])
         tau = self.values[:, list(effort.columns)]
-        units = [self.named[index].unit for index in position.columns]
+        units = [self.column_names[index].unit for index in position.columns]
         turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
         stated = turning[0] if turning and len(set(turning)) == 1 else None
-        turned = of_units.position_unit(self.robot, q, stated, tau, self.fits)
+        turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
         mixed = any(joint.kind == "prismatic" for joint in self.robot.joints)
         for index, joint in enumerate(self.robot.joints):
             if joint.kind == "revolute":
                 assert turned is not None
                 guess = turned
             else:
-                guess = of_units.stroke_unit(q[:, index], joint.reach, units[index])
-            factor, offset = conversion("q", joint.kind, guess.unit, "q")
+                guess = of_units.guess_stroke_unit(q[:, index], joint.reach, units[index])
+            factor, offset = find_conversion("q", joint.kind, guess.unit, "q")
             q[:, index] = q[:, index] * factor + offset
             if mixed or index == 0:
                 key = f"q{index + 1}" if mixed else "q"
-                self.unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
+                self.take_unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
         return q
 
-    def _rates(self, groups: list[Group], position: Group, q: FloatArray) -> None:
+    def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
         """Take velocities that are the slope of the positions, and report those that are not."""
         candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
         if candidates:
             group = candidates[0]
             values = self.values[:, list(group.columns)]
             n = q.shape[1]
-            correlation, factor = slopes(self.t, np.column_stack([q, values]))
+            correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
             own = np.array([correlation[j, n + j] for j in range(n)])
             ratio = np.array([factor[j, n + j] for j in range(n)])
             moving = q.std(axis=0) > 0.02 * q.std(axis=0).max()
             guesses = [
-                of_units.rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
+                of_units.guess_rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
                 for j, joint in enumerate(self.robot.joints)
             ]
             fine = [g is not None and own[j] > SLOPE for j, g in enumerate(guesses)]
             kinds = {joint.kind for joint in self.robot.joints}
             same = {g.unit for j, g in enumerate(guesses) if g is not None and moving[j]}
             if all(fine[j] for j in np.flatnonzero(moving)) and len(kinds) == 1 and len(same) == 1:
-                self.map("dq", group)
+                self.assign_columns("dq", group)
                 usual = "rad/s" if kinds == {"revolute"} else "m/s"
                 (unit,) = same
-                self.unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
+                self.take_unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
             else:
-                self.say(
+                self.add_guess(
                     "columns/dq", self.name_columns(group), 0.5, "not used: it is not the slope of these positions"
                 )
 
-    def _efforts(self, effort: Group, q: FloatArray, kind: EffortKind) -> EffortKind:
+    def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
         tau = self.values[:, list(effort.columns)]
         gains = [drive.gain for drive in self.robot.drives]
         signal = effort.signal
-        reach = of_units.reach_of(self.robot)
-        torque = of_units.torque_unit(self.robot, tau, effort.unit if signal == "tau" else None, reach)
-        current = of_units.current_unit(tau, gains, self.robot, effort.unit if signal == "current" else None)
+        reach = of_units.compute_reach(self.robot)
+        torque = of_units.guess_torque_unit(self.robot, tau, effort.unit if signal == "tau" else None, reach)
+        current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if signal == "current" else None)
         by_data = classify_effort(
             self.fits,
             q,
             tau,
             signal,
             effort.unit,
-            of_units.factor_of("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
+            of_units.get_factor("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
             {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
         )
         if kind == "unknown":
@@ -419,58 +442,58 @@ class _Guesser(WorkingProposal):
             if kind in ("gravity_compensated", "external", "commanded"):
                 self._refuse_kind(kind, f"{self.name_columns(effort)} look as if they were ({by_data.reason}); they")
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
-        self.say("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
+        self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         if effort.unit in ("permille", "percent"):
             signal = "current"
-            self.map("current", effort)
+            self.assign_columns("current", effort)
             unit = f"{effort.unit} of the rated torque"
-            self.say(
+            self.add_guess(
                 "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
             )
             kind = "motor_torque" if kind == "unknown" else kind
         elif signal == "effort":
             if kind == "unknown":
                 detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"
-                self.ask("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
             signal = "current" if kind == "motor_current" else "tau"
-            self.map(signal, effort)
+            self.assign_columns(signal, effort)
         else:
             if kind == "unknown" and signal == "tau":
                 detail = (
                     f"What are {self.name_columns(effort)}? They are called torques, but {by_data.reason}: torques of "
                     "the joints, with such inertias, or of the motors before the gears?"
                 )
-                self.ask("effort_kind", detail, ("joint_torque", "motor_torque"))
-            self.map("tau" if signal == "tau" else "current", effort)
+                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque"))
+            self.assign_columns("tau" if signal == "tau" else "current", effort)
         if effort.unit not in ("permille", "percent"):
-            self.effort_unit(signal or "tau", tau, effort, gains, reach)
+            self.take_effort_unit(signal or "tau", tau, effort, gains, reach)
         in_si = signal == "tau" or None not in gains
         if signal == "current":
-            question = question_of_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
+            question = ask_for_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
             if question is not None:
                 # The size of the torques depends on the gains, so it is asked together with them.
                 self.questions.append(question)
                 in_si = False
-        self._check(q, tau * self._factors(signal or "tau", gains), effort, in_si=in_si)
+        self._check_against_dynamics(q, tau * self._get_factors(signal or "tau", gains), effort, in_si=in_si)
         return kind
 
-    def _factors(self, signal: str, gains: list[float | None]) -> FloatArray:
+    def _get_factors(self, signal: str, gains: list[float | None]) -> FloatArray:
         """Return the factors (n,) that make N m or N of the effort's numbers, 1 where they are not known."""
         factors = np.ones(self.robot.n)
         for index, joint in enumerate(self.robot.joints):
             unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
             if signal == "tau" and unit is not None:
-                factors[index] = of_units.factor_of("tau", joint.kind, unit)
+                factors[index] = of_units.get_factor("tau", joint.kind, unit)
             elif signal == "current":
                 factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
         return factors
 
-    def _check(self, q: FloatArray, tau: FloatArray, effort: Group, *, in_si: bool) -> None:
+    def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
         """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""
         positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
         torques = [self.sample.names[column] for column in effort.columns]
-        guesses, questions = hold_against(
-            self.given, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
+        guesses, questions = check_against_dynamics(
+            self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
         first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]

@@ -16,9 +16,9 @@ from dynident.arrays import FloatArray
 from dynident.identification.imports.facts import Sample
 from dynident.identification.imports.guess import propose
 from dynident.identification.imports.proposal import Proposal, Question
-from dynident.identification.robot_recordings import recorded_joints
+from dynident.identification.robot_recordings import build_recorded_joints
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
-from dynident.recordings.digest import digest_of
+from dynident.recordings.digest import compute_digest
 from dynident.recordings.formats import format_of, open_source
 from dynident.robot import Robot
 
@@ -39,7 +39,7 @@ class Inspection:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the whole file, which is read only when this is asked for."""
-        return digest_of(self.path)
+        return compute_digest(self.path)
 
 
 def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> Inspection:
@@ -63,18 +63,18 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
     RecordingError
         For a file that cannot be read.
     """
-    sample = sample_of(path, rate)
+    sample = read_sample(path, rate)
     return Inspection(
         path=path,
         format=format_of(path),
         columns=sample.names,
         rows=sample.values[:SHOWN_ROWS],
         n_rows_seen=len(sample.values),
-        proposal=None if robot is None else _checked(propose(sample, robot), sample, robot),
+        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot),
     )
 
 
-def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
+def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
     """Import the sample as proposed, and turn what is refused into questions."""
     # Open questions come first: without their answers the import would fail for reasons that are known already.
     if not proposal.is_sure:
@@ -86,7 +86,11 @@ def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
         pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
         try:
             import_recording(
-                rows, Path(folder) / "read.parquet", recorded_joints(robot), metadata=metadata, against=_told
+                rows,
+                Path(folder) / "read.parquet",
+                build_recorded_joints(robot),
+                metadata=metadata,
+                against=_report_checked,
             )
         except RecordingError as error:
             refused = [check for check in error.checks if check.status == "error"]
@@ -95,12 +99,12 @@ def _checked(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
     return proposal
 
 
-def _told(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
+def _report_checked(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
     """Report that the columns were checked against the dynamics already, so that friction alone need not decide."""
     return (Check("torque_order", "ok", "Held against the robot's dynamics before."),)
 
 
-def sample_of(path: Path, rate: float | None = None) -> Sample:
+def read_sample(path: Path, rate: float | None = None) -> Sample:
     """Read the first rows of a file, whose `rate` in Hz may be stated.
 
     Parameters

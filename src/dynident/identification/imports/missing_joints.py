@@ -7,9 +7,9 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.groups import Group, incomplete_groups
+from dynident.identification.imports.groups import ColumnGroup, find_incomplete_groups
 from dynident.identification.imports.proposal import Question
-from dynident.identification.imports.words import Named, Signal
+from dynident.identification.imports.words import ColumnName, Signal
 from dynident.recordings.checks_of_motion import MOVED
 from dynident.robot import Robot
 
@@ -20,7 +20,7 @@ _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 """rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
 
 
-def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str], n: int) -> list[str]:
+def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
     """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs."""
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
@@ -32,17 +32,19 @@ def columns_of_strangers(named: Sequence[Named], columns: Mapping[str, str], n: 
     return [column.name for column in strange if not set(column.words) <= known]
 
 
-def question_of_missing(named: Sequence[Named], robot: Robot) -> Question | None:
+def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
     """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
-    positions = _of_most_joints(named, robot, _POSITIONS)
+    positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
     where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, and not in the file"
-    return Question("robot", f"{where}: lock {_them(names)}, --lock {','.join(names)}.")
+    return Question("robot", f"{where}: lock {_get_pronoun(names)}, --lock {','.join(names)}.")
 
 
-def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, empty: int) -> Group | Question | None:
+def find_torque_of_most_joints(
+    named: Sequence[ColumnName], robot: Robot, positions: FloatArray, empty: int
+) -> ColumnGroup | Question | None:
     """Return the torques that most joints have; a question where a joint without torque stands still.
 
     Parameters
@@ -59,7 +61,7 @@ def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, 
     Group, Question or None
         None where there are no such torques.
     """
-    torques = _of_most_joints(named, robot, _EFFORTS)
+    torques = _find_columns_of_most_joints(named, robot, _EFFORTS)
     if torques is None:
         return None
     first, columns = torques
@@ -68,28 +70,28 @@ def torque_of_most(named: Sequence[Named], robot: Robot, positions: FloatArray, 
     still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
     if still:
         names = [robot.joint_names[joint] for joint in still]
-        locks = [_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
+        locks = [_write_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
         verbs = "stand still and have" if len(names) > 1 else "stands still and has"
         return Question(
-            "robot", f"{', '.join(names)} {verbs} no torque: lock {_them(names)}, --lock {','.join(locks)}."
+            "robot", f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, --lock {','.join(locks)}."
         )
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
-    return Group(members, first.signal, first.unit, first.rank, first, "they are of most joints, by their names")
+    return ColumnGroup(members, first.signal, first.unit, first.rank, first, "they are of most joints, by their names")
 
 
-def _of_most_joints(
-    named: Sequence[Named], robot: Robot, signals: Collection[Signal]
-) -> tuple[Named, dict[int, int]] | None:
+def _find_columns_of_most_joints(
+    named: Sequence[ColumnName], robot: Robot, signals: Collection[Signal]
+) -> tuple[ColumnName, dict[int, int]] | None:
     """Return the columns, by joint, of the most likely of some signals."""
-    groups = [group for group in incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
+    groups = [group for group in find_incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
     measured = [group for group in groups if group[0].rank < 4]
     return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
 
 
-def _them(names: Sequence[str]) -> str:
+def _get_pronoun(names: Sequence[str]) -> str:
     return "them" if len(names) > 1 else "it"
 
 
-def _lock(name: str, position: FloatArray) -> str:
+def _write_lock(name: str, position: FloatArray) -> str:
     at = float(np.median(position))
     return f"{name}={at:.4g}" if _AT_ZERO < abs(at) < _MOST else name

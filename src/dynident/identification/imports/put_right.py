@@ -7,15 +7,15 @@ import re
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.facts import Sample, filled
-from dynident.identification.imports.fits import Fits
-from dynident.identification.imports.groups import Group
+from dynident.identification.imports.facts import Sample, fill_gaps
+from dynident.identification.imports.fits import DynamicsFits
+from dynident.identification.imports.groups import ColumnGroup
 from dynident.identification.imports.proposal import Guess
 from dynident.recordings.types import RecordingError
 
 
 def condition_sample(
-    fits: Fits, rows: Sample, position: Group, effort: Group, q: FloatArray
+    fits: DynamicsFits, rows: Sample, position: ColumnGroup, effort: ColumnGroup, q: FloatArray
 ) -> tuple[FloatArray, list[Guess]]:
     """Correct positions as an import will, and report the corrections.
 
@@ -35,7 +35,7 @@ def condition_sample(
     positions, efforts = list(position.columns), list(effort.columns)
     known = np.where(np.isfinite(rows.values[:, positions]), q, np.nan)
     try:
-        right, _, checks = fits.condition(known, rows.values[:, efforts])
+        right, _, checks = fits.condition_signals(known, rows.values[:, efforts])
     except RecordingError:
         # An error here is about the time, which is asked about elsewhere.
         return q, []
@@ -50,4 +50,4 @@ def condition_sample(
                 # The checks use the names of a stored recording; the user knows only the file's.
                 detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
             put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
-    return filled(right), put_right
+    return fill_gaps(right), put_right

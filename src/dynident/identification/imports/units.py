@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.imports.counts import counts_unit
-from dynident.identification.imports.fits import Fits
+from dynident.identification.imports.counts import guess_counts_unit
+from dynident.identification.imports.fits import DynamicsFits
 from dynident.identification.imports.unit_guess import CLEARLY, LEAST_MOTION, MOST_MOTION, SURE, UnitGuess
 from dynident.recordings.types import JointKind
 from dynident.recordings.units import FACTORS
@@ -17,13 +17,13 @@ from dynident.robot import Robot
 __all__ = [
     "SURE",
     "UnitGuess",
-    "current_unit",
-    "factor_of",
-    "position_unit",
-    "rate_unit",
-    "reach_of",
-    "stroke_unit",
-    "torque_unit",
+    "compute_reach",
+    "get_factor",
+    "guess_current_unit",
+    "guess_position_unit",
+    "guess_rate_unit",
+    "guess_stroke_unit",
+    "guess_torque_unit",
 ]
 
 _MORE = 1.05
@@ -34,7 +34,7 @@ _STROKE = (0.008, 4.0)
 """m: shortest and longest stroke of a sliding joint."""
 
 
-def factor_of(signal: str, kind: str, unit: str) -> float:
+def get_factor(signal: str, kind: str, unit: str) -> float:
     """Return the factor from a unit to SI.
 
     Parameters
@@ -45,8 +45,8 @@ def factor_of(signal: str, kind: str, unit: str) -> float:
     return FACTORS[signal, kind][unit]  # type: ignore[index]
 
 
-def position_unit(
-    robot: Robot, q: FloatArray, stated: str | None, tau: FloatArray | None, fits: Fits
+def guess_position_unit(
+    robot: Robot, q: FloatArray, stated: str | None, tau: FloatArray | None, fits: DynamicsFits
 ) -> UnitGuess | None:
     """Guess the unit of the revolute joints' positions; None where there is no such joint.
 
@@ -66,8 +66,8 @@ def position_unit(
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     reach = float((high - low).max())
     # First what the joints' limits allow; then, where several units are left, what the dynamics explain best.
-    possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _possible(robot, turning, low, high, unit)]
-    likely = [unit for unit in possible if factor_of("q", "revolute", unit) * reach >= LEAST_MOTION]
+    possible = [unit for unit in ("rad", "deg", "mrad", "rev") if _is_possible_unit(robot, turning, low, high, unit)]
+    likely = [unit for unit in possible if get_factor("q", "revolute", unit) * reach >= LEAST_MOTION]
     if stated is not None and stated in FACTORS["q", "revolute"]:
         if stated in possible:
             return UnitGuess(stated, 0.99, f"its name says {stated}, and the range of motion fits it")
@@ -76,10 +76,10 @@ def position_unit(
     usual = [unit for unit in likely if unit in ("rad", "deg")]
     whole = bool((q[:, turning] == np.rint(q[:, turning])).all())
     if not {"rad", "deg"} & set(possible) and (whole or not possible):
-        counted = counts_unit(robot, turning, q, tau, fits)
+        counted = guess_counts_unit(robot, turning, q, tau, fits)
         if counted is not None:
             return counted
-    unexplained = _left(robot, q, tau, fits, likely) if len(likely) > 1 else {}
+    unexplained = _compute_unexplained(robot, q, tau, fits, likely) if len(likely) > 1 else {}
     if unexplained:
         ranked = sorted(unexplained, key=lambda unit: unexplained[unit])
         best = ranked[0]
@@ -92,13 +92,13 @@ def position_unit(
         if clear and len(unexplained) == len(likely):
             return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
     if len(usual) == 1:
-        ranges = f"the widest motion is then {np.rad2deg(reach * factor_of('q', 'revolute', usual[0])):.0f} deg"
+        ranges = f"the widest motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"
         return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is out of the question")
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
 
 
-def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
-    factor = factor_of("q", "revolute", unit)
+def _is_possible_unit(robot: Robot, turning: Sequence[int], low: FloatArray, high: FloatArray, unit: str) -> bool:
+    factor = get_factor("q", "revolute", unit)
     for place, joint in enumerate(turning):
         limits = robot.joints[joint].reach
         if factor * (high[place] - low[place]) > MOST_MOTION:
@@ -114,7 +114,9 @@ def _possible(robot: Robot, turning: Sequence[int], low: FloatArray, high: Float
     return True
 
 
-def _left(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units: Sequence[str]) -> dict[str, float]:
+def _compute_unexplained(
+    robot: Robot, q: FloatArray, tau: FloatArray | None, fits: DynamicsFits, units: Sequence[str]
+) -> dict[str, float]:
     if tau is None:
         return {}
     unexplained = {}
@@ -122,20 +124,20 @@ def _left(robot: Robot, q: FloatArray, tau: FloatArray | None, fits: Fits, units
         scaled = np.array(q)
         for index, joint in enumerate(robot.joints):
             if joint.kind == "revolute":
-                scaled[:, index] *= factor_of("q", "revolute", unit)
+                scaled[:, index] *= get_factor("q", "revolute", unit)
             else:
-                scaled[:, index] *= _sliding_factor(q[:, index])
-        share = fits.left(scaled, tau)
+                scaled[:, index] *= _guess_sliding_factor(q[:, index])
+        share = fits.measure_unexplained(scaled, tau)
         if share is not None:
             unexplained[unit] = share
     return unexplained
 
 
-def _sliding_factor(q: FloatArray) -> float:
+def _guess_sliding_factor(q: FloatArray) -> float:
     return 1.0 if float(np.nanmax(q) - np.nanmin(q)) < _STROKE[1] else 1e-3
 
 
-def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str | None) -> UnitGuess:
+def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str | None) -> UnitGuess:
     """Guess the unit of a prismatic joint's positions (m,).
 
     Parameters
@@ -165,7 +167,7 @@ def stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated: str |
     return UnitGuess("m", 0.5, f"its stroke is {reach:.3g}")
 
 
-def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> UnitGuess | None:
+def guess_rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> UnitGuess | None:
     """Guess the unit of a velocity or acceleration by the slope of the positions; None where no unit fits.
 
     Parameters
@@ -188,12 +190,12 @@ def rate_unit(signal: str, kind: str, factor: float, stated: str | None) -> Unit
     return UnitGuess(best, 0.97, "it is the slope of the position")
 
 
-def reach_of(robot: Robot) -> float:
+def compute_reach(robot: Robot) -> float:
     """Return the length in m of the robot from its base, all links stretched; 0.3 where the tree says nothing."""
     return max(0.3, sum(float(np.linalg.norm(joint.placement[:3, 3])) for joint in robot.joints))
 
 
-def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:
+def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float) -> UnitGuess:
     """Guess the unit of torques by what a robot of this reach needs, and by its limits of effort.
 
     Parameters
@@ -215,7 +217,7 @@ def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float)
     base = "N m" if kind == "revolute" else "N"
     small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
 
-    def fits(unit: str) -> bool:
+    def is_fitting(unit: str) -> bool:
         in_si = known[unit] * most
         for index, limit in zip(of_kind, allowed, strict=True):
             own = known[unit] * float(np.nanmax(np.abs(tau[:, index])))
@@ -227,10 +229,10 @@ def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float)
         return 0.2 * usual <= in_si <= 200 * usual
 
     if stated is not None and stated in known:
-        if fits(stated):
+        if is_fitting(stated):
             return UnitGuess(stated, 0.99, f"its name says {stated}")
         return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is strange for this robot")
-    possible = [unit for unit in (base, small, large) if fits(unit)]
+    possible = [unit for unit in (base, small, large) if is_fitting(unit)]
     if len(possible) == 1:
         return UnitGuess(
             possible[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {possible[0]}"
@@ -240,7 +242,7 @@ def torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: float)
     )
 
 
-def current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:
+def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:
     """Guess the unit of currents by the torque that they make with the drive gains, or by their size.
 
     Parameters

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.identification.imports.facts import SLOPE, roughness, slopes
-from dynident.identification.imports.words import Named
+from dynident.identification.imports.facts import SLOPE, compute_roughness, correlate_slopes
+from dynident.identification.imports.words import ColumnName
 
 _EXPLAINED, _CLEARLY = 0.3, 1.5
 """Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
@@ -18,7 +18,7 @@ _GAP = 3.0
 
 
 @dataclass(frozen=True)
-class Kinds:
+class UnnamedColumns:
     """Columns (by index) by what they hold, in the order of the file; `rates` are those of the positions."""
 
     positions: tuple[int, ...]
@@ -27,13 +27,13 @@ class Kinds:
     reason: str
 
 
-def kinds_of(
+def identify_unnamed_columns(
     t: FloatArray,
     values: FloatArray,
     columns: Sequence[int],
     n: int,
     unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
-) -> Kinds | None:
+) -> UnnamedColumns | None:
     """Tell positions, velocities and torques of n joints apart.
 
     Parameters
@@ -55,22 +55,22 @@ def kinds_of(
     """
     part = values[:, list(columns)]
     if len(columns) == 3 * n:
-        by_slope = _by_slopes(t, part, columns, n)
+        by_slope = _split_by_slopes(t, part, columns, n)
         if by_slope is None:
-            return _three_blocks(t, part, columns, n, np.max)
+            return _split_three_blocks(t, part, columns, n, np.max)
         if all(is_in_order(block) for block in (by_slope.positions, by_slope.rates, by_slope.efforts)):
             return by_slope
         # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
         # preferred to single pairs.
-        return _three_blocks(t, part, columns, n, np.median) or by_slope
+        return _split_three_blocks(t, part, columns, n, np.median) or by_slope
     if len(columns) != 2 * n:
         return None
-    rough = roughness(t, part)
+    rough = compute_roughness(t, part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
-        return _two_blocks(columns, n, unexplained)
+        return _split_two_blocks(columns, n, unexplained)
     smooth = set(order[:n].tolist())
-    return Kinds(
+    return UnnamedColumns(
         tuple(columns[index] for index in range(2 * n) if index in smooth),
         (),
         tuple(columns[index] for index in range(2 * n) if index not in smooth),
@@ -78,8 +78,8 @@ def kinds_of(
     )
 
 
-def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> Kinds | None:
-    correlation, _ = slopes(t, part)
+def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
+    correlation, _ = correlate_slopes(t, part)
     np.fill_diagonal(correlation, 0.0)
     follower = correlation.argmax(axis=1)
     led = [
@@ -94,7 +94,7 @@ def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) 
         return None
     paired = {index for pair in pairs for index in pair}
     rest = [index for index in range(len(columns)) if index not in paired]
-    return Kinds(
+    return UnnamedColumns(
         tuple(columns[first] for first, _ in pairs),
         tuple(columns[second] for _, second in pairs),
         tuple(columns[index] for index in rest),
@@ -102,13 +102,13 @@ def _by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) 
     )
 
 
-def _three_blocks(
+def _split_three_blocks(
     t: FloatArray, part: FloatArray, columns: Sequence[int], n: int, of_joints: Callable[[list[float]], float]
-) -> Kinds | None:
+) -> UnnamedColumns | None:
     """Find three signals of all joints side by side, some of which stand still, by the joints that move."""
-    correlation, _ = slopes(t, part)
+    correlation, _ = correlate_slopes(t, part)
     best: tuple[float, tuple[list[int], ...]] | None = None
-    for blocks in _layouts(n, 3):
+    for blocks in _list_layouts(n, 3):
         for first in range(3):
             for second in range(3):
                 if first == second:
@@ -121,15 +121,15 @@ def _three_blocks(
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
-    return Kinds(q, dq, tau, "of the joints that move one block of columns is the slope of another")
+    return UnnamedColumns(q, dq, tau, "of the joints that move one block of columns is the slope of another")
 
 
-def _two_blocks(
+def _split_two_blocks(
     columns: Sequence[int], n: int, unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
-) -> Kinds | None:
+) -> UnnamedColumns | None:
     """Find two signals of all joints side by side, by the order with which the dynamics explain the torque."""
     trials = []
-    for blocks in _layouts(n, 2):
+    for blocks in _list_layouts(n, 2):
         for first in (0, 1):
             q, tau = (tuple(columns[index] for index in blocks[place]) for place in (first, 1 - first))
             trials.append((unexplained(q, tau), q, tau))
@@ -137,24 +137,26 @@ def _two_blocks(
     if trials[0][0] > _EXPLAINED or trials[1][0] < _CLEARLY * trials[0][0]:
         return None
     share, q, tau = trials[0]
-    return Kinds(q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more")
+    return UnnamedColumns(
+        q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more"
+    )
 
 
-def _layouts(n: int, signals: int) -> list[list[list[int]]]:
+def _list_layouts(n: int, signals: int) -> list[list[list[int]]]:
     """Return the places of the signals' columns: signal by signal, or joint by joint."""
     by_signal = [list(range(k * n, (k + 1) * n)) for k in range(signals)]
     by_joint = [list(range(k, n * signals, signals)) for k in range(signals)]
     return [by_signal, by_joint]
 
 
-def whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
+def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
     """Return the columns that change; or all of them, where only all make whole signals of n joints."""
     numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
 
-def as_counted(named: Sequence[Named], columns: list[int]) -> list[int]:
+def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
     """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged."""
     numbers = [named[index].numbers for index in columns]
     stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
@@ -168,7 +170,7 @@ def is_in_order(columns: Sequence[int]) -> bool:
     return len(set(np.diff(columns).tolist())) <= 1
 
 
-def own_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntArray, float]:
+def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntArray, float]:
     """Assign torques to positions, by friction and inertia of the joint itself.
 
     Parameters

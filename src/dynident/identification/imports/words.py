@@ -10,38 +10,38 @@ from typing import Literal
 Signal = Literal["t", "q", "dq", "ddq", "tau", "current", "effort", "temperature", "segment", "other"]
 
 
-def _words(text: str) -> frozenset[str]:
+def _split_words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
 _WORDS: dict[Signal, frozenset[str]] = {
-    "t": _words("t time timestamp stamp zeit clock temps tiempo ipoc datetime epoch elapsed"),
-    "q": _words(
+    "t": _split_words("t time timestamp stamp zeit clock temps tiempo ipoc datetime epoch elapsed"),
+    "q": _split_words(
         "q pos position positions angle angles ang theta winkel lage stellung posicion encoder enc jpos qpos weg"
     ),
-    "dq": _words(
+    "dq": _split_words(
         "dq qd vel velocity velocities speed omega qdot thetadot dtheta geschwindigkeit drehzahl jvel qvel spd speeds"
     ),
-    "ddq": _words("ddq qdd acc accel acceleration accelerations qddot beschleunigung"),
-    "tau": _words("tau torque torques trq moment moments drehmoment mom tq jtrq qfrc"),
-    "current": _words("current currents cur curr amp amps ampere strom iq i"),
-    "effort": _words("effort efforts eff load loads"),
-    "temperature": _words("temp temperature temperatur temperatures"),
-    "segment": _words("segment run episode"),
+    "ddq": _split_words("ddq qdd acc accel acceleration accelerations qddot beschleunigung"),
+    "tau": _split_words("tau torque torques trq moment moments drehmoment mom tq jtrq qfrc"),
+    "current": _split_words("current currents cur curr amp amps ampere strom iq i"),
+    "effort": _split_words("effort efforts eff load loads"),
+    "temperature": _split_words("temp temperature temperatur temperatures"),
+    "segment": _split_words("segment run episode"),
 }
-_OTHER = _words(
+_OTHER = _split_words(
     "tcp cartesian cart force fx fy fz quaternion quat digital analog io status mode state_id safety voltage volt "
     "power payload gripper error err residual bits"
 )
-_COMMANDED = _words(
+_COMMANDED = _split_words(
     "d cmd command commanded commands target des desired ref reference set setpoint sp soll goal nominal planned "
     "action ipo interpolated ctrl computed"
 )
-_MEASURED = _words("act actual meas measured ist real feedback fb fbk msr")
-_EXTERNAL = _words("ext external contact extern")
-_COMPENSATED = _words("gravity grav compensated gravcomp comp")
-_MOTOR = _words("motor mot rotor")
-_LINK = _words("link")
+_MEASURED = _split_words("act actual meas measured ist real feedback fb fbk msr")
+_EXTERNAL = _split_words("ext external contact extern")
+_COMPENSATED = _split_words("gravity grav compensated gravcomp comp")
+_MOTOR = _split_words("motor mot rotor")
+_LINK = _split_words("link")
 
 _UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "mrad": "mrad",
@@ -54,12 +54,12 @@ _UNITS = {
     "‰": "permille", "promille": "permille", "%": "percent", "percent": "percent", "degc": "degC", "°c": "degC",
     "k": "K",
 }  # fmt: skip
-_SUFFIXES = _words(
+_SUFFIXES = _split_words(
     "rad deg degrees mrad rev mm cm rpm nm mnm knm ncm a ma s sec ms us ns permille promille percent degc"
 )
 _PAIRS = {("deg", "s"): "deg/s", ("rad", "s"): "rad/s", ("mm", "s"): "mm/s", ("m", "s"): "m/s", ("rev", "s"): "rev/s",
           ("degs", ""): "deg/s", ("rads", ""): "rad/s", ("mn", "m"): "mN m", ("n", "m"): "N m"}  # fmt: skip
-_SPELT = {
+_MAKER_WORDS = {
     "AIPos": "actual position", "ASPos": "setpoint position", "MACur": "motor current",
     "EIPos": "external axis position", "ESPos": "external axis setpoint position", "MECur": "external axis current",
     "current_as_torque": "gravity compensated torque", "actuator_force": "actuator effort",
@@ -70,7 +70,7 @@ forces are torques where joints turn."""
 
 _LOGGERS: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
     (
-        _words("mp ip mt et tsec"),
+        _split_words("mp ip mt et tsec"),
         {"mp": "measured position", "ip": "interpolated position", "mt": "measured torque", "et": "external torque"},
     ),
 )
@@ -82,7 +82,7 @@ _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 
 @dataclass(frozen=True)
-class Named:
+class ColumnName:
     """What a column's name says: signal, unit, words, numbers, and marks such as commanded or measured."""
 
     name: str
@@ -110,7 +110,7 @@ class Named:
         )
 
 
-def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[Named]:
+def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnName]:
     """Read the names of all columns.
 
     Parameters
@@ -133,23 +133,23 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[Named]:
     return columns
 
 
-def read_name(name: str, unit: str = "") -> Named:
+def read_name(name: str, unit: str = "") -> ColumnName:
     """Read a column's name; `unit` is what the file states elsewhere."""
-    for word, meaning in _SPELT.items():
+    for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
     bracket = _BRACKET.search(name)
     inner = bracket.group(1) if bracket else ""
-    stated = _UNITS.get(_plain(unit or inner))
+    stated = _UNITS.get(_normalise_unit(unit or inner))
     # A number in brackets is an index; anything else is a unit, even if it is not a known one.
     text = name if bracket is None or (stated is None and inner.isdigit()) else name[: bracket.start()]
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
         stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
     words = tuple(word.casefold() for word in _PART.findall(text))
-    words, stated = _without_unit(words, stated)
+    words, stated = _split_unit(words, stated)
     plain = [word for word in words if not word.isdigit()]
-    signal = _signal(plain, words)
-    return Named(
+    signal = _classify_signal(plain, words)
+    return ColumnName(
         name,
         signal,
         stated,
@@ -164,12 +164,12 @@ def read_name(name: str, unit: str = "") -> Named:
     )
 
 
-def _plain(unit: str) -> str:
+def _normalise_unit(unit: str) -> str:
     unit = unit.strip().casefold().replace("²", "^2").replace("**2", "^2").replace("-", "")
     return unit if unit in _UNITS else re.sub(r"[ *·⋅._]", "", unit)
 
 
-def signal_of_unit(unit: str | None) -> Signal | None:
+def get_signal_of_unit(unit: str | None) -> Signal | None:
     """Return the kind of signal that a unit belongs to, where it is only one."""
     if unit is None:
         return None
@@ -188,7 +188,7 @@ def signal_of_unit(unit: str | None) -> Signal | None:
     return None
 
 
-def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, ...], str | None]:
+def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, ...], str | None]:
     """Split a unit off the end of the words: angle_1_deg."""
     if stated is None and len(words) >= 3 and words[-2:] in _PAIRS:
         return words[:-2], _PAIRS[words[-2:][0], words[-2:][1]]
@@ -200,7 +200,7 @@ def _without_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str
     return words, stated
 
 
-def _signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
+def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
     if any(word in _OTHER for word in plain):
         return "other"
     kind: Signal | None = None

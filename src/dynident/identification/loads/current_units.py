@@ -14,17 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, ReferenceParameters, effect_by_id
+from dynident.effects import EffectChoice, ReferenceParameters, get_effect
 from dynident.errors import DynidentError
-from dynident.estimation import Errors, Reduction, Solution, Statistics, errors, statistics, weighted
+from dynident.estimation import Errors, Reduction, Solution, Statistics, compute_errors, statistics, weighted
 from dynident.identification.equations.checks import check_recordings, check_temperature
-from dynident.identification.loads.payloads import PLAIN_EFFECTS, scaled
-from dynident.identification.loads.stated import refuse_coupled_drives, stated_gains
-from dynident.identification.parameters.judgement import ParameterJudgement, judged
-from dynident.identification.strategies.sequential import only
-from dynident.progress import Progress, part, silent
+from dynident.identification.loads.payloads import PLAIN_EFFECTS, scale_torque
+from dynident.identification.loads.stated import get_stated_gains, refuse_coupled_drives
+from dynident.identification.parameters.judgement import ParameterJudgement, judge_parameter
+from dynident.identification.strategies.sequential import select_joints
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
-from dynident.regressors.base_parameters import BaseParameters, random_observation, select_base
+from dynident.regressors.base_parameters import BaseParameters, evaluate_at_random_states, select_base
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
@@ -76,7 +76,7 @@ def identify_currents(
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     stated: Sequence[float] | None = None,
     preprocessing: Preprocessing | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> tuple[CurrentModel, ...]:
     """Identify every joint's parameters in units of its current (A), whatever its drive gain is.
 
@@ -106,23 +106,25 @@ def identify_currents(
     """
     refuse_coupled_drives(robot, "currents are told joint by joint for")
     # Files usually hold torque that somebody computed from the current; dividing by that gain undoes it.
-    gains = stated_gains(robot, stated)
+    gains = get_stated_gains(robot, stated)
     check_current_effects(effects)
     check_recordings(robot, recordings, validation)
     check_temperature(effects, recordings, validation)
     model = build_model(robot, effects)
     chosen = preprocessing or choose_preprocessing(recordings)
-    nothing = ReferenceParameters.nothing(robot)
-    training = reduce_recordings(model.observation, recordings, chosen, nothing, part(progress, 0.0, 0.7))
+    nothing = ReferenceParameters.massless(robot)
+    training = reduce_recordings(model.observation, recordings, chosen, nothing, scale_progress(progress, 0.0, 0.7))
     held_out = None
     if validation:
-        held_out = reduce_recordings(model.observation, validation, chosen, nothing, part(progress, 0.7, 0.95))
-        held_out = scaled(held_out, 1.0 / gains)
+        held_out = reduce_recordings(
+            model.observation, validation, chosen, nothing, scale_progress(progress, 0.7, 0.95)
+        )
+        held_out = scale_torque(held_out, 1.0 / gains)
     # The recorded torque was computed with the stated gains; divided by these it is the current again.
-    training = scaled(training, 1.0 / gains)
+    training = scale_torque(training, 1.0 / gains)
     # Which columns a joint's equation tells apart does not depend on the recordings: random states decide it.
-    rows = random_observation(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)
-    models = tuple(_current_model(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
+    rows = evaluate_at_random_states(model.observation, _STATES).reshape(_STATES, robot.n, model.n_parameters)
+    models = tuple(_identify_current(model, joint, rows[:, joint], training, held_out) for joint in range(robot.n))
     progress(1.0, "solved")
     return models
 
@@ -135,7 +137,7 @@ def check_current_effects(effects: Sequence[EffectChoice]) -> None:
     DynidentError
     """
     for index, choice in enumerate(effects):
-        effect = effect_by_id(choice.effect, f"/effects/{index}")
+        effect = get_effect(choice.effect, f"/effects/{index}")
         open_ones = [spec.name for spec in effect.shapes if spec.name not in choice.shape_values]
         reason = ""
         if effect.needs_load:
@@ -148,16 +150,16 @@ def check_current_effects(effects: Sequence[EffectChoice]) -> None:
             raise DynidentError(f"{choice.effect} {reason}", pointer=f"/effects/{index}", title="Unfit effect")
 
 
-def _current_model(
+def _identify_current(
     model: Model, joint: int, rows: FloatArray, training: Reduction, held_out: Reduction | None
 ) -> CurrentModel:
     """Identify the current of one joint from its own equation."""
     base = select_base(rows, tuple(column.name for column in model.kept))
     kept_columns = np.array(base.kept, dtype=np.intp)
     # Only this joint's equation, in the columns that it tells apart.
-    own = only(training, (joint,)).select(kept_columns)
+    own = select_joints(training, (joint,)).select_columns(kept_columns)
     name = model.robot.joint_names[joint]
-    if not own.equations[joint].joined[:, -1].any():
+    if not own.equations[joint].joint_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero throughout", pointer="/measurement_ids", title="No current")
     solution = weighted(own)
     certainty = statistics(own, solution)
@@ -169,7 +171,7 @@ def _current_model(
             f"{model.kept[k].unit} {per_unit}",
             float(deviation),
             (float(value - half), float(value + half)),
-            judged(float(value), float(deviation), float(half), owed=False),
+            judge_parameter(float(value), float(deviation), float(half), owed=False),
             grouping,
         )
         for k, value, deviation, half, grouping in zip(
@@ -182,6 +184,10 @@ def _current_model(
         )
     )
     held_out_errors = (
-        None if held_out is None else errors(only(held_out, (joint,)).select(kept_columns), solution.values)
+        None
+        if held_out is None
+        else compute_errors(select_joints(held_out, (joint,)).select_columns(kept_columns), solution.values)
     )
-    return CurrentModel(name, base, parameters, solution, certainty, errors(own, solution.values), held_out_errors)
+    return CurrentModel(
+        name, base, parameters, solution, certainty, compute_errors(own, solution.values), held_out_errors
+    )

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
-from dynident.effects import EffectChoice, role_of
+from dynident.effects import EffectChoice, get_role
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
-from dynident.estimation.information import deviations_of
+from dynident.estimation.information import extract_deviations
 from dynident.estimation.statistics import NORMAL_95
-from dynident.identification.loads.payloads import PLAIN_EFFECTS, known_payload, loaded_data, scaled
-from dynident.identification.loads.stated import refuse_coupled_drives, stated_gains
-from dynident.progress import Progress, silent
+from dynident.identification.loads.payloads import PLAIN_EFFECTS, read_known_payload, reduce_with_payloads, scale_torque
+from dynident.identification.loads.stated import get_stated_gains, refuse_coupled_drives
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
 from dynident.threads import single_threaded
@@ -68,7 +68,7 @@ class DriveGains:
     @property
     def standard_deviations(self) -> FloatArray:
         """Standard deviations (n,), in the unit of `values`."""
-        return deviations_of(self.covariance)
+        return extract_deviations(self.covariance)
 
     @property
     def intervals(self) -> FloatArray:
@@ -127,7 +127,7 @@ def identify_gains(
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     stated: Sequence[float] | None = None,
     preprocessing: Preprocessing | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> DriveGains:
     """Identify the drive gains from the same motion without and with a known payload.
 
@@ -155,13 +155,13 @@ def identify_gains(
         model.
     """
     refuse_coupled_drives(robot, "gains are identified for")
-    payloads = [known_payload(recording) for recording in loaded]
-    data = loaded_data(robot, unloaded, loaded, effects, preprocessing, progress)
+    payloads = [read_known_payload(recording) for recording in loaded]
+    data = reduce_with_payloads(robot, unloaded, loaded, effects, preprocessing, progress)
     # Some payload parameters have no effect at all on this robot: a planar arm does not feel how high the load is.
     unfelt = {
         (column.parameter, column.runs)
         for column in (data.model.columns[k] for k in data.model.base.without_effect)
-        if role_of(column) == "load"
+        if get_role(column) == "load"
     }
     known = {
         data.payload_column(recording, name): value
@@ -169,11 +169,11 @@ def identify_gains(
         for name, value in payload.parameters.items()
         if (name, (recording.name,)) not in unfelt
     }
-    factors, covariance = total_least_squares(data.reduction, known)
-    scale = stated_gains(robot, stated)
+    factors, covariance = solve_total_least_squares(data.reduction, known)
+    scale = get_stated_gains(robot, stated)
     deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
-    warnings = (*_vague(robot, deviations, identifiable), *_negative(robot, factors))
+    warnings = (*_warn_of_uncertain_gains(robot, deviations, identifiable), *_warn_of_negative_gains(robot, factors))
     return DriveGains(
         robot.joint_names, factors * scale, covariance * np.outer(scale, scale), scale, identifiable, warnings
     )
@@ -188,7 +188,7 @@ def payload_mass(
     gains: DriveGains | None = None,
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     preprocessing: Preprocessing | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> PayloadEstimate:
     """Weigh the payload of a recording, by comparison with recordings without it.
 
@@ -215,22 +215,22 @@ def payload_mass(
     DynidentError
         Where the recordings do not determine the model.
     """
-    data = loaded_data(robot, unloaded, [loaded], effects, preprocessing, progress)
+    data = reduce_with_payloads(robot, unloaded, [loaded], effects, preprocessing, progress)
     column = data.payload_column(loaded, "Mp")
     factors = np.ones(robot.n) if gains is None else gains.factors
-    reduction = scaled(data.reduction, factors)
+    reduction = scale_torque(data.reduction, factors)
     solution = weighted(reduction)
     variance = float(statistics(reduction, solution).covariance[column, column])
     by_gain = 0.0
     if gains is not None:
         # The mass is linear in each joint's torque, and that is proportional to the joint's gain. So the slope of the
         # mass over a gain is the joint's contribution to the mass, divided by the gain.
-        slopes = _contributions(reduction, solution.noise, solution.normal_inverse[column]) / gains.values
+        slopes = _compute_contributions(reduction, solution.noise, solution.normal_inverse[column]) / gains.values
         by_gain = float(slopes @ gains.covariance @ slopes)
     return PayloadEstimate(float(solution.values[column]), float(np.sqrt(variance + by_gain)), float(np.sqrt(by_gain)))
 
 
-def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tuple[FloatArray, FloatArray]:
+def solve_total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tuple[FloatArray, FloatArray]:
     """Return the factors f (n,) on the measured side of f_j y_j = W_j χ, and their covariance (n, n).
 
     Parameters
@@ -249,12 +249,12 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
     fixed = np.zeros(c)
     fixed[list(known)] = list(known.values())
     free = np.array([k for k in range(c) if k not in known], dtype=np.intp)
-    values, inverse = _start(reduction, fixed, free)
+    values, inverse = _compute_start(reduction, fixed, free)
     for _ in range(_ROUNDS):
         if not np.isfinite([*values, *inverse]).all():
-            raise _unsettled()
+            raise _unsettled_error()
         # Gauss-Newton in k = 1 / f: y_j = k_j W_j χ is bilinear, and its errors are those of y as measured.
-        linear = _linearised(reduction, free, values, inverse)
+        linear = _linearise(reduction, free, values, inverse)
         solution = weighted(linear)
         before = inverse
         values = fixed.copy()
@@ -263,14 +263,14 @@ def total_least_squares(reduction: Reduction, known: Mapping[int, float]) -> tup
         if np.abs(inverse - before).max() <= _SETTLED * np.abs(inverse).max():
             break
     else:
-        raise _unsettled()
+        raise _unsettled_error()
     covariance = statistics(linear, solution).covariance[len(free) :, len(free) :]
     # The covariance of f = 1 / k by the delta method.
     slope = 1.0 / inverse**2
     return 1.0 / inverse, np.asarray(covariance[:n, :n] * np.outer(slope, slope))
 
 
-def _unsettled() -> EstimationError:
+def _unsettled_error() -> EstimationError:
     return EstimationError(
         "the gains do not settle: the payload's torque is too small beside the noise; carry a heavier one, and check "
         "the mass that is stated",
@@ -279,7 +279,7 @@ def _unsettled() -> EstimationError:
     )
 
 
-def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[FloatArray, FloatArray]:
+def _compute_start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[FloatArray, FloatArray]:
     """Return χ (c,) and 1/f (n,) of the singular vector of the smallest singular value of [W w -y].
 
     The columns are scaled to equal size.
@@ -288,13 +288,13 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[F
     parts = []
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
-        noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joined).max()))
+        noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joint_factor).max()))
         # One column for the torque of each joint, so that every joint has a factor of its own; one for the known
         # payload.
         wide = np.zeros((k + 1, c + 1 + n))
-        wide[:, equation.columns] = equation.joined[:, :k]
-        wide[:, c] = equation.joined[:, :k] @ fixed[equation.columns]
-        wide[:, c + 1 + j] = -equation.joined[:, k]
+        wide[:, equation.columns] = equation.joint_factor[:, :k]
+        wide[:, c] = equation.joint_factor[:, :k] @ fixed[equation.columns]
+        wide[:, c + 1 + j] = -equation.joint_factor[:, k]
         parts.append(wide / noise)
     rows = np.vstack(parts)[:, [*free, *range(c, c + 1 + n)]]
     sizes = np.linalg.norm(rows, axis=0)
@@ -305,7 +305,7 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[F
             title="Not identifiable",
         )
     if not np.isfinite(sizes).all():
-        raise _unsettled()
+        raise _unsettled_error()
     vector = np.linalg.svd(rows / sizes)[2][-1] / sizes
     # The singular vector has any length; the column of the known payload counts once, which gives it its scale.
     vector = vector / vector[len(free)]
@@ -314,7 +314,7 @@ def _start(reduction: Reduction, fixed: FloatArray, free: IndexArray) -> tuple[F
     return values, 1.0 / vector[len(free) + 1 :]
 
 
-def _linearised(reduction: Reduction, free: IndexArray, values: FloatArray, inverse: FloatArray) -> Reduction:
+def _linearise(reduction: Reduction, free: IndexArray, values: FloatArray, inverse: FloatArray) -> Reduction:
     """Linearise y_j = k_j W_j χ about χ and k = 1/f: columns k_j W_j of the free parameters and W_j χ of k_j."""
     number = {int(column): new for new, column in enumerate(free)}
     equations = []
@@ -327,22 +327,22 @@ def _linearised(reduction: Reduction, free: IndexArray, values: FloatArray, inve
         change[own, -1] = inverse[j] * values[equation.columns[own]]
         change[p, -1] = 1.0
         columns = [number[int(equation.columns[i])] for i in own] + [len(free) + j]
-        equations.append(equation.changed(change, np.array(columns, dtype=np.intp)))
+        equations.append(equation.mix_columns(change, np.array(columns, dtype=np.intp)))
     return Reduction(len(free) + len(reduction.equations), tuple(equations), reduction.spans)
 
 
-def _contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> FloatArray:
+def _compute_contributions(reduction: Reduction, noise: FloatArray, row: FloatArray) -> FloatArray:
     """Return the contribution (n,) of each equation's torque to a parameter; `row` (c,) is its row of (WᵀW)⁻¹."""
 
-    def share(equation: EquationFactors, sigma: float) -> float:
+    def compute_share(equation: EquationFactors, sigma: float) -> float:
         k = len(equation.columns)
-        score = equation.joined[:, :k].T @ equation.joined[:, k] / sigma**2
+        score = equation.joint_factor[:, :k].T @ equation.joint_factor[:, k] / sigma**2
         return float(row[equation.columns] @ score)
 
-    return np.array([share(e, float(s)) for e, s in zip(reduction.equations, noise, strict=True)])
+    return np.array([compute_share(e, float(s)) for e, s in zip(reduction.equations, noise, strict=True)])
 
 
-def _vague(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
+def _warn_of_uncertain_gains(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -> list[str]:
     """Return a warning for every gain that the data do not determine."""
     return [
         f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
@@ -352,7 +352,7 @@ def _vague(robot: Robot, deviations: FloatArray, identifiable: Sequence[bool]) -
     ]
 
 
-def _negative(robot: Robot, factors: FloatArray) -> list[str]:
+def _warn_of_negative_gains(robot: Robot, factors: FloatArray) -> list[str]:
     """Return a warning about gains with the sign opposite to the stated one."""
     names = [name for name, factor in zip(robot.joint_names, factors, strict=True) if factor < 0]
     if not names:

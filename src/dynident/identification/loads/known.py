@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dynident.asking import said
+from dynident.asking import declare_field
 
 
 @dataclass(frozen=True)
 class KnownLoad:
     """A known load, from which drive gains are identified."""
 
-    mass: float | None = said(
+    mass: float | None = declare_field(
         "Mass of the known load, where the measurements do not state it",
         default=None,
         unit="kg",
         at_least=1e-6,
         at_most=1e6,
     )
-    centre: tuple[float, float, float] | None = said(
+    centre: tuple[float, float, float] | None = declare_field(
         "Centre of the known load in the last joint's frame, where known",
         default=None,
         unit="m",
@@ -27,7 +27,7 @@ class KnownLoad:
         at_most=100,
     )
 
-    def over(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:
+    def override_payload(self, own: Mapping[str, object] | None) -> Mapping[str, object] | None:
         """Return the payload of a recording's metadata with the values of this load in place of its own.
 
         Parameters

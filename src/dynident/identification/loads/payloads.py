@@ -9,11 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import DEFAULT_EFFECTS, OFFSETS, EffectChoice, ReferenceParameters, effect_by_id, load_in, role_of
+from dynident.effects import (
+    DEFAULT_EFFECTS,
+    OFFSETS,
+    EffectChoice,
+    ReferenceParameters,
+    choose_payload,
+    get_effect,
+    get_role,
+)
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.equations.checks import check_recordings, check_reduction
-from dynident.progress import Progress, silent
+from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, choose_preprocessing
 from dynident.regressors.model import Model, build_model
 from dynident.regressors.stream import reduce_recordings
@@ -54,7 +62,7 @@ class LoadedData:
     def payload_column(self, recording: Recording, parameter: str) -> int:
         """Return the number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
         for k, column in enumerate(self.model.kept):
-            if role_of(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
+            if get_role(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
         raise DynidentError(
             f"{parameter} of the payload in {recording.name} dissolves in other parameters",
@@ -63,7 +71,7 @@ class LoadedData:
         )
 
 
-def known_payload(recording: Recording) -> KnownPayload:
+def read_known_payload(recording: Recording) -> KnownPayload:
     """Return the payload that a recording's metadata state.
 
     Raises
@@ -71,10 +79,10 @@ def known_payload(recording: Recording) -> KnownPayload:
     DynidentError
         Where there is none, or its mass or centre is no usable number.
     """
-    return stated_payload(recording.name, recording.payload)
+    return parse_payload(recording.name, recording.payload)
 
 
-def stated_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayload:
+def parse_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayload:
     """Return the payload from a recording's name and metadata, without the recording itself.
 
     Parameters
@@ -89,30 +97,30 @@ def stated_payload(name: str, payload: Mapping[str, object] | None) -> KnownPayl
         Where there is none, or its mass or centre is no usable number.
     """
     if payload is None:
-        raise _unusable(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+        raise _payload_error(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
     # Metadata come from a user's file or request, so every value may be of any type.
-    mass = _number(payload.get("mass"))
+    mass = _to_number(payload.get("mass"))
     if not (math.isfinite(mass) and mass > 0):
         stated = payload.get("mass")
-        raise _unusable(name, "/mass", f"the payload's mass is {stated!r}; give a number of kg above zero")
+        raise _payload_error(name, "/mass", f"the payload's mass is {stated!r}; give a number of kg above zero")
     centre = payload.get("centre")
     if centre is None:
         return KnownPayload(mass)
-    numbers = [_number(x) for x in centre] if isinstance(centre, Sequence) else []
+    numbers = [_to_number(x) for x in centre] if isinstance(centre, Sequence) else []
     if len(numbers) != 3 or not all(math.isfinite(x) for x in numbers):
-        raise _unusable(
+        raise _payload_error(
             name, "/centre", f"the payload's centre is {centre!r}; give x, y and z in m in the last joint's frame"
         )
     return KnownPayload(mass, (numbers[0], numbers[1], numbers[2]))
 
 
-def loaded_data(
+def reduce_with_payloads(
     robot: Robot,
     unloaded: Sequence[Recording],
     loaded: Sequence[Recording],
     effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
     preprocessing: Preprocessing | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> LoadedData:
     """Reduce recordings without and with a payload.
 
@@ -146,7 +154,7 @@ def loaded_data(
     if len(set(names)) < len(names):
         raise DynidentError("two recordings have the same name; give each its own", pointer="/loaded_ids", title=_TITLE)
     for index, choice in enumerate(effects):
-        effect = effect_by_id(choice.effect, f"/effects/{index}")
+        effect = get_effect(choice.effect, f"/effects/{index}")
         if effect.needs_load or effect.in_some_runs:
             raise DynidentError(
                 f"{choice.effect} cannot stand beside unknown gains and payloads; leave it out",
@@ -156,17 +164,17 @@ def loaded_data(
     recordings = [*unloaded, *loaded]
     check_recordings(robot, recordings, ())
     # A payload for each loaded recording, as an effect in that run alone: the name tells them apart.
-    carried = [load_in(recording.name) for recording in loaded]
+    carried = [choose_payload(recording.name) for recording in loaded]
     # Loads need no predicted torque here, so the reference parameters are empty.
     model = build_model(robot, [*effects, *carried])
     chosen = preprocessing or choose_preprocessing(recordings)
-    nothing = ReferenceParameters.nothing(robot)
+    nothing = ReferenceParameters.massless(robot)
     reduction = reduce_recordings(model.observation, recordings, chosen, nothing, progress)
     check_reduction(model, reduction)
     return LoadedData(model, reduction, tuple(loaded))
 
 
-def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
+def scale_torque(reduction: Reduction, factors: FloatArray) -> Reduction:
     """Return the same data with the torque of every equation multiplied by a factor (n,).
 
     Parameters
@@ -176,16 +184,16 @@ def scaled(reduction: Reduction, factors: FloatArray) -> Reduction:
     """
     equations = tuple(
         # Only the last column, which holds the torque, is scaled.
-        equation.changed(np.diag([*np.ones(len(equation.columns)), factor]), equation.columns)
+        equation.mix_columns(np.diag([*np.ones(len(equation.columns)), factor]), equation.columns)
         for equation, factor in zip(reduction.equations, factors, strict=True)
     )
     return Reduction(reduction.n_columns, equations, reduction.spans)
 
 
-def _number(value: object) -> float:
+def _to_number(value: object) -> float:
     """Return the value as a number; NaN where it is none."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
-def _unusable(name: str, where: str, detail: str) -> DynidentError:
+def _payload_error(name: str, where: str, detail: str) -> DynidentError:
     return DynidentError(f"{name}: {detail}", pointer=f"/payload{where}", title=_TITLE)

@@ -11,7 +11,7 @@ from dynident.errors import DynidentError
 from dynident.robot import Robot
 
 
-def stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
+def get_stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
     """Return the stated gains (n,): those given, else those of the robot's drives, else 1.
 
     Parameters

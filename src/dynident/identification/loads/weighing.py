@@ -84,11 +84,11 @@ def payload_from_pair(
         with_own = weigh(own)
     except EstimationError as error:
         reason = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
-        return _unknown(reason, alike, None)
-    return judged(alike, with_own)
+        return _not_identifiable(reason, alike, None)
+    return compare_estimates(alike, with_own)
 
 
-def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
+def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     """Compare two estimates of one mass: with the friction of all runs alike, and with the loaded run's own.
 
     Parameters
@@ -101,21 +101,19 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     """
     deviation = hypot(alike.standard_deviation, apart.standard_deviation)
     between = abs(alike.mass - apart.mass)
-    both = (
-        f"{_said(alike)} if friction and offsets are the same in all runs, {_said(apart)} if the loaded run has its own"
-    )
+    both = f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if the loaded run has its own"
     if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
-        return _unknown(
+        return _not_identifiable(
             f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "
             "of friction or offset here; move the joints that lift it further, and slower, in the loaded run",
             alike,
             apart,
         )
     if alike.mass <= 0 or apart.mass <= 0:
-        return _unknown(f"no payload is to be seen: {both}", alike, apart)
+        return _not_identifiable(f"no payload is to be seen: {both}", alike, apart)
     widest = max(alike.standard_deviation, apart.standard_deviation)
     if NORMAL_95 * widest > _CERTAIN * alike.mass:
-        return _unknown(
+        return _not_identifiable(
             f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself "
             f"({both}); move the joints that lift it further, or record for longer",
             alike,
@@ -126,9 +124,9 @@ def judged(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
     return PayloadVerdict(True, f"the runs agree: {both}", alike.mass, interval, alike, apart)
 
 
-def _unknown(reason: str, alike: PayloadEstimate, with_own: PayloadEstimate | None) -> PayloadVerdict:
+def _not_identifiable(reason: str, alike: PayloadEstimate, with_own: PayloadEstimate | None) -> PayloadVerdict:
     return PayloadVerdict(False, reason, None, None, alike, with_own)
 
 
-def _said(estimate: PayloadEstimate) -> str:
+def _write_mass(estimate: PayloadEstimate) -> str:
     return f"{estimate.mass:.3g} ± {NORMAL_95 * estimate.standard_deviation:.2g} kg"

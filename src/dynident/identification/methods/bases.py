@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from dynident.kinds import Kind, Kinds
+from dynident.kinds import Registry, RegistryEntry
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
@@ -17,7 +17,7 @@ _HOME = "dynident.identification.methods"
 
 
 @dataclass(frozen=True)
-class Estimator(Kind, ABC):
+class Estimator(RegistryEntry, ABC):
     """An estimator solves the equations of the data for χ; its fields are the options that it alone takes.
 
     `from_reduced`: it needs the reduced data alone, and gives least squares of the joints' torques where these are its
@@ -51,7 +51,7 @@ class Estimator(Kind, ABC):
 
 
 @dataclass(frozen=True)
-class Strategy(Kind, ABC):
+class Strategy(RegistryEntry, ABC):
     """A strategy decides which data and which parameters are solved for at a time.
 
     `from_reduced`: it needs the reduced data alone. `at_once`: all parameters are found together, so that a prior on
@@ -74,7 +74,7 @@ class Strategy(Kind, ABC):
 
 
 @dataclass(frozen=True)
-class RowsModel(Kind):
+class EquationType(RegistryEntry):
     """An equation type: what the rows of W are.
 
     `by_joint`: every joint has equations of its own.
@@ -84,7 +84,7 @@ class RowsModel(Kind):
 
 
 @dataclass(frozen=True)
-class Prior(Kind):
+class Prior(RegistryEntry):
     """A prior: which knowledge from the robot's description is used beside the data.
 
     `of_bodies`: a distance between bodies that can exist, which only an estimator of such bodies takes. `called`: its
@@ -96,7 +96,7 @@ class Prior(Kind):
 
 
 # Each registry finds its kinds in the files of one package, and imports these only when the first kind is asked for.
-ESTIMATORS: Kinds[Estimator] = Kinds(f"{_HOME}.estimators", Estimator, "estimator")
-STRATEGIES: Kinds[Strategy] = Kinds(f"{_HOME}.strategies", Strategy, "strategy")
-MODELS: Kinds[RowsModel] = Kinds(f"{_HOME}.models", RowsModel, "model")
-PRIORS: Kinds[Prior] = Kinds(f"{_HOME}.priors", Prior, "prior")
+ESTIMATORS: Registry[Estimator] = Registry(f"{_HOME}.estimators", Estimator, "estimator")
+STRATEGIES: Registry[Strategy] = Registry(f"{_HOME}.strategies", Strategy, "strategy")
+MODELS: Registry[EquationType] = Registry(f"{_HOME}.models", EquationType, "model")
+PRIORS: Registry[Prior] = Registry(f"{_HOME}.priors", Prior, "prior")

@@ -1,7 +1,22 @@
 """Gross faults of a recording, found by the robot's own dynamics: columns in another order, signs turned round."""
 
-from dynident.identification.mistakes.checks import CAUSES, VETOES, Examined, checks_against, examine
-from dynident.identification.mistakes.search import Finding, mistakes_in
-from dynident.identification.mistakes.swaps import Mistake
+from dynident.identification.mistakes.checks import (
+    CAUSES,
+    VETOES,
+    DynamicsCheck,
+    build_dynamics_checks,
+    check_recording_faults,
+)
+from dynident.identification.mistakes.search import DetectedFault, find_recording_faults
+from dynident.identification.mistakes.swaps import ColumnFault
 
-__all__ = ["CAUSES", "VETOES", "Examined", "Finding", "Mistake", "checks_against", "examine", "mistakes_in"]
+__all__ = [
+    "CAUSES",
+    "VETOES",
+    "ColumnFault",
+    "DetectedFault",
+    "DynamicsCheck",
+    "build_dynamics_checks",
+    "check_recording_faults",
+    "find_recording_faults",
+]

@@ -12,27 +12,27 @@ from dynident.errors import DynidentError
 from dynident.identification.mistakes.judge import BLOCKS
 from dynident.identification.mistakes.swaps import Motion
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.recordings.choosing import LEAST_HARMONICS, OVERSAMPLING, motion_band
-from dynident.recordings.evidence import shortened
+from dynident.recordings.choosing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
+from dynident.recordings.evidence import shorten_recording
 from dynident.recordings.types import SampleBlock
-from dynident.regressors.stream import parallel_filtered
+from dynident.regressors.stream import filter_in_parallel
 
 _ROWS = 2500
 """Rows that faults are looked for in: every candidate is fitted to them, so more would take longer and tell little."""
 
 
-def motion_of(recording: Recording) -> Motion | None:
+def filter_motion(recording: Recording) -> Motion | None:
     """Return filtered rows from all over a recording; None where it is too short to be filtered.
 
     Parameters
     ----------
     recording : Recording
     """
-    whole = whole_motion_of(recording)
-    return None if whole is None else thinned(whole[0])
+    whole = filter_whole_motion(recording)
+    return None if whole is None else thin_out(whole[0])
 
 
-def thinned(motion: Motion) -> Motion:
+def thin_out(motion: Motion) -> Motion:
     """Return every so many rows of a motion, as many as faults are looked for in.
 
     Parameters
@@ -45,7 +45,7 @@ def thinned(motion: Motion) -> Motion:
     return Motion(q, dq, ddq, tau, block)
 
 
-def whole_motion_of(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
+def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[Motion, float] | None:
     """Return the filtered rows in their order, and the seconds between them; None where the recording is too short.
 
     Parameters
@@ -59,7 +59,7 @@ def whole_motion_of(recording: Recording, *, narrow: bool = False) -> tuple[Moti
         choice = choose_preprocessing([recording])
         cutoff = choice.torque_cutoff
         if narrow and cutoff is not None:
-            cutoff = min(cutoff, LEAST_HARMONICS * motion_band([recording]))
+            cutoff = min(cutoff, LEAST_HARMONICS * find_motion_band([recording]))
             choice = replace(choice, decimation=max(1, floor(recording.sampling_rate / (OVERSAMPLING * cutoff))))
     except DynidentError:
         return None
@@ -72,8 +72,8 @@ def whole_motion_of(recording: Recording, *, narrow: bool = False) -> tuple[Moti
         return np.concatenate([block.q, block.dq, block.ddq, block.tau], axis=1)
 
     # A few minutes tell enough; filtering an hour only takes time.
-    short = shortened(recording, choice.decimation)
-    rows = [part for _, _, part in parallel_filtered(short, choice, values)]
+    short = shorten_recording(recording, choice.decimation)
+    rows = [part for _, _, part in filter_in_parallel(short, choice, values)]
     whole = np.concatenate(rows) if rows else np.zeros((0, 4 * n))
     if not len(whole):
         return None

@@ -7,31 +7,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynident.identification.mistakes.bands import thinned
-from dynident.identification.mistakes.described_units import DescribedUnits, find_units
-from dynident.identification.mistakes.gravity import Mounting, compensated, other_mounting
-from dynident.identification.mistakes.judge import Left
-from dynident.identification.mistakes.scales import scales_of
+from dynident.identification.mistakes.bands import thin_out
+from dynident.identification.mistakes.described_units import DescriptionUnits, find_description_units
+from dynident.identification.mistakes.gravity import Mounting, detect_compensated_gravity, find_other_mounting
+from dynident.identification.mistakes.judge import UnexplainedTorque
+from dynident.identification.mistakes.scales import find_torque_scales
 from dynident.identification.mistakes.search import (
     ALIKE,
     MOST_JOINTS,
     SOUND,
     WORST_EXPLAINED,
-    Finding,
-    Judges,
-    delay_among,
-    excess_in,
-    find_mistakes,
-    motion_to_judge,
+    DetectedFault,
+    HeldOutFits,
+    filter_for_search,
+    find_delay,
+    find_excess_of_motion,
+    search_faults,
 )
 from dynident.identification.mistakes.static_torque import StaticTorque, find_static_torque
-from dynident.identification.mistakes.swaps import Kind, Mistake, Motion
+from dynident.identification.mistakes.swaps import ColumnFault, FaultKind, Motion
 from dynident.recordings.stated import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Revision
 from dynident.recordings.types import Check, ModelChecks, Recording
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 
-_CHECK: dict[Kind, str] = {
+_CHECK: dict[FaultKind, str] = {
     "torques swapped": "torque_order",
     "positions swapped": "joint_order",
     "joints swapped": "joint_order",
@@ -52,27 +52,27 @@ VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign"
 CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
 """Checks that name possible causes where a model fails."""
 
-_HARDLY = 1.1
+_HARDLY_BETTER = 1.1
 """Ratio of the unexplained shares with and without a fault, below which negative friction is the reason to report
 it."""
 
 _MASSES = "Torques are far from what the masses of the description need: "
 _FRICTION = "Friction is far larger than the other joints', or what its drive can give, allow: "
 
-_ELSE = (
+_OTHER_CAUSES = (
     " If columns and signs are right, something else about this robot is not: gravity in the description, the zero of "
     "a joint, a drive gain."
 )
 
 
-class Examined(NamedTuple):
+class DynamicsCheck(NamedTuple):
     """The checks of a recording against its robot's dynamics, and the unexplained shares of the torque as it is."""
 
     checks: tuple[Check, ...]
-    left: Left | None
+    unexplained: UnexplainedTorque | None
 
 
-def checks_against(robot: Robot) -> ModelChecks:
+def build_dynamics_checks(robot: Robot) -> ModelChecks:
     """Return a function that checks a recording against a robot's dynamics, for `import_recording`.
 
     The function takes a recording and the user's names of its position and torque columns. It returns None where the
@@ -84,13 +84,13 @@ def checks_against(robot: Robot) -> ModelChecks:
     """
 
     def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
-        return examine(robot, recording, q, tau).checks or None
+        return check_recording_faults(robot, recording, q, tau).checks or None
 
     return check
 
 
 @single_threaded
-def examine(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Examined:
+def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> DynamicsCheck:
     """Check a recording against its robot's dynamics: causes about the whole robot first, then single columns.
 
     Parameters
@@ -105,54 +105,54 @@ def examine(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[
     Examined
         Without checks where the recording is too short, or the robot has too many joints.
     """
-    units = find_units(robot)
+    units = find_description_units(robot)
     # Masses in grams would make every torque look a thousand times too small, so the description is brought to SI
     # first.
-    machine = robot if units is None else units.of(robot)
-    described = () if units is None else (_description(units),)
-    judges = Judges(machine)
+    machine = robot if units is None else units.to_si(robot)
+    described = () if units is None else (_report_description_units(units),)
+    judges = HeldOutFits(machine)
     # All checks share these rows, as reading and filtering the whole recording takes most of the time.
-    whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
+    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
     if whole is None:
-        return Examined(described, None)
-    motion = thinned(whole[0])
+        return DynamicsCheck(described, None)
+    motion = thin_out(whole[0])
     # A commanded gravity torque explains itself perfectly, so it has to be refused before any fit is compared.
-    static = find_static_torque(machine, motion, judges.plain)
+    static = find_static_torque(machine, motion, judges.plain_fit)
     if static is not None:
-        return Examined((_commanded(static, tau), *described), None)
-    search_result = find_mistakes(machine, motion, judges)
+        return DynamicsCheck((_report_commanded(static, tau), *described), None)
+    search_result = search_faults(machine, motion, judges)
     if search_result is None:
-        return Examined(described, None)
+        return DynamicsCheck(described, None)
     mistakes, now = search_result
-    as_is = judges.plain.left(motion)
-    mounted = None if _is_enough(mistakes, now) else other_mounting(machine, motion, as_is)
+    as_is = judges.plain_fit.measure_unexplained(motion)
+    mounted = None if _is_explained_by_one(mistakes, now) else find_other_mounting(machine, motion, as_is)
     # One cause for the whole robot is more likely than several for some joints.
     if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
         mistakes = ()
     elif mistakes:
         mounted = None
     wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
-    fine = f"No other order or sign of the columns explains the torque clearly better: {now.usual:.0%} are left of it."
+    fine = f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} are left of it."
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
-        findings: tuple[Check, ...] = (_mounting(mounted, machine),)
+        findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
     elif mistakes:
-        findings = tuple(_check(finding, recording, q, tau) for finding in mistakes)
+        findings = tuple(_report_fault(finding, recording, q, tau) for finding in mistakes)
     else:
-        findings = _scales(machine, motion, recording, tau, judges)
+        findings = _check_scales(machine, motion, recording, tau, judges)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
-            findings = (*_delay(machine, *whole, tau, judges), *findings)
-        findings = (*_gravity(machine, motion, tau), *findings)
-    return Examined((*passed, *findings, *described), as_is)
+            findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+        findings = (*_report_compensated(machine, motion, tau), *findings)
+    return DynamicsCheck((*passed, *findings, *described), as_is)
 
 
-def _is_enough(mistakes: Sequence[Finding], now: Left) -> bool:
+def _is_explained_by_one(mistakes: Sequence[DetectedFault], now: UnexplainedTorque) -> bool:
     """Tell whether one fault of the columns explains all that was unexplained, so that no other cause is looked for."""
-    return len(mistakes) == 1 and mistakes[0].certain and now.worst < WORST_EXPLAINED
+    return len(mistakes) == 1 and mistakes[0].certain and now.worst_share < WORST_EXPLAINED
 
 
-def _description(units: DescribedUnits) -> Check:
+def _report_description_units(units: DescriptionUnits) -> Check:
     return Check(
         "description_units",
         "warning",
@@ -162,9 +162,9 @@ def _description(units: DescribedUnits) -> Check:
     )
 
 
-def _commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
+def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     columns = ", ".join(tau[joint] for joint in static.joints)
-    unexplained, moving = (f"{max(share, 1e-4):.2%}" for share in (static.left, static.moving_share))
+    unexplained, moving = (f"{max(share, 1e-4):.2%}" for share in (static.unexplained, static.moving_share))
     return Check(
         COMMANDED,
         "error",
@@ -176,32 +176,32 @@ def _commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     )
 
 
-def _check(finding: Finding, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
-    description = told_of(finding.mistake, recording, q, tau)
-    twins = "; or ".join(told_of(twin, recording, q, tau) for twin in finding.alike[:2])
+def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
+    description = describe_fault(finding.mistake, recording, q, tau)
+    twins = "; or ".join(describe_fault(twin, recording, q, tau) for twin in finding.alike[:2])
     doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
-    known, otherwise = ("It seems that", "") if finding.certain else ("It may be that", _ELSE)
+    known, otherwise = ("It seems that", "") if finding.certain else ("It may be that", _OTHER_CAUSES)
     why = (
         f"{finding.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
         f"{finding.left_without:.0%}"
     )
-    if finding.left_with < _HARDLY * finding.left_without:
+    if finding.left_with < _HARDLY_BETTER * finding.left_without:
         why = "friction would drive the joint, which there is not"
     columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
     return Check(
         _CHECK[finding.mistake.kind],
         "error" if finding.certain else "warning",
-        f"{known} {description}: as the columns are, {why}. {_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
+        f"{known} {description}: as the columns are, {why}. {_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
         columns[finding.mistake.joints[0]],
         # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
         # has to choose, and a ratio is only as good as the masses of the description.
         apply=None
         if finding.certain and (_is_ambiguous(finding) or is_scaled)
-        else revision_of(finding.mistake, recording.n),
+        else build_revision(finding.mistake, recording.n),
     )
 
 
-def _is_ambiguous(finding: Finding) -> bool:
+def _is_ambiguous(finding: DetectedFault) -> bool:
     """Tell whether another cure, of other signals, explains as much.
 
     Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
@@ -209,8 +209,8 @@ def _is_ambiguous(finding: Finding) -> bool:
     return any(len(finding.mistake.pairs) < 2 or twin.joints != finding.mistake.joints for twin in finding.alike)
 
 
-def _gravity(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
-    shares = compensated(robot, motion)
+def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
+    shares = detect_compensated_gravity(robot, motion)
     if shares is None:
         return ()
     return (
@@ -225,21 +225,23 @@ def _gravity(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, .
     )
 
 
-def _mounting(mounting: Mounting, robot: Robot) -> Check:
+def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
     direction = ",".join(f"{value:.3g}" for value in mounting.gravity + 0.0)
     worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
     return Check(
         GRAVITY,
         "warning",
         f"Gravity seems to pull along ({direction}) m/s² of the base, as on a wall, a slope or a ceiling: with the "
-        f"stated one {mounting.left_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
-        f"dynamics, with that at most {mounting.left:.0%} of any joint's. State it with the robot: "
+        f"stated one {mounting.unexplained_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
+        f"dynamics, with that at most {mounting.unexplained:.0%} of any joint's. State it with the robot: "
         f'"gravity": [{direction}].',
     )
 
 
-def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: Judges) -> tuple[Check, ...]:
-    delay = delay_among(robot, motion, period, judges)
+def _check_delay(
+    robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: HeldOutFits
+) -> tuple[Check, ...]:
+    delay = find_delay(robot, motion, period, judges)
     if delay is None:
         return ()
     word = "late" if delay.seconds > 0 else "early"
@@ -263,10 +265,10 @@ def _delay(robot: Robot, motion: Motion, period: float, tau: Sequence[str], judg
     return (check,)
 
 
-def _scales(
-    robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: Judges
+def _check_scales(
+    robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
 ) -> tuple[Check, ...]:
-    scales = scales_of(robot, motion, excess_in(robot, motion, judges))
+    scales = find_torque_scales(robot, motion, find_excess_of_motion(robot, motion, judges))
     if scales is None:
         return ()
     if not scales:
@@ -296,7 +298,7 @@ def _scales(
     )
 
 
-def revision_of(mistake: Mistake, n: int) -> Revision | None:
+def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
     """Return the correction of a file's metadata that mends a fault; None where no metadata can.
 
     Parameters
@@ -319,7 +321,7 @@ def revision_of(mistake: Mistake, n: int) -> Revision | None:
     return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
 
 
-def told_of(mistake: Mistake, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
     """Describe a fault in words, with the user's names of position and torque columns.
 
     Parameters
@@ -369,7 +371,7 @@ def told_of(mistake: Mistake, recording: Recording, q: Sequence[str], tau: Seque
     return descriptions[mistake.kind]
 
 
-def _cure(mistake: Mistake, q: Sequence[str], tau: Sequence[str]) -> str:
+def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> str:
     if mistake.kind == "joint coupled":
         own, other = (q[joint] for joint in mistake.joints)
         word = "Subtract" if mistake.factor > 0 else "Add"

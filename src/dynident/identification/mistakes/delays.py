@@ -32,11 +32,11 @@ where most of it has a small share, one in twenty gave less. What comes of it is
 `benchmarks/gross_mistakes.py`."""
 
 # Delays in s that are tried, closer together near zero; between them a parabola finds the lowest point.
-_TRIED = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
+_CANDIDATES = np.array([-0.045, -0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03, 0.045])
 _FEW = 8
 
 
-class Told(Protocol):
+class UnexplainedShares(Protocol):
     """Unexplained shares of a torque, as mean logarithms: held out in each block (blocks,), and inside the fit."""
 
     @property
@@ -58,11 +58,14 @@ class Delay:
     @property
     def is_at_the_end(self) -> bool:
         """Whether it is the largest delay that was tried: the cause then need not be a delay."""
-        return abs(self.seconds) >= float(_TRIED.max())
+        return abs(self.seconds) >= float(_CANDIDATES.max())
 
 
-def delay_of(
-    motion: Motion, period: float, left_of: Callable[[Motion], Told], left_beside: Callable[[Motion], Told]
+def estimate_delay(
+    motion: Motion,
+    period: float,
+    left_of: Callable[[Motion], UnexplainedShares],
+    left_beside: Callable[[Motion], UnexplainedShares],
 ) -> Delay | None:
     """Find the delay with which the robot explains most; None where the rows are too few.
 
@@ -90,32 +93,32 @@ def delay_of(
     def shift_torque(seconds: float) -> Motion:
         return replace(motion, tau=torque(np.clip(rows + seconds / period, 0.0, rows[-1])))
 
-    unexplained = [left_of(shift_torque(float(seconds))) for seconds in _TRIED]
-    seconds = _lowest(np.array([trial.blocks.mean() for trial in unexplained]))
+    unexplained = [left_of(shift_torque(float(seconds))) for seconds in _CANDIDATES]
+    seconds = _find_lowest(np.array([trial.blocks.mean() for trial in unexplained]))
     inside = np.array([trial.inside for trial in unexplained])
-    now, then = unexplained[int(np.flatnonzero(_TRIED == 0.0)[0])], left_of(shift_torque(seconds))
+    now, then = unexplained[int(np.flatnonzero(_CANDIDATES == 0.0)[0])], left_of(shift_torque(seconds))
     fall = now.blocks - then.blocks
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     sure = float(fall.mean()) >= max(CLEARLY, SURELY * error) and now.inside - inside.min() >= INSIDE * fall.mean()
     # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
     # alone is chance.
-    mistaken = sure and not _can_be(seconds) and not _can_be(_lowest(inside))
+    mistaken = sure and not _is_possible_delay(seconds) and not _is_possible_delay(_find_lowest(inside))
     if mistaken:
         fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
         mistaken = fall_beside_offsets >= BESIDE_OFFSETS * fall.mean()
     return Delay(seconds, bool(mistaken), float(np.exp(now.blocks.mean())), float(np.exp(then.blocks.mean())))
 
 
-def _can_be(seconds: float) -> bool:
+def _is_possible_delay(seconds: float) -> bool:
     return EARLIEST <= seconds <= LATEST
 
 
-def _lowest(unexplained: FloatArray) -> float:
+def _find_lowest(unexplained: FloatArray) -> float:
     """Return the delay with the smallest unexplained share, by a parabola through the best that was tried."""
     best = int(np.argmin(unexplained))
-    if best in (0, len(_TRIED) - 1):
-        return float(_TRIED[best])
-    x, y = (values[best - 1 : best + 2] for values in (_TRIED, unexplained))
+    if best in (0, len(_CANDIDATES) - 1):
+        return float(_CANDIDATES[best])
+    x, y = (values[best - 1 : best + 2] for values in (_CANDIDATES, unexplained))
     # A parabola through the best point and its neighbours; it only has a lowest point where it opens upwards.
     a, b, _ = np.polyfit(x, y, 2)
     return float(np.clip(-0.5 * b / a, x[0], x[-1])) if a > 0 else float(x[1])

@@ -10,9 +10,17 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.identification.mistakes.judge import BLOCKS, CLEARLY, OTHERS, Left, log_shares, moves_of, moving_joints
-from dynident.identification.mistakes.scales import load_of
-from dynident.identification.mistakes.swaps import Mistake, Motion
+from dynident.identification.mistakes.judge import (
+    BLOCKS,
+    CLEARLY,
+    LEAVE_ONE_OUT,
+    UnexplainedTorque,
+    compute_log_shares,
+    find_moving_joints,
+    find_moving_rows,
+)
+from dynident.identification.mistakes.scales import compute_described_load
+from dynident.identification.mistakes.swaps import ColumnFault, Motion
 from dynident.robot.model import Robot
 
 # Added to the scaled normal matrix, so that it has a Cholesky factor where columns depend on each other.
@@ -20,7 +28,7 @@ _RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class SecondOpinion:
+class DescriptionFit:
     """Opinion of a robot's description on faults in a motion; a fit of all parameters leaves `now` unexplained.
 
     In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left
@@ -30,9 +38,9 @@ class SecondOpinion:
 
     robot: Robot
     motion: Motion
-    now: Left
+    now: UnexplainedTorque
 
-    def refutes(self, mistake: Mistake) -> bool:
+    def refutes(self, mistake: ColumnFault) -> bool:
         """Tell whether the description explains the torque as the columns are, and no better without a fault.
 
         It has no opinion on a scaled torque, as its gain is free.
@@ -41,12 +49,12 @@ class SecondOpinion:
         ----------
         mistake : Mistake
         """
-        if mistake.kind == "torque scaled" or self._as_is > self.now.blocks.mean() + self._clearly:
+        if mistake.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
             return False
-        mended = left_by_description(self.robot, mistake.mended(self.motion))
-        return mended is not None and self._as_is - mended < self._clearly
+        mended = measure_left_by_description(self.robot, mistake.mend(self.motion))
+        return mended is not None and self._unexplained_as_is - mended < self._threshold
 
-    def prefers(self, mistake: Mistake, other: Mistake) -> bool:
+    def prefers(self, mistake: ColumnFault, other: ColumnFault) -> bool:
         """Tell whether the description explains clearly more without one fault than without another.
 
         It decides between faults that a fit cannot tell apart.
@@ -56,21 +64,21 @@ class SecondOpinion:
         mistake, other : Mistake
         """
         first_left, second_left = (
-            left_by_description(self.robot, each.mended(self.motion)) for each in (mistake, other)
+            measure_left_by_description(self.robot, each.mend(self.motion)) for each in (mistake, other)
         )
-        return first_left is not None and second_left is not None and second_left - first_left >= self._clearly
+        return first_left is not None and second_left is not None and second_left - first_left >= self._threshold
 
     @property
-    def _clearly(self) -> float:
+    def _threshold(self) -> float:
         return CLEARLY / max(int(self.now.moving.sum()), 1)
 
     @cached_property
-    def _as_is(self) -> float:
-        unexplained = left_by_description(self.robot, self.motion)
+    def _unexplained_as_is(self) -> float:
+        unexplained = measure_left_by_description(self.robot, self.motion)
         return np.inf if unexplained is None else unexplained
 
 
-def left_by_description(robot: Robot, motion: Motion) -> float | None:
+def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     """Return the mean logarithm of the unexplained share of the torque, with the description's load on each joint.
 
     The gain of the load, dry and viscous friction and the inertia of the drive are not negative; a constant torque is
@@ -86,36 +94,38 @@ def left_by_description(robot: Robot, motion: Motion) -> float | None:
     float or None
         None where the description has no masses.
     """
-    load = load_of(robot, motion)
+    load = compute_described_load(robot, motion)
     if load is None:
         return None
-    moves = moves_of(motion)
+    moves = find_moving_rows(motion)
     shares = [
-        _left(_columns(motion, load, int(joint)), motion.tau[:, joint], motion.block, moves[:, joint])
-        for joint in np.flatnonzero(moving_joints(motion))
+        _measure_unexplained(
+            _build_columns(motion, load, int(joint)), motion.tau[:, joint], motion.block, moves[:, joint]
+        )
+        for joint in np.flatnonzero(find_moving_joints(motion))
     ]
     return float(np.mean(shares))
 
 
-def _columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
+def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
     """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
     dq, ones = motion.dq[:, joint], np.ones(len(load))
     return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
 
-def _left(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> float:
+def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, moves: BoolArray) -> float:
     rows = np.concatenate([columns, tau[:, None]], axis=1)
     parts = [rows[moves & (block == number)] for number in range(BLOCKS)]
     grams = np.stack([part.T @ part for part in parts])
     # Inner products of all blocks but each one: every block is then predicted from a fit without it, at no further
     # pass.
-    others = np.tensordot(OTHERS, grams, axes=1)
-    residual = np.stack([np.append(-_fitted(gram), 1.0) for gram in others[:-1]])
+    others = np.tensordot(LEAVE_ONE_OUT, grams, axes=1)
+    residual = np.stack([np.append(-_fit(gram), 1.0) for gram in others[:-1]])
     squares = np.einsum("bi,bik,bk->b", residual, grams, residual)
-    return float(log_shares(squares, others[-1, -1, -1] / BLOCKS).mean())
+    return float(compute_log_shares(squares, others[-1, -1, -1] / BLOCKS).mean())
 
 
-def _fitted(gram: FloatArray) -> FloatArray:
+def _fit(gram: FloatArray) -> FloatArray:
     """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
     scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
     normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))

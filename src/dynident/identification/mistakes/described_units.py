@@ -19,14 +19,14 @@ _SMALL = 1e-3
 
 
 @dataclass(frozen=True)
-class DescribedUnits:
+class DescriptionUnits:
     """Factors that bring a description's masses, first moments and inertias to SI units."""
 
     mass: float
     moment: float
     inertia: float
 
-    def of(self, robot: Robot) -> Robot:
+    def to_si(self, robot: Robot) -> Robot:
         """Return the robot with inertial parameters in SI units.
 
         Parameters
@@ -48,7 +48,7 @@ class DescribedUnits:
         return ", ".join(text for text in (masses, centres, inertias) if text)
 
 
-def find_units(robot: Robot) -> DescribedUnits | None:
+def find_description_units(robot: Robot) -> DescriptionUnits | None:
     """Find the units of a description's masses, from its own numbers alone.
 
     Parameters
@@ -74,5 +74,5 @@ def find_units(robot: Robot) -> DescribedUnits | None:
     # Radius of gyration about the joint, by the largest moment of inertia; about the centre of mass it is no larger.
     squares = np.abs(links[:, [0, 3, 5]]).max(axis=1) / masses
     wide = float(np.sqrt(np.median(squares))) > _WIDEST * reach
-    units = DescribedUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
-    return None if units == DescribedUnits(1.0, 1.0, 1.0) else units
+    units = DescriptionUnits(mass, moment, mass * (_SMALL**2 if wide else 1.0))
+    return None if units == DescriptionUnits(1.0, 1.0, 1.0) else units

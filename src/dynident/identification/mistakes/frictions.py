@@ -41,7 +41,7 @@ _KNOWN = 0.5
 """Share of a friction by which it may differ between blocks of time and still count as known."""
 
 
-def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) -> dict[int, float]:
+def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) -> dict[int, float]:
     """Return the joints whose friction is too large, and how many times that of the others.
 
     Parameters
@@ -56,10 +56,10 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
     -------
     dict of int to float
     """
-    size, known = _sizes(frictions)
-    limits = limits_of(robot)
+    size, known = _summarise_frictions(frictions)
+    limits = get_effort_limits(robot)
     if limits is None:
-        return _by_place(robot, size, known, heavy)
+        return _find_by_place(robot, size, known, heavy)
     share = size / limits
     excess: dict[int, float] = {}
     joints = np.arange(robot.n)
@@ -71,26 +71,27 @@ def excess_of(robot: Robot, frictions: FloatArray, heavy: Collection[int] = ()) 
             continue
         # Compare shares of the limits of effort: large joints have more friction than small ones in N m.
         usual, largest = float(np.median(share[others])), float(share[others].max())
-        most = size[others & _turning(robot)].max(initial=0.0)
+        most = size[others & _find_revolute(robot)].max(initial=0.0)
         large = [
-            share[joint] > _least(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
+            share[joint]
+            > _get_threshold_factor(int(joint), heavy) * max(LARGE_SHARE, APART * usual, APART_LARGEST * largest)
             and (size[joint] > MORE * most or share[joint] > HUGE_SHARE)
             for joint in members
         ]
         if all(large):
             excess |= {int(joint): float(share[joint]) / usual for joint in members}
-    excess = excess or _by_make(robot, size, known, limits)
-    by_place = _by_place(robot, size, known, heavy)
+    excess = excess or _find_by_make(robot, size, known, limits)
+    by_place = _find_by_place(robot, size, known, heavy)
     return excess or {
         joint: times
         for joint, times in by_place.items()
-        if share[joint] > _least(joint, heavy) * APART * _middle(share, joint)
+        if share[joint] > _get_threshold_factor(joint, heavy) * APART * _get_median_of_others(share, joint)
     }
 
 
-def _by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArray) -> dict[int, float]:
+def _find_by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArray) -> dict[int, float]:
     """Return the revolute joints whose friction is many times that of all others with the same limit of effort."""
-    turning = np.flatnonzero(known & _turning(robot))
+    turning = np.flatnonzero(known & _find_revolute(robot))
     excess = {}
     for joint in turning:
         alike = [size[other] for other in turning if other != joint and limits[other] == limits[joint]]
@@ -99,7 +100,7 @@ def _by_make(robot: Robot, size: FloatArray, known: BoolArray, limits: FloatArra
     return excess
 
 
-def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
+def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: float) -> bool:
     """Tell whether a joint's torque times `factor` has a friction nearer to the others'.
 
     Friction is compared as a share of the limit of effort, where the description has one. Where it is not known it does
@@ -113,17 +114,17 @@ def nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor: fl
     joint : int
     factor : float
     """
-    size, known = _sizes(frictions)
+    size, known = _summarise_frictions(frictions)
     others = known & (np.arange(robot.n) != joint)
     if not known[joint] or not others.any():
         return True
-    limits = limits_of(robot)
+    limits = get_effort_limits(robot)
     share = size if limits is None else size / limits
     times = float(share[joint] / np.median(share[others]))
     return bool(abs(np.log(factor * times)) < abs(np.log(times)))
 
 
-def _sizes(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _summarise_frictions(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the median friction of every joint over the blocks of time (n,), and where the blocks agree (n,)."""
     size = np.median(frictions, axis=0)
     known = np.isfinite(size) & (size > 0)
@@ -131,7 +132,7 @@ def _sizes(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
     return size, known
 
 
-def limits_of(robot: Robot) -> FloatArray | None:
+def get_effort_limits(robot: Robot) -> FloatArray | None:
     """Return the limits of effort (n,) in N m or N; None where the description gives none, or placeholders."""
     limits = np.array([joint.limits.effort or np.nan for joint in robot.joints], dtype=np.float64)
     if not np.isfinite(limits).all() or len(set(limits.tolist())) == 1 or limits.max() >= _PLACEHOLDER:
@@ -139,27 +140,27 @@ def limits_of(robot: Robot) -> FloatArray | None:
     return limits
 
 
-def _middle(share: FloatArray, joint: int) -> float:
+def _get_median_of_others(share: FloatArray, joint: int) -> float:
     return float(np.nanmedian(np.delete(share, joint)))
 
 
-def _least(joint: int, heavy: Collection[int]) -> float:
+def _get_threshold_factor(joint: int, heavy: Collection[int]) -> float:
     return AGREED if joint in heavy else 1.0
 
 
-def _turning(robot: Robot) -> BoolArray:
+def _find_revolute(robot: Robot) -> BoolArray:
     return np.array([joint.kind == "revolute" for joint in robot.joints])
 
 
-def _by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collection[int]) -> dict[int, float]:
+def _find_by_place(robot: Robot, size: FloatArray, known: BoolArray, heavy: Collection[int]) -> dict[int, float]:
     """Return the revolute joint whose friction is many times that of every other, if there is one."""
-    turning = _turning(robot) & known
+    turning = _find_revolute(robot) & known
     if turning.sum() < 3:
         return {}
     order = np.flatnonzero(turning)[np.argsort(size[turning])]
     largest, next_one = int(order[-1]), int(order[-2])
     times = float(size[largest] / size[next_one])
-    if times <= _least(largest, heavy) * (APART_INNER if largest < robot.n / 2 else APART_OUTER):
+    if times <= _get_threshold_factor(largest, heavy) * (APART_INNER if largest < robot.n / 2 else APART_OUTER):
         return {}
     alike = size[turning & (np.arange(robot.n) != largest)]
     # An outer joint is compared with the outer ones, whose drives are smaller than the inner ones'.

@@ -9,19 +9,19 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dynident.arrays import FloatArray
-from dynident.identification.mistakes.described import left_by_description
-from dynident.identification.mistakes.judge import BLOCKS, CLEARLY, Judge, Left
+from dynident.identification.mistakes.described import measure_left_by_description
+from dynident.identification.mistakes.judge import BLOCKS, CLEARLY, HeldOutFit, UnexplainedTorque
 from dynident.identification.mistakes.scales import KNOWN
-from dynident.identification.mistakes.search import left_of
+from dynident.identification.mistakes.search import measure_unexplained_share
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 _STATES = 400
 """Rows that the description's load is computed at: it has a few parameters a joint."""
 _HEAVY = 0.3
 """Share of the largest load of gravity above which a joint takes part in the decision."""
-_ABSENT, _SEEN, _MOST = 0.25, 0.5, 6.0
+_ABSENT, _BELIEVED, _MOST = 0.25, 0.5, 6.0
 """Gravity's share over inertia's below which it is absent, and the shares of inertia that are to be believed: of the
 torques of open recordings gravity's is at least 0.4 times inertia's; where it was taken out at most 0.15, and where all
 that the robot needs was, inertia's is at most 0.4 (`benchmarks/effort_kinds.py`)."""
@@ -49,7 +49,7 @@ _GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
-class Shares:
+class LoadShares:
     """Shares of the description's load that are in a torque: of its gravity part and of its motion part.
 
     `motion_error` is the standard error of the motion's share, by the jackknife over blocks of time.
@@ -70,14 +70,14 @@ class Mounting:
     """
 
     gravity: FloatArray
-    left: float
-    left_as_stated: float
+    unexplained: float
+    unexplained_as_stated: float
     is_sure: bool
-    explains: Left
-    as_stated: Left
+    explains: UnexplainedTorque
+    as_stated: UnexplainedTorque
 
 
-def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
+def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> LoadShares | None:
     """Return the shares of the description's load in a torque.
 
     Parameters
@@ -97,8 +97,8 @@ def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | Non
     every = max(1, len(motion.q) // _STATES)
     q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
     others = motion.block[::every] != np.arange(BLOCKS)[:, None]
-    load = _load(robot, q)
-    rest = described_torque(robot, q, dq, ddq) - load
+    load = _compute_load(robot, q)
+    rest = compute_described_torque(robot, q, dq, ddq) - load
     size = np.sqrt((load**2).mean(axis=0))
     # Fit each joint's torque by its gravity load, the rest of the described torque, and friction. The two factors are
     # the shares.
@@ -117,10 +117,10 @@ def shares_of(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | Non
     # The first fit is of all rows; the others each leave one block out, for the jackknife.
     (gravity, inertia), *without = np.median(np.abs(shares), axis=0)
     error = np.sqrt((BLOCKS - 1) * np.var([share[1] for share in without]))
-    return Shares(float(gravity), float(inertia), float(error))
+    return LoadShares(float(gravity), float(inertia), float(error))
 
 
-def compensated(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | None:
+def detect_compensated_gravity(robot: Robot, motion: Motion, factor: float = 1.0) -> LoadShares | None:
     """Return the shares where gravity was taken out of a torque; None where it was not, or the data do not tell.
 
     Parameters
@@ -130,20 +130,20 @@ def compensated(robot: Robot, motion: Motion, factor: float = 1.0) -> Shares | N
     factor : float
         Makes N m of the torque.
     """
-    shares = shares_of(robot, motion, factor)
-    if shares is None or shares.gravity > _ABSENT * shares.motion or not _SEEN < shares.motion < _MOST:
+    shares = measure_load_shares(robot, motion, factor)
+    if shares is None or shares.gravity > _ABSENT * shares.motion or not _BELIEVED < shares.motion < _MOST:
         return None
     if shares.motion < KNOWN * shares.motion_error:
         return None
     # Two independent tests have to agree: the shares of the description, and fits of all parameters with and without
     # gravity.
     floating = replace(robot, gravity=np.zeros(3))
-    without, with_it = left_of(floating, motion), left_of(robot, motion)
+    without, with_it = measure_unexplained_share(floating, motion), measure_unexplained_share(robot, motion)
     if without >= min(_APART * with_it, _EXPLAINED) or _is_borne_out(robot, floating, motion):
         return None
     # On a robot that is mounted otherwise, gravity acts along another direction. Then it is missing from the stated
     # load, but it was not taken out.
-    return None if mounting_of(robot, motion).explains.usual * _CLEARLY < without else shares
+    return None if find_mounting(robot, motion).explains.average_share * _CLEARLY < without else shares
 
 
 def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
@@ -151,11 +151,11 @@ def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
 
     A short motion does not determine motion's share, so this is a second test.
     """
-    with_it, without = left_by_description(robot, motion), left_by_description(floating, motion)
+    with_it, without = measure_left_by_description(robot, motion), measure_left_by_description(floating, motion)
     return with_it is not None and without is not None and with_it < without - _BORNE_OUT
 
 
-def other_mounting(robot: Robot, motion: Motion, now: Left) -> Mounting | None:
+def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:
     """Find another direction of gravity that surely explains more than the stated one; else None.
 
     It is judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a
@@ -170,14 +170,14 @@ def other_mounting(robot: Robot, motion: Motion, now: Left) -> Mounting | None:
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
         return None
-    if now.worst < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
+    if now.worst_share < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
         return None
-    mounting = mounting_of(robot, motion)
-    better = mounting.is_sure and now.surely_above(mounting.explains)
-    return mounting if better and mounting.left < _EXPLAINED else None
+    mounting = find_mounting(robot, motion)
+    better = mounting.is_sure and now.is_surely_above(mounting.explains)
+    return mounting if better and mounting.unexplained < _EXPLAINED else None
 
 
-def mounting_of(robot: Robot, motion: Motion) -> Mounting:
+def find_mounting(robot: Robot, motion: Motion) -> Mounting:
     """Find the direction in the base frame along which gravity pulls: of a robot on a floor, a wall, a slope.
 
     It is looked for along the axes and half way between them, and near the best of these where most is explained. Up
@@ -193,17 +193,17 @@ def mounting_of(robot: Robot, motion: Motion) -> Mounting:
     Mounting
     """
     size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
-    leanings = _Leanings(robot, motion, size)
-    candidates = [(direction, leanings.left(direction)) for direction in _USUAL]
+    leanings = _GravityDirections(robot, motion, size)
+    candidates = [(direction, leanings.measure_unexplained(direction)) for direction in _USUAL]
     best, explains = min(candidates, key=lambda pair: pair[1].score)
     # The usual directions are 45 degrees apart, so a slope in between is found by a local search from the best of
     # them.
-    slope = leanings.lowest_near(best)
+    slope = leanings.find_lowest_near(best)
     if slope @ best < _ON_AXIS:
-        best, explains = slope, leanings.left(slope)
-    opposite = leanings.left(-best)
+        best, explains = slope, leanings.measure_unexplained(slope)
+    opposite = leanings.measure_unexplained(-best)
     # With the sign of gravity turned round, masses of the opposite sign explain the same torque.
-    alike = not opposite.surely_above(explains)
+    alike = not opposite.is_surely_above(explains)
     if alike and _has_masses(robot):
         upright = [_is_upright(replace(robot, gravity=direction * size), motion) for direction in (best, -best)]
         if upright[0] != upright[1]:
@@ -211,38 +211,42 @@ def mounting_of(robot: Robot, motion: Motion) -> Mounting:
             if upright[1]:
                 best, explains = -best, opposite
     others = [other for direction, other in candidates if abs(direction @ best) < _BESIDE]
-    is_distinct = all(other.summed_fall_to(explains) >= CLEARLY for other in others)
-    as_stated = leanings.left(robot.gravity / size)
-    return Mounting(best * size, explains.worst, as_stated.worst, not alike and is_distinct, explains, as_stated)
+    is_distinct = all(other.compute_summed_fall_to(explains) >= CLEARLY for other in others)
+    as_stated = leanings.measure_unexplained(robot.gravity / size)
+    return Mounting(
+        best * size, explains.worst_share, as_stated.worst_share, not alike and is_distinct, explains, as_stated
+    )
 
 
-class _Leanings:
+class _GravityDirections:
     """Unexplained shares of a motion's torque with gravity along different directions, in which W is linear."""
 
     def __init__(self, robot: Robot, motion: Motion, size: float) -> None:
         # Gravity along no axis, so that no base parameter of it is lost in this robot.
-        self._judge = Judge(replace(robot, gravity=size * _unit(np.array([3.0, 4.0, 5.0]))))
+        self._judge = HeldOutFit(replace(robot, gravity=size * _normalise(np.array([3.0, 4.0, 5.0]))))
         self._motion, self._size = motion, size
-        self._parts = [Judge(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
+        self._parts = [HeldOutFit(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
 
-    def left(self, direction: FloatArray) -> Left:
+    def measure_unexplained(self, direction: FloatArray) -> UnexplainedTorque:
         factors = direction * self._size
-        return self._judge.left_by(self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)])
+        return self._judge.measure_unexplained_of_sum(
+            self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)]
+        )
 
-    def lowest_near(self, start: FloatArray) -> FloatArray:
+    def find_lowest_near(self, start: FloatArray) -> FloatArray:
         """Return the direction (3,) near a first one with the lowest score."""
         # An orthonormal basis of the plane across the first direction: a direction near it has two coordinates there.
         across = np.linalg.svd(start[None, :])[2][1:]
 
         def score(tangent: FloatArray) -> float:
-            return self.left(_unit(start + tangent @ across)).score
+            return self.measure_unexplained(_normalise(start + tangent @ across)).score
 
         optimum = minimize(score, np.zeros(2), method="Nelder-Mead", options={
             "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
-        return _unit(np.round(_unit(start + optimum.x @ across), 2))
+        return _normalise(np.round(_normalise(start + optimum.x @ across), 2))
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def _normalise(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -253,12 +257,12 @@ def _has_masses(robot: Robot) -> bool:
 def _is_upright(robot: Robot, motion: Motion) -> bool:
     """Tell whether the loads of the description have the sign of the torques."""
     every = max(1, len(motion.q) // _STATES)
-    load = _load(robot, motion.q[::every])
+    load = _compute_load(robot, motion.q[::every])
     size = (load**2).sum(axis=0)
     heavy = size > _HEAVY**2 * size.max()
     return bool(((load * motion.tau[::every]).sum(axis=0)[heavy] > 0).all())
 
 
-def _load(robot: Robot, q: FloatArray) -> FloatArray:
+def _compute_load(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the torque (m, n) that holds the description's links against gravity."""
-    return described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))
+    return compute_described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))

@@ -14,11 +14,11 @@ from dynident.effects import (
     EffectChoice,
     ReferenceParameters,
     Signals,
-    columns_of,
-    effect_by_id,
-    role_of,
+    build_columns,
+    get_effect,
+    get_role,
 )
-from dynident.identification.mistakes.swaps import Kind, Motion
+from dynident.identification.mistakes.swaps import FaultKind, Motion
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
 
@@ -53,7 +53,7 @@ short 0.7, by chance; planted mistakes of which nothing else tells give 2.7 and 
 _AGAINST = 0.5
 """What friction that drives its joint counts, in the same logarithm: there is no such friction."""
 
-OTHERS = np.concatenate([1.0 - np.eye(BLOCKS), np.ones((1, BLOCKS))])
+LEAVE_ONE_OUT = np.concatenate([1.0 - np.eye(BLOCKS), np.ones((1, BLOCKS))])
 """(blocks + 1, blocks): of which blocks a sum is made: of all but each, and of all. What only one block has must not be
 left of a difference by rounding."""
 
@@ -68,7 +68,7 @@ _QUIET = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class UnexplainedTorque:
     """Unexplained shares of the torque of a motion.
 
     `blocks` (blocks,) are means of log shares over the joints that move, each block held out; `inside` is that of all
@@ -88,24 +88,24 @@ class Left:
         return float(self.blocks.mean()) + _AGAINST * self.against
 
     @property
-    def usual(self) -> float:
+    def average_share(self) -> float:
         """Unexplained share of an average joint's torque."""
         return float(np.exp(self.blocks.mean()))
 
-    def fall_to(self, other: Left) -> float:
+    def compute_fall_to(self, other: UnexplainedTorque) -> float:
         """Return the mean logarithm by which the unexplained share falls to another, friction aside."""
         return float((self.blocks - other.blocks).mean())
 
     @property
-    def worst(self) -> float:
+    def worst_share(self) -> float:
         """Unexplained share of the joint that is explained worst, which a mean over the joints hides."""
         return float(self.joints.max(initial=0.0))
 
-    def summed_fall_to(self, other: Left) -> float:
+    def compute_summed_fall_to(self, other: UnexplainedTorque) -> float:
         """Return the sum over the joints of the logarithm by which the score falls to another."""
         return float(self.moving.sum()) * (self.score - other.score)
 
-    def surely_above(self, other: Left, kind: Kind | None = None) -> bool:
+    def is_surely_above(self, other: UnexplainedTorque, kind: FaultKind | None = None) -> bool:
         """Tell whether clearly more is unexplained than in another fit, in most blocks, or friction drives more joints.
 
         Parameters
@@ -114,7 +114,7 @@ class Left:
         kind : str, optional
             Of the fault that was mended for the other.
         """
-        score, fall = self.summed_fall_to(other), self.fall_to(other)
+        score, fall = self.compute_summed_fall_to(other), self.compute_fall_to(other)
         # A paired comparison: both fits see the same blocks, so the scatter of the difference counts, which is much
         # smaller than that of either.
         error = float((self.blocks - other.blocks).std(ddof=1)) / np.sqrt(BLOCKS)
@@ -126,7 +126,7 @@ class Left:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _MotionRows:
     """W of a motion where each joint moves: inner products (blocks + 1, n, c, c) of each block, and last of all.
 
     `of_joints`: the numbers of these rows (m,), the rows (m, p) in those columns that the joint's torque depends on,
@@ -137,14 +137,14 @@ class _Rows:
     inner: FloatArray
     of_joints: tuple[tuple[IntArray, FloatArray, FloatArray], ...]
 
-    def is_of(self, other: Motion) -> bool:
+    def is_same_motion(self, other: Motion) -> bool:
         """Tell whether another motion is the same but for its torque."""
         names = ("q", "dq", "ddq", "block")
         return all(np.array_equal(getattr(self.motion, name), getattr(other, name)) for name in names)
 
 
 @dataclass(frozen=True, eq=False)
-class Grams:
+class GramMatrices:
     """Inner products where each joint moves, of each block and last of all of them.
 
     WᵀW `inner` (blocks + 1, n, c, c), Wᵀτ `right` (blocks + 1, n, c), τᵀτ `measured` (blocks + 1, n).
@@ -154,14 +154,14 @@ class Grams:
     right: FloatArray
     measured: FloatArray
 
-    def squares(self, values: FloatArray) -> FloatArray:
+    def compute_squares(self, values: FloatArray) -> FloatArray:
         """Return the squared errors (blocks + 1, n) of parameters (blocks + 1, c), each row in its own block."""
         products = (self.inner @ values[:, None, :, None])[..., 0]
         remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
         return np.asarray(np.maximum(remainder, 0.0))
 
 
-class Judge:
+class HeldOutFit:
     """Fits a robot's links, rotors and friction, and `more` effects, to motions of it.
 
     Only inner products are kept, so that the hundreds of candidate faults each cost a small solution and no pass over
@@ -171,72 +171,76 @@ class Judge:
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
         signals = Signals(robot)
         self._robot = robot
-        self._observation = Observation.of(robot, columns_of((*DEFAULT_EFFECTS, *more), signals), signals)
+        self._observation = Observation.from_columns(robot, build_columns((*DEFAULT_EFFECTS, *more), signals), signals)
         self._layout = [self._observation.joint_entries(joint) for joint in range(robot.n)]
-        self._known: list[_Rows] = []
+        self._known: list[_MotionRows] = []
 
     @property
     def n_columns(self) -> int:
         """Number of parameters."""
         return self._observation.n_columns
 
-    def left(self, motion: Motion) -> Left:
+    def measure_unexplained(self, motion: Motion) -> UnexplainedTorque:
         """Return the unexplained shares of a motion's torque, each block of time predicted from the others.
 
         Parameters
         ----------
         motion : Motion
         """
-        return self._left(motion, self._rows_of(motion))
+        return self._measure_unexplained(motion, self._get_rows(motion))
 
-    def _left(self, motion: Motion, known: _Rows) -> Left:
-        grams, moving = self._grams(motion, known), moving_joints(motion)
+    def _measure_unexplained(self, motion: Motion, known: _MotionRows) -> UnexplainedTorque:
+        grams, moving = self._compute_grams(motion, known), find_moving_joints(motion)
         measured = grams.measured[-1]
-        values, squares = self._solved(grams)
-        blocks = log_shares(squares[:-1], measured / BLOCKS)[:, moving]
-        whole = log_shares(squares[-1], measured)[moving]
+        values, squares = self._solve_weighted(grams)
+        blocks = compute_log_shares(squares[:-1], measured / BLOCKS)[:, moving]
+        whole = compute_log_shares(squares[-1], measured)[moving]
         rest = squares[:-1].sum(axis=0)
-        against = sum(self._drives(grams, values[:-1], int(k), float(rest[k])) for k in np.flatnonzero(moving))
+        against = sum(
+            self._is_driven_by_friction(grams, values[:-1], int(k), float(rest[k])) for k in np.flatnonzero(moving)
+        )
         joints = np.where(moving, np.sqrt(rest / np.maximum(measured, np.finfo(float).tiny)), 0.0)
-        return Left(blocks.mean(axis=1), float(whole.mean()), against, moving, joints)
+        return UnexplainedTorque(blocks.mean(axis=1), float(whole.mean()), against, moving, joints)
 
-    def frictions(self, motion: Motion) -> FloatArray:
+    def measure_frictions(self, motion: Motion) -> FloatArray:
         """Return the mean friction torque of each joint (blocks, n), from the other blocks; NaN where it stands.
 
         Parameters
         ----------
         motion : Motion
         """
-        grams, moving = self._grams(motion, self._rows_of(motion)), moving_joints(motion)
-        values, _ = self._solved(grams)
+        grams, moving = self._compute_grams(motion, self._get_rows(motion)), find_moving_joints(motion)
+        values, _ = self._solve_weighted(grams)
         frictions = np.full((BLOCKS, self._robot.n), np.nan)
         for joint in np.flatnonzero(moving):
-            friction, sign = self._frictions[int(joint)]
+            friction, sign = self._friction_columns[int(joint)]
             # The projection of the friction torque onto the sign of the velocity: its mean size against the motion.
             whole = grams.inner[-1, joint]
             frictions[:, joint] = values[:-1, friction] @ whole[sign, friction] / max(whole[sign, sign], 1.0)
         return frictions
 
-    def left_by(self, motion: Motion, parts: Sequence[Judge], factors: Sequence[float]) -> Left:
+    def measure_unexplained_of_sum(
+        self, motion: Motion, parts: Sequence[HeldOutFit], factors: Sequence[float]
+    ) -> UnexplainedTorque:
         """Return the unexplained shares where W is a sum of those of other judges of the same links, times factors."""
         of_joints = []
-        for joint, (at, rows, sums) in enumerate(self._rows_of(motion).of_joints):
+        for joint, (at, rows, sums) in enumerate(self._get_rows(motion).of_joints):
             columns, total = self._layout[joint][1], np.zeros_like(rows)
             for part, factor in zip(parts, factors, strict=True):
                 # Without gravity a joint has fewer columns, so each judge's columns are sought among those of all.
                 own = np.searchsorted(columns, part._layout[joint][1])
-                total[:, own] += factor * part._rows_of(motion).of_joints[joint][1]
+                total[:, own] += factor * part._get_rows(motion).of_joints[joint][1]
             of_joints.append((at, total, sums))
-        return self._left(motion, self._with_inner(motion, of_joints))
+        return self._measure_unexplained(motion, self._add_inner_products(motion, of_joints))
 
-    def loads(self, q: FloatArray) -> list[FloatArray]:
+    def compute_load_columns(self, q: FloatArray) -> list[FloatArray]:
         """Return the columns of each joint's torque (m, p) for a robot at rest at positions (m, n): its gravity."""
         rest, memory = np.zeros_like(q), np.zeros((len(q), self._observation.n_memory))
-        reference = ReferenceParameters.nothing(self._robot)
+        reference = ReferenceParameters.massless(self._robot)
         entries = self._observation.evaluate(q, rest, rest, reference=reference, memory=memory)
         return [entries[:, positions] for positions, _ in self._layout]
 
-    def _solved(self, grams: Grams) -> tuple[FloatArray, FloatArray]:
+    def _solve_weighted(self, grams: GramMatrices) -> tuple[FloatArray, FloatArray]:
         """Solve from all blocks but each one, and last from all of them.
 
         Returns
@@ -250,41 +254,43 @@ class Judge:
         squares, values = grams.measured, np.zeros((BLOCKS + 1, self.n_columns))
         # Two rounds: the first weighs joints by their torque, the second by what the first left unexplained.
         for _ in range(2):
-            values = self._fitted(grams, noise)
-            squares = grams.squares(values)
+            values = self._fit_all_but_each(grams, noise)
+            squares = grams.compute_squares(values)
             noise = np.sqrt(np.maximum(squares[:-1].sum(axis=0), least))
         return values, squares
 
-    def _grams(self, motion: Motion, known: _Rows) -> Grams:
+    def _compute_grams(self, motion: Motion, known: _MotionRows) -> GramMatrices:
         right = np.zeros((BLOCKS + 1, self._robot.n, self.n_columns))
         measured = np.zeros((BLOCKS + 1, self._robot.n))
         for joint, (at, rows, sums) in enumerate(known.of_joints):
             tau = motion.tau[at, joint]
             right[:, joint, self._layout[joint][1]] = (sums * tau) @ rows
             measured[:, joint] = sums @ tau**2
-        return Grams(known.inner, right, measured)
+        return GramMatrices(known.inner, right, measured)
 
-    def _rows_of(self, motion: Motion) -> _Rows:
+    def _get_rows(self, motion: Motion) -> _MotionRows:
         """Return W of a motion; that of two motions is kept, since most candidates change torques alone."""
-        known = next((rows for rows in self._known if rows.is_of(motion)), None) or self._evaluated(motion)
+        known = next((rows for rows in self._known if rows.is_same_motion(motion)), None) or self._evaluate_rows(motion)
         self._known = [known, *(rows for rows in self._known if rows is not known)][:2]
         return known
 
-    def _evaluated(self, motion: Motion) -> _Rows:
+    def _evaluate_rows(self, motion: Motion) -> _MotionRows:
         robot = self._robot
-        reference = ReferenceParameters.nothing(robot)
+        reference = ReferenceParameters.massless(robot)
         memory = np.zeros((len(motion.q), self._observation.n_memory))
         entries = self._observation.evaluate(motion.q, motion.dq, motion.ddq, reference=reference, memory=memory)
-        moves = moves_of(motion)
+        moves = find_moving_rows(motion)
         of_joints = []
         for joint, (positions, _) in enumerate(self._layout):
             at = np.flatnonzero(moves[:, joint])
             inside = (motion.block[at] == np.arange(BLOCKS)[:, None]).astype(np.float64)
             sums = np.concatenate([inside, np.ones((1, len(at)))])
             of_joints.append((at, entries[np.ix_(at, positions)], sums))
-        return self._with_inner(motion, of_joints)
+        return self._add_inner_products(motion, of_joints)
 
-    def _with_inner(self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray, FloatArray]]) -> _Rows:
+    def _add_inner_products(
+        self, motion: Motion, of_joints: Sequence[tuple[IntArray, FloatArray, FloatArray]]
+    ) -> _MotionRows:
         inner = np.zeros((BLOCKS + 1, self._robot.n, self.n_columns, self.n_columns))
         for joint, (at, rows, _) in enumerate(of_joints):
             columns = self._layout[joint][1]
@@ -292,25 +298,25 @@ class Judge:
                 part = rows[motion.block[at] == number]
                 inner[number, joint][np.ix_(columns, columns)] = part.T @ part
         inner[-1] = inner[:-1].sum(axis=0)
-        return _Rows(motion, inner, tuple(of_joints))
+        return _MotionRows(motion, inner, tuple(of_joints))
 
-    def _fitted(self, grams: Grams, noise: FloatArray) -> FloatArray:
+    def _fit_all_but_each(self, grams: GramMatrices, noise: FloatArray) -> FloatArray:
         """Return the parameters (blocks + 1, c) of all blocks but each, and of all.
 
         Of those that the motion does not determine, the smallest.
         """
         # Weights relative to the largest noise: torques may be in any unit, and squares of their inverses may overflow.
         c, weights = self.n_columns, (noise.max() / noise) ** 2
-        normal = OTHERS @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
-        right = OTHERS @ (weights @ grams.right[:-1])
+        normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
+        right = LEAVE_ONE_OUT @ (weights @ grams.right[:-1])
         normal = normal.reshape(-1, c, c)
         scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
         return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
 
-    def _drives(self, grams: Grams, values: FloatArray, joint: int, rest: float) -> bool:
+    def _is_driven_by_friction(self, grams: GramMatrices, values: FloatArray, joint: int, rest: float) -> bool:
         """Tell whether a joint's friction surely gives it energy, and more than the unexplained torque could be."""
-        friction, sign = self._frictions[joint]
+        friction, sign = self._friction_columns[joint]
         whole, own = grams.inner[-1, joint], values[:, friction]
         work = own @ whole[sign, friction]
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
@@ -320,19 +326,19 @@ class Judge:
         return bool(np.median(size) > 0.25 * rest)
 
     @cached_property
-    def _frictions(self) -> list[tuple[list[int], int]]:
+    def _friction_columns(self) -> list[tuple[list[int], int]]:
         """Columns of each joint's friction, and that of its dry friction, which is 1 or -1."""
         columns = self._observation.columns
         frictions = []
         for name in self._robot.joint_names:
             own = [
-                k for k, column in enumerate(columns) if column.link == name and effect_by_id(column.effect).is_friction
+                k for k, column in enumerate(columns) if column.link == name and get_effect(column.effect).is_friction
             ]
-            frictions.append((own, next(k for k in own if role_of(columns[k]) == "dry")))
+            frictions.append((own, next(k for k in own if get_role(columns[k]) == "dry")))
         return frictions
 
 
-def log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
+def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
     """Return the logarithm of the unexplained share of a torque.
 
     Parameters
@@ -346,12 +352,12 @@ def log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
     return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
 
 
-def moves_of(motion: Motion) -> BoolArray:
+def find_moving_rows(motion: Motion) -> BoolArray:
     """Return where each joint moves (m, n)."""
     return np.asarray(np.abs(motion.dq) > _SLOW * np.sqrt((motion.dq**2).mean(axis=0)))
 
 
-def moving_joints(motion: Motion) -> BoolArray:
+def find_moving_joints(motion: Motion) -> BoolArray:
     """Return which joints move, and have a torque that changes (n,): the others tell nothing."""
     speed = np.sqrt((motion.dq**2).mean(axis=0))
     return np.asarray((speed > _STILL * speed.max(initial=0.0)) & (np.ptp(motion.tau, axis=0) > 0))

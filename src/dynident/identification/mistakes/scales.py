@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
-from dynident.robot.pinocchio_model import described_torque
+from dynident.robot.pinocchio_model import compute_described_torque
 
 FAR = 6.0
 """Times the description's load from which on a torque is in another unit: masses of descriptions are wrong by up to 3.5
@@ -44,7 +44,7 @@ at the flange makes it so of wrists, so that friction has to say it, too."""
 
 
 @dataclass(frozen=True)
-class Scale:
+class TorqueScale:
     """A joint, from 0, whose torque is `times` what it should be, and the power of ten that it is off by.
 
     This follows from the masses of the description, or from the friction of the other joints: `by_friction`.
@@ -56,7 +56,7 @@ class Scale:
     by_friction: bool = False
 
 
-def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[Scale, ...] | None:
+def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tuple[TorqueScale, ...] | None:
     """Return the joints whose torques are in another unit.
 
     Parameters
@@ -71,31 +71,35 @@ def scales_of(robot: Robot, motion: Motion, excess: Mapping[int, float]) -> tupl
     tuple of Scale or None
         None where the description gives no masses and friction shows no excess.
     """
-    factors = _told(robot, motion)
+    factors = _compare_with_masses(robot, motion)
     if factors is None:
-        return _by_friction(excess) or None
-    middle = _middle(factors) or 1.0
+        return _build_scales_by_friction(excess) or None
+    middle = _get_median_vote(factors) or 1.0
     # One factor for most joints: the unit of the file is another, not the gains of single joints.
     if not 1.0 / FAR_OF_VOTES < middle < FAR_OF_VOTES:
         # Most joints are off, but some may be right: those of another make.
-        right = {joint for joint, (times, share) in enumerate(factors) if _agrees(times, share)}
-        middle = _middle([factors[joint] for joint in range(robot.n) if joint not in right]) or middle
-        return tuple(Scale(joint, middle, _power(middle)) for joint in range(robot.n) if joint not in right)
+        right = {joint for joint, (times, share) in enumerate(factors) if _agrees_with_masses(times, share)}
+        middle = _get_median_vote([factors[joint] for joint in range(robot.n) if joint not in right]) or middle
+        return tuple(
+            TorqueScale(joint, middle, _round_to_power(middle)) for joint in range(robot.n) if joint not in right
+        )
     # The masses come first. Friction decides only for joints whose load explains too little of their torque.
     explained = {joint: times for joint, (times, share) in enumerate(factors) if share >= EXPLAINED and times > 0}
     by_masses = (
-        Scale(joint, times, _power(times)) for joint, times in explained.items() if not 1.0 / FAR < times < FAR
+        TorqueScale(joint, times, _round_to_power(times))
+        for joint, times in explained.items()
+        if not 1.0 / FAR < times < FAR
     )
     others = {joint: times for joint, times in excess.items() if joint not in explained}
-    return (*by_masses, *_by_friction(others))
+    return (*by_masses, *_build_scales_by_friction(others))
 
 
-def _agrees(times: float, share: float) -> bool:
+def _agrees_with_masses(times: float, share: float) -> bool:
     """Tell whether a torque is what the masses of the description need, as far as they explain it."""
     return share >= EXPLAINED_OF_GROUP and 1.0 / FAR_OF_VOTES < times < FAR_OF_VOTES
 
 
-def heavy_joints(robot: Robot, motion: Motion) -> set[int]:
+def find_heavy_joints(robot: Robot, motion: Motion) -> set[int]:
     """Return joints whose torque is several times what the masses need; another sign has to confirm it.
 
     Parameters
@@ -103,15 +107,15 @@ def heavy_joints(robot: Robot, motion: Motion) -> set[int]:
     robot : Robot
     motion : Motion
     """
-    factors = _told(robot, motion) or ()
+    factors = _compare_with_masses(robot, motion) or ()
     return {joint for joint, (times, share) in enumerate(factors) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
 
 
-def _by_friction(excess: Mapping[int, float]) -> tuple[Scale, ...]:
-    return tuple(Scale(joint, times, _power(times), by_friction=True) for joint, times in excess.items())
+def _build_scales_by_friction(excess: Mapping[int, float]) -> tuple[TorqueScale, ...]:
+    return tuple(TorqueScale(joint, times, _round_to_power(times), by_friction=True) for joint, times in excess.items())
 
 
-def usual_scale(robot: Robot, motion: Motion) -> float | None:
+def compute_median_scale(robot: Robot, motion: Motion) -> float | None:
     """Return the median ratio of the torques to the description's load; None where too few joints tell.
 
     Parameters
@@ -119,32 +123,32 @@ def usual_scale(robot: Robot, motion: Motion) -> float | None:
     robot : Robot
     motion : Motion
     """
-    factors = _told(robot, motion)
-    return None if factors is None else _middle(factors)
+    factors = _compare_with_masses(robot, motion)
+    return None if factors is None else _get_median_vote(factors)
 
 
-def _middle(factors: Sequence[tuple[float, float]]) -> float | None:
+def _get_median_vote(factors: Sequence[tuple[float, float]]) -> float | None:
     votes = [times for times, explained in factors if explained >= EXPLAINED_OF_VOTES and times > 0]
     return float(np.median(votes)) if len(votes) >= VOTES else None
 
 
-def _told(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
+def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, float]] | None:
     """Return for every joint the factor of the description's load in its torque, and the share it explains.
 
     None without masses.
     """
-    load = load_of(robot, motion)
-    return None if load is None else [_times(load[:, joint], motion, joint) for joint in range(robot.n)]
+    load = compute_described_load(robot, motion)
+    return None if load is None else [_compare_load(load[:, joint], motion, joint) for joint in range(robot.n)]
 
 
-def load_of(robot: Robot, motion: Motion) -> FloatArray | None:
+def compute_described_load(robot: Robot, motion: Motion) -> FloatArray | None:
     """Return the torque (m, n) that the links need as the description has them; None without masses."""
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
-    return described_torque(robot, motion.q, motion.dq, motion.ddq)
+    return compute_described_torque(robot, motion.q, motion.dq, motion.ddq)
 
 
-def nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor: float) -> bool:
+def is_nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor: float) -> bool:
     """Tell whether a joint's torque times `factor` is nearer to what the masses need; also where they are not known.
 
     Parameters
@@ -161,7 +165,7 @@ def nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, factor
     return needed <= 0.0 or own <= 0.0 or abs(np.log(factor * own / needed)) < abs(np.log(own / needed))
 
 
-def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float) -> float:
+def refine_factor_by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float) -> float:
     """Return the factor that makes of the torques of some joints what the description's masses need.
 
     It is `factor`, a power of ten, where the masses say about the same, or nothing of these joints.
@@ -173,7 +177,7 @@ def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float
     joints : sequence of int
     factor : float
     """
-    factors = _told(robot, motion) or ()
+    factors = _compare_with_masses(robot, motion) or ()
     known = [factors[k][0] for k in joints if factors and factors[k][1] >= EXPLAINED_OF_GROUP and factors[k][0] > 0]
     if not known:
         return factor
@@ -185,11 +189,11 @@ def by_masses(robot: Robot, motion: Motion, joints: Sequence[int], factor: float
     return float(power if 1.0 / A_POWER < ratio / power < A_POWER else f"{ratio:.2g}")
 
 
-def _power(times: float) -> float:
+def _round_to_power(times: float) -> float:
     return float(10.0 ** np.rint(np.log10(times)))
 
 
-def _times(load: FloatArray, motion: Motion, joint: int) -> tuple[float, float]:
+def _compare_load(load: FloatArray, motion: Motion, joint: int) -> tuple[float, float]:
     """Return the factor of a load in a torque, and the share that it explains of what friction and drive leave."""
     dq, tau = motion.dq[:, joint], motion.tau[:, joint]
     others = np.stack([np.sign(dq), dq, np.ones(len(dq)), motion.ddq[:, joint]], axis=1)

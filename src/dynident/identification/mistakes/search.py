@@ -12,13 +12,18 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
 from dynident.effects import OFFSETS
-from dynident.identification.mistakes.bands import thinned, whole_motion_of
-from dynident.identification.mistakes.delays import BESIDE_OFFSETS, Delay, delay_of
-from dynident.identification.mistakes.described import SecondOpinion
-from dynident.identification.mistakes.frictions import excess_of, nearer_to_others
-from dynident.identification.mistakes.judge import CLEARLY, Judge, Left, moving_joints
-from dynident.identification.mistakes.scales import by_masses, heavy_joints, load_of, nearer_to_masses
-from dynident.identification.mistakes.swaps import Mistake, Motion, alone, mistakes_among
+from dynident.identification.mistakes.bands import filter_whole_motion, thin_out
+from dynident.identification.mistakes.delays import BESIDE_OFFSETS, Delay, estimate_delay
+from dynident.identification.mistakes.described import DescriptionFit
+from dynident.identification.mistakes.frictions import find_excess_friction, is_nearer_to_others
+from dynident.identification.mistakes.judge import CLEARLY, HeldOutFit, UnexplainedTorque, find_moving_joints
+from dynident.identification.mistakes.scales import (
+    compute_described_load,
+    find_heavy_joints,
+    is_nearer_to_masses,
+    refine_factor_by_masses,
+)
+from dynident.identification.mistakes.swaps import ColumnFault, Motion, list_possible_faults, silence_others
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 
@@ -68,20 +73,20 @@ _PARALLEL = 0.999
 
 
 @dataclass(frozen=True)
-class Finding:
+class DetectedFault:
     """A fault that was found, those it cannot be told from, and the unexplained shares with it and without.
 
     Where it is not `certain`, another cause may look the same.
     """
 
-    mistake: Mistake
-    alike: tuple[Mistake, ...]
+    mistake: ColumnFault
+    alike: tuple[ColumnFault, ...]
     left_with: float
     left_without: float
     certain: bool
 
 
-def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...], float] | None:
+def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[DetectedFault, ...], float] | None:
     """Find the gross faults in a recording, the one that explains most first.
 
     One after the other is mended, until no further one makes the torque clearly better explained.
@@ -97,12 +102,14 @@ def mistakes_in(robot: Robot, recording: Recording) -> tuple[tuple[Finding, ...]
         The faults, and the share of an average joint's torque that is unexplained without them; None where the
         recording is too short, or the robot has too many joints.
     """
-    judges = Judges(robot)
-    whole = motion_to_judge(recording, judges) if robot.n <= MOST_JOINTS else None
-    return None if whole is None else mistakes_of(robot, thinned(whole[0]), judges)
+    judges = HeldOutFits(robot)
+    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
+    return None if whole is None else find_motion_faults(robot, thin_out(whole[0]), judges)
 
 
-def mistakes_of(robot: Robot, motion: Motion, judges: Judges | None = None) -> tuple[tuple[Finding, ...], float] | None:
+def find_motion_faults(
+    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
+) -> tuple[tuple[DetectedFault, ...], float] | None:
     """Find the gross faults in rows that are filtered already.
 
     Parameters
@@ -116,13 +123,13 @@ def mistakes_of(robot: Robot, motion: Motion, judges: Judges | None = None) -> t
     -------
     tuple of findings and float, or None
     """
-    search_result = find_mistakes(robot, motion, judges)
-    return None if search_result is None else (search_result[0], search_result[1].usual)
+    search_result = search_faults(robot, motion, judges)
+    return None if search_result is None else (search_result[0], search_result[1].average_share)
 
 
-def find_mistakes(
-    robot: Robot, motion: Motion, judges: Judges | None = None
-) -> tuple[tuple[Finding, ...], Left] | None:
+def search_faults(
+    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
+) -> tuple[tuple[DetectedFault, ...], UnexplainedTorque] | None:
     """Find the faults in filtered rows, and what is unexplained without them; None where the rows are too few.
 
     Parameters
@@ -132,36 +139,38 @@ def find_mistakes(
     judges : Judges, optional
         Those of the robot, if they exist already.
     """
-    judges = judges or Judges(robot)
-    judge = judges.plain
-    if not _is_enough(motion, judge):
+    judges = judges or HeldOutFits(robot)
+    judge = judges.plain_fit
+    if not _has_enough_rows(motion, judge):
         return None
-    findings: list[Finding] = []
-    now = judge.left(motion)
+    findings: list[DetectedFault] = []
+    now = judge.measure_unexplained(motion)
     # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
     # rest.
     while len(findings) < _MOST_MISTAKES:
-        step = _best(judge, robot, motion, now)
+        step = _find_best_fault(judge, robot, motion, now)
         if step is None:
             break
-        fall, summed = now.score - step.left.score, now.summed_fall_to(step.left)
-        mended = step.mistake.mended(motion)
-        if judge is judges.plain and _fall_of(judges.beside_offsets, motion, mended) < BESIDE_OFFSETS * fall:
+        fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
+        mended = step.mistake.mend(motion)
+        if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
             # A constant torque explains the same, so the search goes on with constant torques in the model.
-            judge = judges.beside_offsets
-            now = judge.left(motion)
+            judge = judges.offset_fit
+            now = judge.measure_unexplained(motion)
             continue
         least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
         # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
         # several joints at once this is not so.
         may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
-        certain = may_be_sure and summed >= least and step.left.usual <= SOUND
-        findings.append(Finding(step.mistake, step.alike, now.usual, step.left.usual, certain))
-        motion, now = mended, step.left
+        certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
+        findings.append(
+            DetectedFault(step.mistake, step.alike, now.average_share, step.unexplained.average_share, certain)
+        )
+        motion, now = mended, step.unexplained
     return tuple(findings), now
 
 
-class Judges:
+class HeldOutFits:
     """Judges of a robot's motions: with its links and friction, and with a constant torque on each joint as well.
 
     Each is built when it is first needed, and serves all questions about the robot.
@@ -171,49 +180,53 @@ class Judges:
         self._robot = robot
 
     @cached_property
-    def plain(self) -> Judge:
+    def plain_fit(self) -> HeldOutFit:
         """Judge with links and friction."""
-        return Judge(self._robot)
+        return HeldOutFit(self._robot)
 
     @cached_property
-    def beside_offsets(self) -> Judge:
+    def offset_fit(self) -> HeldOutFit:
         """Judge with links, friction and a constant torque on each joint."""
-        return Judge(self._robot, (OFFSETS,))
+        return HeldOutFit(self._robot, (OFFSETS,))
 
 
-def _fall_of(judge: Judge, motion: Motion, mended: Motion) -> float:
+def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
     """Return how much the score falls without a fault."""
-    return judge.left(motion).score - judge.left(mended).score
+    return judge.measure_unexplained(motion).score - judge.measure_unexplained(mended).score
 
 
-class _Step(NamedTuple):
+class _FaultStep(NamedTuple):
     """A fault, those that cannot be told from it, and what is unexplained without it."""
 
-    mistake: Mistake
-    alike: tuple[Mistake, ...]
-    left: Left
+    mistake: ColumnFault
+    alike: tuple[ColumnFault, ...]
+    unexplained: UnexplainedTorque
 
 
-def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None:
+def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
     """Return the fault without which least of a motion is unexplained; None where no fault is clear."""
-    sizes = _Sizes(load_of(robot, motion), judge.frictions(motion), _excess(judge, robot, motion))
+    sizes = _TorqueEvidence(
+        compute_described_load(robot, motion), judge.measure_frictions(motion), _find_excess(judge, robot, motion)
+    )
     # A torque that never changes was not recorded, so nobody exchanged it.
     has_torque = np.ptp(motion.tau, axis=0) > 0
-    among = mistakes_among(now.moving, parallel_to_the_one_before(robot), has_torque, chains_of(robot))
-    off = _joints_off(sizes.frictions)
-    possible = [mistake for mistake in among if mistake.joints not in off and _may_be(mistake, robot, motion, sizes)]
-    trials = [(mistake, judge.left(mistake.mended(motion))) for mistake in possible]
+    among = list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, list_chains(robot))
+    off = _find_drives_off(sizes.frictions)
+    possible = [
+        mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
+    ]
+    trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
-    described = SecondOpinion(robot, motion, now)
+    described = DescriptionFit(robot, motion, now)
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
-        if not now.surely_above(unexplained, best.kind) or unexplained.usual > _CURED:
+        if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > _CURED:
             return None
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
         # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
         # the fault is not proved.
         if best.kind != "torque scaled" and unexplained.against >= now.against and len(best.joints) < robot.n:
-            unexplained_alone = judge.left(alone(motion, best.joints))
-            if now.fall_to(unexplained_alone) > _APART * now.fall_to(unexplained):
+            unexplained_alone = judge.measure_unexplained(silence_others(motion, best.joints))
+            if now.compute_fall_to(unexplained_alone) > _APART * now.compute_fall_to(unexplained):
                 return None
         if described.refutes(best):
             continue
@@ -224,19 +237,19 @@ def _best(judge: Judge, robot: Robot, motion: Motion, now: Left) -> _Step | None
             if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
         ]
         if best.kind == "torque scaled":
-            best = replace(best, factor=by_masses(robot, motion, best.joints, best.factor))
-            unexplained = judge.left(best.mended(motion))
-        return _Step(
-            best, tuple(mistake for mistake in alike if not _is_told_apart(best, mistake, described)), unexplained
+            best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
+            unexplained = judge.measure_unexplained(best.mend(motion))
+        return _FaultStep(
+            best, tuple(mistake for mistake in alike if not _is_distinguished(best, mistake, described)), unexplained
         )
     return None
 
 
-def _is_told_apart(best: Mistake, other: Mistake, described: SecondOpinion) -> bool:
+def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
     return described.refutes(other) or described.prefers(best, other)
 
 
-def _joints_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+def _find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
     """Return the joints, one by one, whose torque has no friction beside the others', of frictions (blocks, n)."""
     size = np.abs(np.median(frictions, axis=0))
     others = [np.delete(size, joint) for joint in range(len(size))]
@@ -245,7 +258,7 @@ def _joints_off(frictions: FloatArray) -> set[tuple[int, ...]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sizes:
+class _TorqueEvidence:
     """Evidence of a torque's size.
 
     The load (m, n) of the masses, frictions (blocks, n), and the joints with too much friction.
@@ -256,7 +269,7 @@ class _Sizes:
     excess: Collection[int]
 
 
-def _may_be(mistake: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bool:
+def _is_possible_fault(mistake: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
     """Tell whether neither masses nor friction refute a fault.
 
     Where the friction of some joints is too large, a scaled torque has to be among them.
@@ -266,13 +279,13 @@ def _may_be(mistake: Mistake, robot: Robot, motion: Motion, sizes: _Sizes) -> bo
     if sizes.excess and (not set(sizes.excess) <= set(mistake.joints) or mistake.factor > 1.0):
         return False
     return all(
-        nearer_to_masses(sizes.load, motion, joint, mistake.factor)
-        and nearer_to_others(robot, sizes.frictions, joint, mistake.factor)
+        is_nearer_to_masses(sizes.load, motion, joint, mistake.factor)
+        and is_nearer_to_others(robot, sizes.frictions, joint, mistake.factor)
         for joint in mistake.joints
     )
 
 
-def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float] | None:
+def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
     """Filter a recording as an identification does; or narrower, where much less is unexplained then.
 
     Parameters
@@ -285,24 +298,28 @@ def motion_to_judge(recording: Recording, judges: Judges) -> tuple[Motion, float
     tuple of Motion and float, or None
         Rows in their order, and the seconds between them; None where the recording is too short.
     """
-    wide = whole_motion_of(recording)
-    if wide is None or not _is_enough(wide[0], judges.plain):
+    wide = filter_whole_motion(recording)
+    if wide is None or not _has_enough_rows(wide[0], judges.plain_fit):
         return wide
-    unexplained = judges.plain.left(thinned(wide[0]))
-    if max(unexplained.usual, unexplained.worst) < _EXPLAINED:
+    unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
+    if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
         return wide
-    narrow = whole_motion_of(recording, narrow=True)
-    if narrow is None or not _is_enough(narrow[0], judges.plain):
+    narrow = filter_whole_motion(recording, narrow=True)
+    if narrow is None or not _has_enough_rows(narrow[0], judges.plain_fit):
         return wide
-    return narrow if unexplained.summed_fall_to(judges.plain.left(thinned(narrow[0]))) >= CLEARLY else wide
+    return (
+        narrow
+        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
+        else wide
+    )
 
 
-def _is_enough(motion: Motion, judge: Judge) -> bool:
+def _has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
     """Tell whether there are enough rows to decide anything."""
-    return len(thinned(motion).q) * int(moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
 
 
-def chains_of(robot: Robot) -> list[list[int]]:
+def list_chains(robot: Robot) -> list[list[int]]:
     """Return the joints of each chain without branches: of every leg, or arm, of a robot."""
     children = Counter(joint.parent for joint in robot.joints)
     chains: list[list[int]] = []
@@ -314,7 +331,7 @@ def chains_of(robot: Robot) -> list[list[int]]:
     return chains
 
 
-def parallel_to_the_one_before(robot: Robot) -> BoolArray:
+def find_parallel_axes(robot: Robot) -> BoolArray:
     """Return which joints (n,) turn about an axis parallel to that of the joint before.
 
     Their angles may be counted together. None are named for a robot whose joints follow others.
@@ -329,16 +346,16 @@ def parallel_to_the_one_before(robot: Robot) -> BoolArray:
     return parallel
 
 
-def excess_in(robot: Robot, motion: Motion, judges: Judges | None = None) -> dict[int, float]:
+def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
     """Return the joints whose friction is too large for the robot, and how many times."""
-    return _excess((judges or Judges(robot)).plain, robot, motion)
+    return _find_excess((judges or HeldOutFits(robot)).plain_fit, robot, motion)
 
 
-def _excess(judge: Judge, robot: Robot, motion: Motion) -> dict[int, float]:
-    return excess_of(robot, judge.frictions(motion), heavy_joints(robot, motion))
+def _find_excess(judge: HeldOutFit, robot: Robot, motion: Motion) -> dict[int, float]:
+    return find_excess_friction(robot, judge.measure_frictions(motion), find_heavy_joints(robot, motion))
 
 
-def delay_among(robot: Robot, motion: Motion, period: float, judges: Judges | None = None) -> Delay | None:
+def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
     """Return the delay of the torque of a motion; None where the rows are too few.
 
     Parameters
@@ -351,19 +368,19 @@ def delay_among(robot: Robot, motion: Motion, period: float, judges: Judges | No
     judges : Judges, optional
         Those of the robot, if they exist already.
     """
-    judges = judges or Judges(robot)
-    judge = judges.plain
-    if not _is_enough(motion, judge):
+    judges = judges or HeldOutFits(robot)
+    judge = judges.plain_fit
+    if not _has_enough_rows(motion, judge):
         return None
-    return delay_of(
+    return estimate_delay(
         motion,
         period,
-        lambda delayed: judge.left(thinned(delayed)),
-        lambda delayed: judges.beside_offsets.left(thinned(delayed)),
+        lambda delayed: judge.measure_unexplained(thin_out(delayed)),
+        lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
     )
 
 
-def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
+def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
     """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
 
     Parameters
@@ -379,16 +396,18 @@ def better_by_other_gains(robot: Robot, motion: Motion, factor: float) -> float:
         The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
         `factor`.
     """
-    judge = Judge(robot)
+    judge = HeldOutFit(robot)
     # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
     # units.
-    now, joints = judge.left(motion), np.arange(robot.n)
+    now, joints = judge.measure_unexplained(motion), np.arange(robot.n)
     groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
     factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
-    return max(now.score - judge.left(replace(motion, tau=motion.tau * times)).score for times in factors)
+    return max(
+        now.score - judge.measure_unexplained(replace(motion, tau=motion.tau * times)).score for times in factors
+    )
 
 
-def left_of(robot: Robot, motion: Motion) -> float:
+def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
     """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
 
     Parameters
@@ -396,4 +415,4 @@ def left_of(robot: Robot, motion: Motion) -> float:
     robot : Robot
     motion : Motion
     """
-    return Judge(robot).left(motion).usual
+    return HeldOutFit(robot).measure_unexplained(motion).average_share

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.identification.mistakes.judge import BLOCKS, Judge
+from dynident.identification.mistakes.judge import BLOCKS, HeldOutFit
 from dynident.identification.mistakes.swaps import Motion
 from dynident.robot.model import Robot
 
-_STATES = 800
+_STATIC_ROWS = 800
 """Rows that are used: a load of gravity has a few parameters a joint."""
 
-_HEAVY = 0.3
+_HEAVY_TORQUE = 0.3
 """Share of the largest torque above which a joint takes part: what gravity leaves of the others' is noise."""
 
-_EXPLAINED = 0.2
+_UNEXPLAINED_BY_GRAVITY = 0.2
 """Share of a joint's torque that the load of gravity may leave, in blocks of time that were not fitted to."""
 
 _NO_FRICTION = 0.01
@@ -38,12 +38,12 @@ class StaticTorque:
     Each is the largest of any joint; `joints` are those that were tested.
     """
 
-    left: float
+    unexplained: float
     moving_share: float
     joints: tuple[int, ...]
 
 
-def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorque | None:
+def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> StaticTorque | None:
     """Decide whether gravity alone explains a torque, and motion has no part in it.
 
     Parameters
@@ -61,17 +61,17 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     """
     if not np.linalg.norm(robot.gravity) > 1.0 or float(np.std(motion.q, axis=0).max(initial=0.0)) < _MOVES:
         return None
-    every = max(1, len(motion.q) // _STATES)
+    every = max(1, len(motion.q) // _STATIC_ROWS)
     q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
     block = motion.block[::every]
     spread = tau.std(axis=0)
-    heavy: BoolArray = (spread > _HEAVY * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
-    loads = judge.loads(q)
+    heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
+    loads = judge.compute_load_columns(q)
     shares: list[tuple[float, float]] = []
     for joint in np.flatnonzero(heavy):
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
-        share_left, moving = _shares(loads[joint], own, tau[:, joint], block)
-        if share_left > _EXPLAINED or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
+        share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
+        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
             return None
         shares.append((share_left, moving))
     if not shares:
@@ -80,7 +80,7 @@ def find_static_torque(robot: Robot, motion: Motion, judge: Judge) -> StaticTorq
     return StaticTorque(float(worst[0]), float(worst[1]), tuple(int(joint) for joint in np.flatnonzero(heavy)))
 
 
-def _shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:
+def _measure_static_shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:
     """Return the shares of a joint's torque that the load leaves, held out, and of friction and inertia."""
     rows = np.column_stack([loads, np.ones(len(tau)), own])
     rows = rows / np.maximum(np.sqrt((rows**2).mean(axis=0)), np.finfo(float).tiny)

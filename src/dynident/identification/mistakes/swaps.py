@@ -11,7 +11,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 
-Kind = Literal[
+FaultKind = Literal[
     "torques swapped",
     "positions swapped",
     "joints swapped",
@@ -22,8 +22,8 @@ Kind = Literal[
     "joint coupled",
 ]
 
-_SWAPS: tuple[Kind, ...] = ("torques swapped", "positions swapped", "joints swapped")
-_TURNS: tuple[Kind, ...] = ("torque turned", "position turned", "joint turned")
+_SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
+_TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
 _OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled")
 _OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
 _SMALL = 1e-3
@@ -45,7 +45,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Mistake:
+class ColumnFault:
     """One fault: joints whose columns stand in each other's place, or joints whose sign or size is wrong.
 
     Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3, and 1 with 4. Of a joint
@@ -54,7 +54,7 @@ class Mistake:
     second's.
     """
 
-    kind: Kind
+    kind: FaultKind
     joints: tuple[int, ...]
     factor: float = 1.0
 
@@ -83,7 +83,7 @@ class Mistake:
         """Whether positions and torques are wrong alike."""
         return self.is_of_positions and self.is_of_torques
 
-    def mended(self, motion: Motion) -> Motion:
+    def mend(self, motion: Motion) -> Motion:
         """Return the motion without the fault, if it is the one that was made.
 
         Parameters
@@ -100,7 +100,7 @@ class Mistake:
             sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
         q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
         if self.kind == "joint coupled":
-            q, dq, ddq = (_uncoupled(signal, self) for signal in (q, dq, ddq))
+            q, dq, ddq = (_uncouple(signal, self) for signal in (q, dq, ddq))
         elif self.is_of_positions:
             q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
         if self.is_of_torques:
@@ -108,14 +108,14 @@ class Mistake:
         return Motion(q, dq, ddq, tau, motion.block)
 
 
-def _uncoupled(signal: FloatArray, mistake: Mistake) -> FloatArray:
+def _uncouple(signal: FloatArray, mistake: ColumnFault) -> FloatArray:
     own, other = mistake.joints
     changed = signal.copy()
     changed[:, own] -= mistake.factor * signal[:, other]
     return changed
 
 
-def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
+def silence_others(motion: Motion, joints: tuple[int, ...]) -> Motion:
     """Return the motion with some joints' torques so small that they have no say in the parameters of the others.
 
     Parameters
@@ -128,12 +128,12 @@ def alone(motion: Motion, joints: tuple[int, ...]) -> Motion:
     return replace(motion, tau=tau)
 
 
-def mistakes_among(
+def list_possible_faults(
     moving: BoolArray,
     parallel: BoolArray | None = None,
     has_torque: BoolArray | None = None,
     chains: Sequence[Sequence[int]] = (),
-) -> Iterator[Mistake]:
+) -> Iterator[ColumnFault]:
     """Yield all faults that are possible, those of the whole robot first.
 
     Parameters
@@ -147,25 +147,25 @@ def mistakes_among(
     chains : sequence of joints, optional
         The joints of each arm, or leg, of the robot.
     """
-    yield from _of_many_joints(moving)
-    yield from _of_whole_chains(moving, chains)
+    yield from _list_faults_of_many_joints(moving)
+    yield from _list_chain_faults(moving, chains)
     if parallel is not None:
         for index in np.flatnonzero(parallel & moving):
             pair = (int(index), int(index) - 1)
-            yield from (Mistake("joint coupled", pair, factor) for factor in (1.0, -1.0))
+            yield from (ColumnFault("joint coupled", pair, factor) for factor in (1.0, -1.0))
     joints = [int(j) for j in np.flatnonzero(moving)]
     for first, second in combinations(range(len(moving)), 2):
         if moving[first] and moving[second]:
-            yield from (Mistake(kind, (first, second)) for kind in _SWAPS)
+            yield from (ColumnFault(kind, (first, second)) for kind in _SWAPS)
         elif (moving[first] or moving[second]) and (has_torque is None or has_torque[[first, second]].all()):
             # A joint at rest tells only whether its column holds the other joint's torque.
-            yield Mistake("torques swapped", (first, second))
+            yield ColumnFault("torques swapped", (first, second))
     for joint in joints:
-        yield from (Mistake(kind, (joint,)) for kind in _TURNS)
-        yield from (Mistake("torque scaled", (joint,), factor) for factor in FACTORS)
+        yield from (ColumnFault(kind, (joint,)) for kind in _TURNS)
+        yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
 
 
-def _of_whole_chains(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[Mistake]:
+def _list_chain_faults(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[ColumnFault]:
     """Yield exchanges of the columns of whole chains of joints, and columns counted from the last joint on."""
     n = len(moving)
     alike = [
@@ -184,17 +184,17 @@ def _of_whole_chains(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iter
     kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
     for swap, possible in kinds:
         if all(moving[first] or moving[second] for first, second in swap):
-            yield from (Mistake(kind, tuple(joint for joints in swap for joint in joints)) for kind in possible)
+            yield from (ColumnFault(kind, tuple(joint for joints in swap for joint in joints)) for kind in possible)
 
 
-def _of_many_joints(moving: BoolArray) -> Iterator[Mistake]:
+def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:
     """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
     n = len(moving)
     if moving.sum() > 1:
         # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity
         # tells.
 
-        yield from (Mistake(kind, tuple(range(n))) for kind in _TURNS[:2])
+        yield from (ColumnFault(kind, tuple(range(n))) for kind in _TURNS[:2])
     for first in range(1, n - 1):
         if moving[first:].sum() > 1:
-            yield from (Mistake("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)
+            yield from (ColumnFault("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import IndexArray
-from dynident.effects import Column, Role, role_of
+from dynident.effects import Column, Role, get_role
 from dynident.robot.model import INERTIAL_NAMES
 
 
@@ -24,7 +24,7 @@ class Body:
     columns: IndexArray
 
 
-def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
+def find_bodies(columns: Sequence[Column]) -> tuple[Body, ...]:
     """Return the bodies among a model's columns; a body that is not there whole cannot be judged and is left out.
 
     Parameters
@@ -37,16 +37,18 @@ def bodies_of(columns: Sequence[Column]) -> tuple[Body, ...]:
     """
     groups: dict[tuple[Role, str, tuple[str, ...]], list[int]] = {}
     for k, column in enumerate(columns):
-        role = role_of(column)
+        role = get_role(column)
         if role in ("link", "load"):
             groups.setdefault((role, column.link, column.runs), []).append(k)
     return tuple(
-        Body(link, link, np.array(members)) if role == "link" else Body(_carried(link, runs), "", np.array(members))
+        Body(link, link, np.array(members))
+        if role == "link"
+        else Body(_name_payload(link, runs), "", np.array(members))
         for (role, link, runs), members in groups.items()
         # A body with fixed or missing parameters has no whole pseudo-inertia.
         if len(members) == len(INERTIAL_NAMES)
     )
 
 
-def _carried(link: str, runs: Sequence[str]) -> str:
+def _name_payload(link: str, runs: Sequence[str]) -> str:
     return f"payload on {link}" + (f" in {', '.join(runs)}" if runs else "")

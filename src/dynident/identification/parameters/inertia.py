@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import ReferenceParameters, effect_by_id
+from dynident.effects import ReferenceParameters, get_effect
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot
@@ -15,7 +15,7 @@ from dynident.robot.model import Robot
 _POSTURES = 400
 
 
-def smallest_inertia_eigenvalue(
+def compute_smallest_inertia_eigenvalue(
     model: Model, values: FloatArray, *, seed: int = 0, postures: FloatArray | None = None
 ) -> float:
     """Return the smallest eigenvalue of A(q), scaled to a unit diagonal, over random postures.
@@ -39,7 +39,7 @@ def smallest_inertia_eigenvalue(
         Not a number for a model without inertial parameters.
     """
     n = model.robot.n
-    inertial = [k for k, c in enumerate(model.kept) if effect_by_id(c.effect).is_inertia]
+    inertial = [k for k, c in enumerate(model.kept) if get_effect(c.effect).is_inertia]
     if not inertial:
         return float("nan")
     # Models that extend one another have their inertial columns in common.
@@ -48,8 +48,12 @@ def smallest_inertia_eigenvalue(
         observation = observation.parts[0]
     inertial_values = np.zeros(observation.n_columns)
     inertial_values[inertial] = values[inertial]
-    entries = _of_random(observation, seed) if postures is None else _unit_accelerations(observation, postures)
-    torque = observation.torque(entries, inertial_values)
+    entries = (
+        _evaluate_random_postures(observation, seed)
+        if postures is None
+        else _evaluate_unit_accelerations(observation, postures)
+    )
+    torque = observation.compute_torque(entries, inertial_values)
     matrix = torque.reshape(n, -1, n).transpose(1, 2, 0)
     # Column j of A(q) is the torque for a unit acceleration of joint j. The mean with the transpose removes rounding.
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
@@ -61,7 +65,7 @@ def smallest_inertia_eigenvalue(
     return float(np.linalg.eigvalsh(matrix * scale[:, :, None] * scale[:, None, :]).min())
 
 
-def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
+def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     """Draw postures (count, n) evenly from the joints' range.
 
     Parameters
@@ -70,10 +74,10 @@ def random_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     count : int
     seed : int
     """
-    return np.asarray(np.random.default_rng(seed).uniform(*joint_range(robot), (count, robot.n)))
+    return np.asarray(np.random.default_rng(seed).uniform(*get_joint_range(robot), (count, robot.n)))
 
 
-def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+def get_joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper ends (n,) of the joints' range: a full turn, or ± 1 m, where no limits are known."""
     ends = []
     for joint in robot.joints:
@@ -85,11 +89,11 @@ def joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
 
 
 @lru_cache(maxsize=4)
-def _of_random(observation: Observation, seed: int) -> FloatArray:
-    return _unit_accelerations(observation, random_postures(observation.robot, _POSTURES, seed))
+def _evaluate_random_postures(observation: Observation, seed: int) -> FloatArray:
+    return _evaluate_unit_accelerations(observation, draw_postures(observation.robot, _POSTURES, seed))
 
 
-def _unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:
+def _evaluate_unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:
     """Return entries (n · postures, k) of W for a unit acceleration of each joint in turn, less those at rest."""
     n = observation.robot.n
     accelerations = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), len(q), axis=0)
@@ -97,7 +101,7 @@ def _unit_accelerations(observation: Observation, q: FloatArray) -> FloatArray:
         np.tile(q, (n + 1, 1)),
         np.zeros_like(accelerations),
         accelerations,
-        reference=ReferenceParameters.nothing(observation.robot),
+        reference=ReferenceParameters.massless(observation.robot),
         memory=np.zeros((len(accelerations), observation.n_memory)),
     ).reshape(n + 1, len(q), -1)
     # What does not depend on acceleration cancels.

@@ -9,7 +9,7 @@ from dynident.identification.thresholds import DETERMINED
 ParameterJudgement = Literal["determined", "uncertain", "zero_in_interval"]
 
 
-def judged(value: float, deviation: float, half_width: float, owed: bool) -> ParameterJudgement:
+def judge_parameter(value: float, deviation: float, half_width: float, owed: bool) -> ParameterJudgement:
     """Judge an estimate by its standard deviation and its 95 % interval.
 
     Parameters

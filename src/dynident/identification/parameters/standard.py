@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.identification.parameters.bodies import bodies_of
+from dynident.identification.parameters.bodies import find_bodies
 from dynident.regressors.model import Model
 
 
@@ -21,7 +21,7 @@ class StandardParameters:
     values: FloatArray
     standard_deviations: FloatArray
 
-    def inertias(self, model: Model) -> FloatArray:
+    def to_inertias(self, model: Model) -> FloatArray:
         """Return the inertial parameters (n, 10) of the links, in the order of `INERTIAL_NAMES`.
 
         They are zero where a link is left out.
@@ -32,7 +32,7 @@ class StandardParameters:
             The one that the values belong to.
         """
         inertias = np.zeros((model.robot.tree.n, 10))
-        for body in bodies_of(model.columns):
+        for body in find_bodies(model.columns):
             if body.link:
                 inertias[model.robot.tree.joint_names.index(body.link)] = self.values[body.columns]
         return inertias

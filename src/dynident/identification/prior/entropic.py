@@ -20,8 +20,8 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.identification.parameters.bodies import bodies_of
-from dynident.identification.prior.belief import Belief
+from dynident.identification.parameters.bodies import find_bodies
+from dynident.identification.prior.belief import NormalPrior
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 
@@ -41,7 +41,7 @@ class EntropicPrior:
     nominal: FloatArray
     share: float
 
-    def value(self, values: FloatArray) -> float:
+    def compute_cost(self, values: FloatArray) -> float:
         """Return the cost 2 / p² Σ d(J ‖ J₀) of standard parameters (c,): infinite for bodies that cannot exist."""
         matrices = pseudo_inertia(values[self.columns])
         if not len(matrices):
@@ -56,7 +56,7 @@ class EntropicPrior:
         divergence = np.trace(relative, axis1=1, axis2=2) - np.linalg.slogdet(relative)[1] - 4.0
         return float(2.0 / self.share**2 * divergence.sum())
 
-    def belief_at(self, belief: Belief, values: FloatArray) -> Belief:
+    def approximate_at(self, belief: NormalPrior, values: FloatArray) -> NormalPrior:
         """Return the normal prior whose cost has the slope and curvature of `value` at standard parameters (c,).
 
         Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
@@ -67,11 +67,11 @@ class EntropicPrior:
             matrix = pseudo_inertia(values[columns])
             root = np.linalg.cholesky(matrix)
             mean[columns] = inertial_parameters(2.0 * matrix - matrix @ np.linalg.solve(nominal, matrix))
-            spread[np.ix_(columns, columns)] = self.share * inertial_parameters(root @ _DIRECTIONS @ root.T).T
+            spread[np.ix_(columns, columns)] = self.share * inertial_parameters(root @ _SYMMETRIC_BASIS @ root.T).T
         return replace(belief, mean=mean, spread=spread)
 
 
-def entropic_prior(model: Model, share: float, belief: Belief) -> EntropicPrior:
+def build_entropic_prior(model: Model, share: float, belief: NormalPrior) -> EntropicPrior:
     """Return the entropic prior of the links that a belief covers, whose bodies are usually off by the share.
 
     Parameters
@@ -87,14 +87,14 @@ def entropic_prior(model: Model, share: float, belief: Belief) -> EntropicPrior:
     DynidentError
         Where the description of one of them is flat or without mass: no body with volume is near it.
     """
-    believed = [body for body in bodies_of(model.columns) if belief.stated[body.columns].all()]
+    believed = [body for body in find_bodies(model.columns) if belief.stated[body.columns].all()]
     nominal = np.array([belief.mean[body.columns] for body in believed]).reshape(-1, 10)
-    _check(model.robot.name, [body.name for body in believed], nominal)
+    _check_bodies(model.robot.name, [body.name for body in believed], nominal)
     columns = np.array([body.columns for body in believed], dtype=np.intp).reshape(-1, 10)
     return EntropicPrior(columns, pseudo_inertia(nominal), share)
 
 
-def _check(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
+def _check_bodies(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
     flat = [name for name, least in zip(names, smallest_pseudo_inertia(nominal), strict=True) if not least > _FLAT]
     if flat:
         raise DynidentError(
@@ -106,7 +106,7 @@ def _check(robot: str, names: Sequence[str], nominal: FloatArray) -> None:
         )
 
 
-def _directions() -> FloatArray:
+def _build_symmetric_basis() -> FloatArray:
     """Return a basis (10, 4, 4) of the symmetric matrices, orthonormal in the Frobenius product."""
     matrices = []
     for row in range(4):
@@ -117,4 +117,4 @@ def _directions() -> FloatArray:
     return np.array(matrices)
 
 
-_DIRECTIONS = _directions()
+_SYMMETRIC_BASIS = _build_symmetric_basis()

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.effects import Column, role_of
+from dynident.effects import Column, get_role
 from dynident.errors import DynidentError
-from dynident.estimation import Information
-from dynident.estimation.deviations import owed_to_known
-from dynident.identification.asked import Trust
+from dynident.estimation import PriorInformation
+from dynident.estimation.deviations import find_prior_dominated
+from dynident.identification.asked import DescriptionTrust
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.prior.belief import Belief, parted
-from dynident.identification.prior.entropic import entropic_prior
+from dynident.identification.prior.belief import NormalPrior, split_prior
+from dynident.identification.prior.entropic import build_entropic_prior
 from dynident.regressors.model import Model
 from dynident.robot.model import INERTIAL_NAMES, Robot
 from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
-from dynident.robot.usual_errors import usual_errors, usual_rotor_inertias
+from dynident.robot.usual_errors import estimate_inertia_errors, estimate_rotor_inertias
 
 _TITLE = "No prior"
 # Inertias of links within this share of one another are the same: placeholders.
@@ -28,7 +28,7 @@ _ALIKE = 1e-6
 _IMPOSSIBLE = 0.01
 
 
-def prior_of(model: Model, trust: Trust) -> Information | None:
+def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | None:
     """Return what a prior says of the base parameters; None where there is none.
 
     Base parameters are sums of standard ones, β = G φ. So where φ has the mean μ and the covariance D, β has the mean
@@ -54,10 +54,10 @@ def prior_of(model: Model, trust: Trust) -> Information | None:
     if trust.prior is None:
         return None
     check_description(model.robot.tree, trust.free_links)
-    belief = belief_of(model, trust)
+    belief = build_normal_prior(model, trust)
     if trust.of_bodies:
-        belief = entropic_prior(model, trust.error, belief).belief_at(belief, belief.mean)
-    return parted(model, belief).base
+        belief = build_entropic_prior(model, trust.error, belief).approximate_at(belief, belief.mean)
+    return split_prior(model, belief).base
 
 
 def check_description(robot: Robot, free_links: Sequence[str]) -> None:
@@ -120,7 +120,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
         )
 
 
-def belief_of(model: Model, trust: Trust) -> Belief:
+def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
     """Return what the description says of a model's standard parameters, whether or not a prior is chosen.
 
     Parameters
@@ -134,11 +134,11 @@ def belief_of(model: Model, trust: Trust) -> Belief:
     """
     robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
-    errors, rotors = usual_errors(robot, trust.error), usual_rotor_inertias(robot)
+    errors, rotors = estimate_inertia_errors(robot, trust.error), estimate_rotor_inertias(robot)
     mean, size = np.zeros(len(model.columns)), np.ones(len(model.columns))
     stated = np.zeros(len(model.columns), dtype=bool)
     for k, column in enumerate(model.columns):
-        role = role_of(column)
+        role = get_role(column)
         if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
@@ -147,17 +147,17 @@ def belief_of(model: Model, trust: Trust) -> Belief:
             # Descriptions hardly ever state rotor inertias: only their order of magnitude is used, for scaling.
             size[k] = rotors[robot.joint_names.index(column.link)]
         elif role == "load":
-            size[k] = errors[robot.joint_names.index(column.link), _payload_parameter(column)]
-    return Belief(mean, size, stated)
+            size[k] = errors[robot.joint_names.index(column.link), _get_payload_parameter(column)]
+    return NormalPrior(mean, size, stated)
 
 
-def _payload_parameter(column: Column) -> int:
+def _get_payload_parameter(column: Column) -> int:
     return [f"{name}p" for name in INERTIAL_NAMES].index(column.parameter)
 
 
-def with_prior_said(model: Model, data: Data, fit: Fit) -> Fit:
+def add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
     """Return the fit with a warning that says what in it rests on the prior rather than on the data."""
-    owed = owed_to_known(data.equations, fit.solution)
+    owed = find_prior_dominated(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
     warning = (
         "The inertias of the description count as data here, each with the error that descriptions usually have: that "

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import Column, EffectChoice, Refinement, ShapeSpec, Signals, columns_of, effect_by_id
+from dynident.effects import Column, EffectChoice, Refinement, ShapeSpec, Signals, build_columns, get_effect
 from dynident.regressors.model import Model
 
 ColumnKey = tuple[str, str, tuple[tuple[str, float], ...], tuple[str, ...]]
@@ -22,31 +22,31 @@ _FAR = 100.0
 
 
 @dataclass(frozen=True)
-class ShapePlace:
+class ShapeVariable:
     """A shape constant that may take any value: the model's choice that it belongs to, and which constant of it."""
 
     choice: int
     spec: ShapeSpec
     search: Refinement
 
-    def value(self, effects: Sequence[EffectChoice]) -> float:
+    def get_value(self, effects: Sequence[EffectChoice]) -> float:
         """Return the value in these choices."""
         return effects[self.choice].shape_values[self.spec.name]
 
-    def change(self, steps: float) -> float:
+    def to_change(self, steps: float) -> float:
         """Return the change that some steps of the search make: of the constant, or of its logarithm."""
         return self.search.step * steps * (np.log(2.0) if self.search.in_octaves else 1.0)
 
-    def apart(self, low: float, high: float) -> float:
+    def compute_change(self, low: float, high: float) -> float:
         """Return the change from one value to another."""
         return float(np.log(high / low)) if self.search.in_octaves else high - low
 
-    def moved(self, value: float, change: float) -> float:
+    def apply_change(self, value: float, change: float) -> float:
         """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios."""
         return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
 
 
-def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
+def list_shape_variables(effects: Sequence[EffectChoice]) -> tuple[ShapeVariable, ...]:
     """Return the shape constants of choices that may take any value, those of one choice after another.
 
     Parameters
@@ -54,21 +54,21 @@ def shape_places(effects: Sequence[EffectChoice]) -> tuple[ShapePlace, ...]:
     effects : sequence of EffectChoice
     """
     return tuple(
-        ShapePlace(number, spec, spec.refined)
+        ShapeVariable(number, spec, spec.refined)
         for number, choice in enumerate(effects)
-        for spec in effect_by_id(choice.effect).shapes
+        for spec in get_effect(choice.effect).shapes
         if spec.refined is not None
         and spec.name in choice.shape_values
-        and spec.is_refined(choice.shape_values[spec.name])
+        and spec.can_be_refined(choice.shape_values[spec.name])
     )
 
 
-def changed_choice(choice: EffectChoice, name: str, value: float) -> EffectChoice:
+def replace_shape_value(choice: EffectChoice, name: str, value: float) -> EffectChoice:
     """Return a choice with another value of one of its shape constants."""
     return replace(choice, shape=tuple(sorted({**choice.shape_values, name: value}.items())))
 
 
-def shape_columns(model: Model, values: FloatArray, places: Sequence[ShapePlace]) -> list[Column]:
+def build_shape_columns(model: Model, values: FloatArray, places: Sequence[ShapeVariable]) -> list[Column]:
     """Return ∂(W χ)/∂θ of every constant, one column each, at parameters χ (b,).
 
     Differences are taken of the expressions before they are filtered, so that what is sampled, filtered and left out
@@ -83,20 +83,20 @@ def shape_columns(model: Model, values: FloatArray, places: Sequence[ShapePlace]
         The constants θ.
     """
     amplitudes = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}
-    return [_derivative(model.signals, model.effects[place.choice], place, amplitudes) for place in places]
+    return [_differentiate_torque(model.signals, model.effects[place.choice], place, amplitudes) for place in places]
 
 
-def _derivative(
-    signals: Signals, choice: EffectChoice, place: ShapePlace, amplitudes: Mapping[ColumnKey, float]
+def _differentiate_torque(
+    signals: Signals, choice: EffectChoice, place: ShapeVariable, amplitudes: Mapping[ColumnKey, float]
 ) -> Column:
     """Return the central difference of an effect's torque by one of its shape constants, as a column."""
-    value, tiny = choice.shape_values[place.spec.name], place.change(TINY)
+    value, tiny = choice.shape_values[place.spec.name], place.to_change(TINY)
     # A central difference: the error of a one-sided one would be of the size of the step itself.
     either = [
-        columns_of([changed_choice(choice, place.spec.name, place.moved(value, way * tiny))], signals)
+        build_columns([replace_shape_value(choice, place.spec.name, place.apply_change(value, way * tiny))], signals)
         for way in (1.0, -1.0)
     ]
-    here = columns_of([choice], signals)
+    here = build_columns([choice], signals)
     torque = ca.SX(signals.robot.n, 1)
     for column, above, below in zip(here, *either, strict=True):
         # A column that dissolves in others has no parameter of its own.

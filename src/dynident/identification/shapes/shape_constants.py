@@ -8,11 +8,18 @@ from typing import Literal
 
 import numpy as np
 
-from dynident.effects import EffectChoice, ShapeSpec, columns_of, effect_by_id
-from dynident.effects.catalogue import joints_of
-from dynident.effects.written import constant_in_words
-from dynident.estimation import CovarianceName, EstimationError, Linearised, Reduction, Solution, linearised
-from dynident.identification.shapes.shape_columns import ShapePlace, shape_places
+from dynident.effects import EffectChoice, ShapeSpec, build_columns, get_effect
+from dynident.effects.catalogue import find_joints
+from dynident.effects.written import format_constant
+from dynident.estimation import (
+    CovarianceName,
+    EstimationError,
+    LinearisedSolution,
+    Reduction,
+    Solution,
+    linearise_constants,
+)
+from dynident.identification.shapes.shape_columns import ShapeVariable, list_shape_variables
 from dynident.identification.shapes.shapes import DOWN, UP
 from dynident.identification.thresholds import DETERMINED
 from dynident.regressors.model import Model
@@ -50,21 +57,23 @@ class ShapeConstant:
     def __repr__(self) -> str:
         place = f" on {', '.join(self.joints)}" if self.joints else ""
         unit = "" if self.word or self.unit == "-" else f" {self.unit}"
-        value = f"{constant_in_words(self.effect, self.name, self.value)}{unit}"
+        value = f"{format_constant(self.effect, self.name, self.value)}{unit}"
         return f"ShapeConstant({self.effect}{place}, {value}, {self.judgement})"
 
     @property
     def word(self) -> str | None:
         """Name of the kind that the value stands for; None where the constant is a number."""
-        known = next((spec for spec in effect_by_id(self.effect).shapes if spec.name == self.name), None)
-        return known.word(self.value) if known else None
+        known = next((spec for spec in get_effect(self.effect).shapes if spec.name == self.name), None)
+        return known.get_word(self.value) if known else None
 
 
-_OF_A_LINE = 10
+_LINE_RANGE = 10
 """Times as far as a line is refined it may lie elsewhere: a spectrum is as sharp as the motion is long."""
 
 
-def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, shaped: Reduction) -> Linearised | None:
+def linearise_shapes(
+    model: Model, solution: Solution, kind: CovarianceName, shaped: Reduction
+) -> LinearisedSolution | None:
     """Linearise the joints' torques about the model's parameters and shape constants together.
 
     Parameters
@@ -83,18 +92,18 @@ def looked_at_shapes(model: Model, solution: Solution, kind: CovarianceName, sha
         None where there are no constants to look at.
     """
     ranges = []
-    for place in shape_places(model.effects):
-        low, high = searched(place, model.effects[place.choice], model.robot)
+    for place in list_shape_variables(model.effects):
+        low, high = get_search_range(place, model.effects[place.choice], model.robot)
         # A constant that may be anywhere in its range has this standard deviation before any data: that of an even
         # distribution.
-        ranges.append(place.apart(low, high) / np.sqrt(12.0))
+        ranges.append(place.compute_change(low, high) / np.sqrt(12.0))
     try:
-        return linearised(shaped, solution, np.array(ranges), kind) if ranges else None
+        return linearise_constants(shaped, solution, np.array(ranges), kind) if ranges else None
     except EstimationError:
         return None
 
 
-def shape_constants(model: Model, linearisation: Linearised | None) -> tuple[ShapeConstant, ...]:
+def judge_shape_constants(model: Model, linearisation: LinearisedSolution | None) -> tuple[ShapeConstant, ...]:
     """Return the shape constants of a model, with what the joints' torques say of them.
 
     Parameters
@@ -110,28 +119,28 @@ def shape_constants(model: Model, linearisation: Linearised | None) -> tuple[Sha
     looked: dict[tuple[int, str], ShapeConstant] = {}
     if linearisation is not None:
         estimates = zip(
-            shape_places(model.effects),
+            list_shape_variables(model.effects),
             linearisation.steps,
             linearisation.deviations,
             linearisation.half_widths,
             strict=True,
         )
-        significant = _choices_seen(model, linearisation)
+        significant = _find_significant_choices(model, linearisation)
         looked = {
-            (p.choice, p.spec.name): _judged(model, p, p.choice in significant, *map(float, numbers))
+            (p.choice, p.spec.name): _judge_constant(model, p, p.choice in significant, *map(float, numbers))
             for p, *numbers in estimates
         }
     return tuple(
-        looked.get((number, spec.name)) or _unjudged(choice, spec, model.robot)
+        looked.get((number, spec.name)) or _build_unjudged(choice, spec, model.robot)
         for number, choice in enumerate(model.effects)
-        for spec in effect_by_id(choice.effect).shapes
+        for spec in get_effect(choice.effect).shapes
         if spec.name in choice.shape_values
     )
 
 
-def _choices_seen(model: Model, linearisation: Linearised) -> set[int]:
+def _find_significant_choices(model: Model, linearisation: LinearisedSolution) -> set[int]:
     """Return the numbers of the choices with at least one parameter that differs from zero significantly."""
-    half = linearisation.of_parameters.half_widths()
+    half = linearisation.parameter_statistics.half_widths()
     sure = {
         column.key
         for column, value, width in zip(
@@ -142,46 +151,46 @@ def _choices_seen(model: Model, linearisation: Linearised) -> set[int]:
     return {
         number
         for number, choice in enumerate(model.effects)
-        if any(column.key in sure for column in columns_of([choice], model.signals))
+        if any(column.key in sure for column in build_columns([choice], model.signals))
     }
 
 
-def _constant(
+def _build_constant(
     choice: EffectChoice, spec: ShapeSpec, robot: Robot, judgement: ShapeJudgement, note: str
 ) -> ShapeConstant:
-    alone = effect_by_id(choice.effect).scope == "robot"
-    joints = () if alone else tuple(robot.tree.joint_names[j] for j in joints_of(choice, robot))
+    alone = get_effect(choice.effect).scope == "robot"
+    joints = () if alone else tuple(robot.tree.joint_names[j] for j in find_joints(choice, robot))
     value = choice.shape_values[spec.name]
     return ShapeConstant(choice.effect, joints, spec.name, spec.unit, spec.description, value, judgement, note=note)
 
 
-def _unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
-    if spec.is_refined(choice.shape_values[spec.name]):
+def _build_unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
+    if spec.can_be_refined(choice.shape_values[spec.name]):
         note = "only recordings tell how sure it is: identify from these"
-        return _constant(choice, spec, robot, "not_looked_at", note)
+        return _build_constant(choice, spec, robot, "not_looked_at", note)
     note = "one of a few kinds that was chosen: there is nothing between them"
     if spec.proposal == "burst":
         note = "read off the residual: nothing tells how sure it is"
-    return _constant(choice, spec, robot, "chosen", note)
+    return _build_constant(choice, spec, robot, "chosen", note)
 
 
-def _judged(
-    model: Model, place: ShapePlace, significant: bool, step: float, deviation: float, half: float
+def _judge_constant(
+    model: Model, place: ShapeVariable, significant: bool, step: float, deviation: float, half: float
 ) -> ShapeConstant:
     """Judge a constant by its interval; step, deviation and half-width are of it or of its logarithm (`ShapePlace`)."""
-    choice, value, robot = model.effects[place.choice], place.value(model.effects), model.robot
-    low, high = searched(place, choice, robot)
-    data = place.moved(value, step)
+    choice, value, robot = model.effects[place.choice], place.get_value(model.effects), model.robot
+    low, high = get_search_range(place, choice, robot)
+    data = place.apply_change(value, step)
 
     def build_constant(judgement: ShapeJudgement, note: str) -> ShapeConstant:
-        return _constant(choice, place.spec, robot, judgement, note)
+        return _build_constant(choice, place.spec, robot, judgement, note)
 
     # The derivative by the constant is proportional to the effect's size, so without an effect its constant means
     # nothing.
     if not significant:
         return build_constant("not_determined", "the effect itself is not told from zero")
-    ends = place.moved(value, step - half), place.moved(value, step + half)
-    open_ = deviation > _NO_BETTER * place.apart(low, high) / np.sqrt(12.0)
+    ends = place.apply_change(value, step - half), place.apply_change(value, step + half)
+    open_ = deviation > _NO_BETTER * place.compute_change(low, high) / np.sqrt(12.0)
     if open_ or (ends[0] <= low and ends[1] >= high):
         return build_constant(
             "not_determined", f"the data leave it open from {low:.3g} to {high:.3g}, all that is searched"
@@ -192,12 +201,12 @@ def _judged(
         return build_constant("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
     # A linearisation only holds nearby. A step beyond the interval, and beyond a step of the search, means a new
     # search.
-    if abs(step) > max(half, place.change(1.0)):
+    if abs(step) > max(half, place.to_change(1.0)):
         way = "larger" if step > 0 else "smaller"
         return build_constant(
             "elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew"
         )
-    sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.change(1.0)))
+    sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.to_change(1.0)))
     constant = build_constant("determined" if sure else "uncertain", "")
     if abs(step) > half:
         constant = build_constant("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
@@ -205,7 +214,7 @@ def _judged(
     return replace(constant, standard_deviation=spread, interval=ends)
 
 
-def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[float, float]:
+def get_search_range(place: ShapeVariable, choice: EffectChoice, robot: Robot) -> tuple[float, float]:
     """Return the range that a constant is searched in.
 
     It lies about the effect's grid, or about the value that a spectrum showed.
@@ -216,11 +225,11 @@ def searched(place: ShapePlace, choice: EffectChoice, robot: Robot) -> tuple[flo
     choice : EffectChoice
     robot : Robot
     """
-    around, wide = [choice.shape_values[place.spec.name]], _OF_A_LINE
+    around, wide = [choice.shape_values[place.spec.name]], _LINE_RANGE
     if place.spec.proposal == "grid":
-        joint = joints_of(choice, robot)[0]
-        around = [shape[place.spec.name] for shape in effect_by_id(choice.effect).grid(robot.tree, joint)]
+        joint = find_joints(choice, robot)[0]
+        around = [shape[place.spec.name] for shape in get_effect(choice.effect).grid(robot.tree, joint)]
         wide = 1
-    low = min(place.search.moved(value, -wide * DOWN) for value in around)
-    high = max(place.search.moved(value, wide * UP) for value in around)
+    low = min(place.search.apply_steps(value, -wide * DOWN) for value in around)
+    high = max(place.search.apply_steps(value, wide * UP) for value in around)
     return (low if place.spec.signed else max(low, place.spec.least)), high

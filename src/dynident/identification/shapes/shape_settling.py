@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.effects import Column, EffectChoice, ReferenceParameters, columns_of
+from dynident.effects import Column, EffectChoice, ReferenceParameters, build_columns
 from dynident.estimation import (
     EstimationError,
     Reduction,
-    linearised,
-    noise_levels,
+    build_weighted_factor,
+    compute_noise_levels,
+    linearise_constants,
     solve,
-    weighted_factor,
 )
-from dynident.identification.shapes.shape_columns import TINY, ShapePlace, changed_choice, shape_places
+from dynident.identification.shapes.shape_columns import TINY, ShapeVariable, list_shape_variables, replace_shape_value
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
 from dynident.regressors.stream import reduce_recordings
@@ -32,7 +32,7 @@ _SETTLED = 0.02
 """Share of a step of the search: a round that moves no constant by more is the last."""
 
 
-def settled_shapes(
+def settle_shapes(
     model: Model,
     choices: Sequence[EffectChoice],
     recordings: Sequence[Recording],
@@ -61,50 +61,52 @@ def settled_shapes(
     staying: set[tuple[int, str]] = set()
     noise: FloatArray | None = None
     for number in range(_ROUNDS):
-        places = [p for p in shape_places(here) if p.spec.name not in kept[p.choice] and _loose(p, here)]
+        places = [
+            p for p in list_shape_variables(here) if p.spec.name not in kept[p.choice] and _is_above_least(p, here)
+        ]
         places = [p for p in places if (p.choice, p.spec.name) not in staying]
         if not places:
             return here
-        data = _Derivatives.of(model, here, places, recordings, preprocessing, reference, noise)
+        data = _ShapeDerivatives.from_recordings(model, here, places, recordings, preprocessing, reference, noise)
         noise = data.noise
         # Natural values, such as an exponent of 2, are preferred: they only move where the data contradict them.
         if number == 0:
-            against = data.spoken_against()
-            free = [k for k, p in enumerate(places) if against[k] or p.value(here) not in p.spec.natural]
+            against = data.find_contradicted()
+            free = [k for k, p in enumerate(places) if against[k] or p.get_value(here) not in p.spec.natural]
             staying = {(p.choice, p.spec.name) for k, p in enumerate(places) if k not in free}
-            places, data = [places[k] for k in free], data.only(free)
+            places, data = [places[k] for k in free], data.select_constants(free)
             if not places:
                 return here
-        error, changes = data.step()
+        error, changes = data.compute_step()
         # The last step made the error larger, so the one before it is the result.
         if error > least:
             return before
         before, least = here, error
         # Further than one step of the search the linearisation does not hold.
-        steps = [float(np.clip(change / p.change(1.0), -1, 1)) for p, change in zip(places, changes, strict=True)]
+        steps = [float(np.clip(change / p.to_change(1.0), -1, 1)) for p, change in zip(places, changes, strict=True)]
         for place, step in zip(places, steps, strict=True):
-            here = _moved(here, place, step)
+            here = _move_constant(here, place, step)
         if max(map(abs, steps)) < _SETTLED:
             break
     return here
 
 
-def _loose(place: ShapePlace, choices: Sequence[EffectChoice]) -> bool:
-    return place.spec.signed or place.value(choices) > place.spec.least
+def _is_above_least(place: ShapeVariable, choices: Sequence[EffectChoice]) -> bool:
+    return place.spec.signed or place.get_value(choices) > place.spec.least
 
 
-def _moved(choices: tuple[EffectChoice, ...], place: ShapePlace, step: float) -> tuple[EffectChoice, ...]:
-    value = place.moved(place.value(choices), place.change(step))
+def _move_constant(choices: tuple[EffectChoice, ...], place: ShapeVariable, step: float) -> tuple[EffectChoice, ...]:
+    value = place.apply_change(place.get_value(choices), place.to_change(step))
     if not place.spec.signed:
         value = max(value, place.spec.least)
     if not place.spec.admits(value):
         return choices
-    changed = changed_choice(choices[place.choice], place.spec.name, value)
+    changed = replace_shape_value(choices[place.choice], place.spec.name, value)
     return (*choices[: place.choice], changed, *choices[place.choice + 1 :])
 
 
 @dataclass(frozen=True, eq=False)
-class _Derivatives:
+class _ShapeDerivatives:
     """Rows of [model | choices | choices with a constant a little larger, then smaller | Y], and their noise (n,).
 
     `n_columns` are those of the model and the choices; `pairs` (k) the numbers of three columns each, here, above and
@@ -118,54 +120,56 @@ class _Derivatives:
     widths: list[float]
 
     @classmethod
-    def of(
+    def from_recordings(
         cls,
         model: Model,
         choices: Sequence[EffectChoice],
-        places: Sequence[ShapePlace],
+        places: Sequence[ShapeVariable],
         recordings: Sequence[Recording],
         preprocessing: Preprocessing,
         reference: ReferenceParameters,
         noise: FloatArray | None,
-    ) -> _Derivatives:
+    ) -> _ShapeDerivatives:
         columns: list[Column] = list(model.kept)
         numbers: list[range] = []
         for choice in choices:
-            added = columns_of([choice], model.signals)
+            added = build_columns([choice], model.signals)
             numbers.append(range(len(columns), len(columns) + len(added)))
             columns += added
         n_columns = len(columns)
         pairs = []
         for place in places:
-            own, value = numbers[place.choice], place.value(choices)
-            ends = [place.moved(value, way * place.change(TINY)) for way in (1.0, -1.0)]
+            own, value = numbers[place.choice], place.get_value(choices)
+            ends = [place.apply_change(value, way * place.to_change(TINY)) for way in (1.0, -1.0)]
             first = len(columns)
             for end in ends:
-                columns += columns_of([changed_choice(choices[place.choice], place.spec.name, end)], model.signals)
+                columns += build_columns(
+                    [replace_shape_value(choices[place.choice], place.spec.name, end)], model.signals
+                )
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
-        observation = model.observation.extended(columns[model.n_parameters :], model.signals)
+        observation = model.observation.extend(columns[model.n_parameters :], model.signals)
         reduction = reduce_recordings(observation, recordings, preprocessing, reference)
         if noise is None:
             # Of the model with the choices: without them, a joint that lacks much would hardly count.
-            here = reduction.select(list(range(n_columns)))
-            levels = noise_levels(here, _values(here, np.ones(len(here.equations))))
-            noise = noise_levels(here, _values(here, levels))
-        return cls(reduction, noise, n_columns, pairs, [2.0 * place.change(TINY) for place in places])
+            here = reduction.select_columns(list(range(n_columns)))
+            levels = compute_noise_levels(here, _solve_values(here, np.ones(len(here.equations))))
+            noise = compute_noise_levels(here, _solve_values(here, levels))
+        return cls(reduction, noise, n_columns, pairs, [2.0 * place.to_change(TINY) for place in places])
 
-    def only(self, numbers: Sequence[int]) -> _Derivatives:
+    def select_constants(self, numbers: Sequence[int]) -> _ShapeDerivatives:
         """Return the same for some of the constants."""
         return replace(self, pairs=[self.pairs[k] for k in numbers], widths=[self.widths[k] for k in numbers])
 
-    def spoken_against(self) -> BoolArray:
+    def find_contradicted(self) -> BoolArray:
         """Tell which constants (k,) have a value outside of the interval that the data give.
 
         None where the data do not determine all columns.
         """
         none = np.zeros(len(self.pairs), dtype=bool)
         try:
-            solution = solve(self.reduction.select(list(range(self.n_columns))), self.noise)
-            linearisation = linearised(
-                self.reduction.combined(self._with_slopes(solution.values)),
+            solution = solve(self.reduction.select_columns(list(range(self.n_columns))), self.noise)
+            linearisation = linearise_constants(
+                self.reduction.combine_columns(self._combine_slopes(solution.values)),
                 solution,
                 np.full(len(none), _WIDE),
                 "by_time_and_joints",
@@ -174,7 +178,7 @@ class _Derivatives:
             return none
         return np.asarray(np.abs(linearisation.steps) > linearisation.statistics.half_widths(_LEVEL)[self.n_columns :])
 
-    def _with_slopes(self, values: FloatArray) -> FloatArray:
+    def _combine_slopes(self, values: FloatArray) -> FloatArray:
         """Return the columns, and the derivatives by the constants, as combinations (c, n_columns + k)."""
         whole = np.zeros((self.reduction.n_columns, self.n_columns + len(self.pairs)))
         whole[: self.n_columns, : self.n_columns] = np.eye(self.n_columns)
@@ -184,23 +188,23 @@ class _Derivatives:
                 whole[below, self.n_columns + number] -= values[k] / width
         return whole
 
-    def step(self) -> tuple[float, FloatArray]:
+    def compute_step(self) -> tuple[float, FloatArray]:
         """Return the squared error here, and the changes (k,) of the constants that would make it smallest."""
-        factor = weighted_factor(self.reduction, self.noise)
+        factor = build_weighted_factor(self.reduction, self.noise)
         columns, y = factor[:, :-1], factor[:, -1]
         # First the linear parameters alone: the derivatives by the constants are theirs times the slopes of the
         # columns.
-        values, error = _solved(columns[:, : self.n_columns], y)
-        together, _ = _solved(columns @ self._with_slopes(values), y)
+        values, error = _solve_least_squares(columns[:, : self.n_columns], y)
+        together, _ = _solve_least_squares(columns @ self._combine_slopes(values), y)
         return error, together[self.n_columns :]
 
 
-def _values(reduction: Reduction, noise: FloatArray) -> FloatArray:
-    factor = weighted_factor(reduction, noise)
-    return _solved(factor[:, :-1], factor[:, -1])[0]
+def _solve_values(reduction: Reduction, noise: FloatArray) -> FloatArray:
+    factor = build_weighted_factor(reduction, noise)
+    return _solve_least_squares(factor[:, :-1], factor[:, -1])[0]
 
 
-def _solved(w: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
+def _solve_least_squares(w: FloatArray, y: FloatArray) -> tuple[FloatArray, float]:
     """Return the least-squares solution for columns that may depend on one another, and its squared error."""
     sizes = np.linalg.norm(w, axis=0)
     scaled = w / np.where(sizes > 0, sizes, 1.0)

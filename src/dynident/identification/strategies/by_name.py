@@ -8,11 +8,11 @@ from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.estimators.feasible import move_where_free
 from dynident.identification.fit import Fit
-from dynident.identification.prior.prior import with_prior_said
+from dynident.identification.prior.prior import add_prior_warning
 from dynident.identification.problem import Problem
 
 
-def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
+def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Solve by the chosen strategy with the chosen estimator.
 
     Parameters
@@ -29,14 +29,14 @@ def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
     DynidentError
         Where the choices do not fit each other, or the data do not allow them.
     """
-    _check_together(choices, problem)
+    _check_compatible(choices, problem)
     fitted = choices.plan.solve(choices, problem)
     # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
     # equations of every step.
     if choices.solver.possible_where_free and choices.plan.at_once:
         fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
     if choices.prior is not None:
-        fitted = with_prior_said(problem.model, problem.data, fitted)
+        fitted = add_prior_warning(problem.model, problem.data, fitted)
     friction = problem.data.friction
     if not friction or choices.plan.friction_runs:
         return fitted
@@ -45,7 +45,7 @@ def fit(choices: IdentificationChoices, problem: Problem) -> Fit:
     return replace(fitted, warnings=(*fitted.warnings, unused))
 
 
-def _check_together(choices: IdentificationChoices, problem: Problem) -> None:
+def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
     if choices.prior is not None and not choices.plan.at_once:
         raise DynidentError(

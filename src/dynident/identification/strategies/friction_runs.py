@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import ReferenceParameters, effect_by_id
+from dynident.effects import ReferenceParameters, get_effect
 from dynident.estimation import EquationFactors, Reduction
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
-from dynident.recordings.constant_velocity import sole_mover
+from dynident.recordings.constant_velocity import find_sole_mover
 from dynident.regressors.model import Model
 from dynident.regressors.stream import SampleFunction
 
@@ -30,7 +30,7 @@ _RANK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class FrictionPiece:
     """A piece of a stroke: mean `velocity` (rad/s, m/s), `rows` (m, 4 + k + 1) [gravity, inertia | friction | Y]."""
 
     joint: int
@@ -62,7 +62,7 @@ class _Collector:
     joint: int = -1
     posture: FloatArray = field(default_factory=lambda: np.empty(0))
     velocities: list[FloatArray] = field(default_factory=list)
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: list[FrictionPiece] = field(default_factory=list)
 
     def push(self, joint: int, q: FloatArray, velocity: FloatArray, rows: FloatArray) -> None:
         """Add rows of one stroke that follow those before, or begin a new piece after `close`."""
@@ -82,11 +82,11 @@ class _Collector:
         """End the piece that is being collected."""
         if self.length >= self.shortest:
             velocity = float(np.mean(np.concatenate(self.velocities)))
-            self.pieces.append(Piece(self.joint, velocity, (self.number, self.posture), np.vstack(self.open)))
+            self.pieces.append(FrictionPiece(self.joint, velocity, (self.number, self.posture), np.vstack(self.open)))
         self.open, self.velocities, self.length = [], [], 0
 
 
-def friction_columns(model: Model, joint: int) -> list[int]:
+def find_friction_columns(model: Model, joint: int) -> list[int]:
     """Return the numbers of the parameters that are this joint's friction.
 
     Parameters
@@ -95,10 +95,10 @@ def friction_columns(model: Model, joint: int) -> list[int]:
     joint : int
     """
     name = model.robot.joint_names[joint]
-    return [k for k, c in enumerate(model.kept) if c.link == name and effect_by_id(c.effect).is_friction]
+    return [k for k, c in enumerate(model.kept) if c.link == name and get_effect(c.effect).is_friction]
 
 
-def friction_runs(
+def find_friction_runs(
     model: Model, recordings: Sequence[Recording], preprocessing: Preprocessing | None, reference: ReferenceParameters
 ) -> FrictionRuns:
     """Find all motions of single joints in recordings, and reduce them to rows of friction alone.
@@ -117,33 +117,33 @@ def friction_runs(
     -------
     FrictionRuns
     """
-    pieces: list[Piece] = []
+    pieces: list[FrictionPiece] = []
     for number, recording in enumerate(recordings):
         chosen = preprocessing or choose_preprocessing([recording])
         plain = replace(chosen, torque_cutoff=None, decimation=1)
-        pieces += _pieces(model, recording, number, plain, reference)
+        pieces += _collect_pieces(model, recording, number, plain, reference)
     equations, velocities = [], []
     for joint in range(model.robot.n):
         own = [piece for piece in pieces if piece.joint == joint]
-        equations.append(_equation(friction_columns(model, joint), own))
+        equations.append(_build_equation(find_friction_columns(model, joint), own))
         velocities.append(np.array([piece.velocity for piece in own]))
     spans = np.zeros((max((len(e.counts) for e in equations), default=0), 2))
     return FrictionRuns(Reduction(model.n_parameters, tuple(equations), spans), tuple(velocities))
 
 
-def _pieces(
+def _collect_pieces(
     model: Model, recording: Recording, number: int, preprocessing: Preprocessing, reference: ReferenceParameters
-) -> list[Piece]:
+) -> list[FrictionPiece]:
     """Return the pieces of one recording in which a single joint moves in one direction."""
     entries_of = SampleFunction(model.observation, reference, recording)
-    layouts = [_layout(model, joint) for joint in range(model.robot.n)]
+    layouts = [_get_layout(model, joint) for joint in range(model.robot.n)]
     longest, shortest = (max(2, round(seconds * recording.sampling_rate)) for seconds in (_PIECE, _SHORTEST))
     collector = _Collector(number, longest, shortest)
     before = (-1, 0.0)
     for block in filtered_blocks(recording, preprocessing):
         entries = entries_of(block)
         # Samples at which several joints move, or none does, belong to no piece.
-        movers = np.where(block.used, sole_mover(block.dq, block.ddq), -1)
+        movers = np.where(block.used, find_sole_mover(block.dq, block.ddq), -1)
         signs = np.sign(block.dq[np.arange(len(movers)), movers])
         # A stroke ends where another joint moves or the direction changes, as Coulomb friction jumps there.
         borders = np.flatnonzero((np.diff(movers) != 0) | (np.diff(signs) != 0)) + 1
@@ -153,13 +153,13 @@ def _pieces(
                 collector.close()
             before = now
             if joint >= 0:
-                own = _rows(model, joint, block, entries[:, layouts[joint]])[part]
+                own = _build_rows(model, joint, block, entries[:, layouts[joint]])[part]
                 collector.push(joint, block.q[part], block.dq[part, joint], own)
     collector.close()
     return collector.pieces
 
 
-def _rows(model: Model, joint: int, block: SampleBlock, friction: FloatArray) -> FloatArray:
+def _build_rows(model: Model, joint: int, block: SampleBlock, friction: FloatArray) -> FloatArray:
     """Return rows (m, 4 + k + 1): 1, cos q, sin q, q̈ | friction | torque."""
     q = block.q[:, joint]
     revolute = model.robot.joints[joint].kind == "revolute"
@@ -167,19 +167,19 @@ def _rows(model: Model, joint: int, block: SampleBlock, friction: FloatArray) ->
     return np.column_stack([np.ones(len(q)), *waves, block.ddq[:, joint], friction, block.tau[:, joint]])
 
 
-def _layout(model: Model, joint: int) -> list[int]:
+def _get_layout(model: Model, joint: int) -> list[int]:
     """Return the places of the joint's friction among the entries of its row."""
     positions, columns = model.observation.joint_entries(joint)
     where = dict(zip(columns.tolist(), positions.tolist(), strict=True))
-    return [where[k] for k in friction_columns(model, joint)]
+    return [where[k] for k in find_friction_columns(model, joint)]
 
 
-def _equation(columns: list[int], pieces: Sequence[Piece]) -> EquationFactors:
+def _build_equation(columns: list[int], pieces: Sequence[FrictionPiece]) -> EquationFactors:
     """Return the factors of friction and torque of one joint's pieces, without what gravity and inertia explain."""
     size = len(columns) + 1
     numbers = np.array(columns, dtype=np.intp)
     cleared: list[FloatArray] = []
-    for group in _by_posture(pieces):
+    for group in _group_by_posture(pieces):
         rows = np.vstack([piece.rows for piece in group])
         nuisance, rest = rows[:, :4], rows[:, 4:]
         # Project gravity and inertia out of the rows of one posture (Frisch, Waugh and Lovell). An orthonormal basis
@@ -197,9 +197,9 @@ def _equation(columns: list[int], pieces: Sequence[Piece]) -> EquationFactors:
     return EquationFactors(numbers, factors, np.array([len(rows) for rows in cleared], dtype=np.intp))
 
 
-def _by_posture(pieces: Sequence[Piece]) -> list[list[Piece]]:
+def _group_by_posture(pieces: Sequence[FrictionPiece]) -> list[list[FrictionPiece]]:
     """Group pieces of the same recording with the other joints in the same posture."""
-    groups: list[list[Piece]] = []
+    groups: list[list[FrictionPiece]] = []
     for piece in pieces:
         for group in groups:
             number, posture = group[0].posture

@@ -9,9 +9,9 @@ from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.friction_runs import FrictionRuns, friction_columns, friction_runs
+from dynident.identification.strategies.friction_runs import FrictionRuns, find_friction_columns, find_friction_runs
 from dynident.identification.strategies.sequential import check_estimator
-from dynident.identification.strategies.steps import Findings, conclude_steps, take_step
+from dynident.identification.strategies.steps import StepEstimates, conclude_steps, take_step
 from dynident.regressors.model import Model
 
 # Dry and viscous friction are told apart where the fast motion is at least so many times as fast as the slow one. Ramps
@@ -24,7 +24,7 @@ _PATIENCE = 30.0
 _OPEN = 0.1
 
 
-def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
+def solve_separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the friction of every joint that moves alone somewhere, then all other parameters with it known.
 
     The runs are those of the recordings with the role "friction", or else any that are found in the data. Friction
@@ -55,8 +55,8 @@ def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
             pointer="/strategy",
             title="Recordings needed",
         )
-    runs = friction_runs(model, sources, choices.preprocessing, data.reference)
-    solvable = [j for j in range(model.robot.n) if len(runs.velocities[j]) and friction_columns(model, j)]
+    runs = find_friction_runs(model, sources, choices.preprocessing, data.reference)
+    solvable = [j for j in range(model.robot.n) if len(runs.velocities[j]) and find_friction_columns(model, j)]
     if not solvable:
         raise DynidentError(
             f"no joint with friction in the model moves alone at constant velocity in "
@@ -66,23 +66,25 @@ def separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
             title="No friction runs",
         )
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
-    alone = take_step(estimator, problem, runs.equations, Findings.nothing(model.n_parameters), both, _PATIENCE)
+    alone = take_step(estimator, problem, runs.equations, StepEstimates.empty(model.n_parameters), both, _PATIENCE)
     rest = take_step(estimator, problem, data.equations, alone.findings)
-    return conclude_steps(data, (alone, rest), _warnings(model, runs, alone.findings))
+    return conclude_steps(data, (alone, rest), _list_warnings(model, runs, alone.findings))
 
 
-def _warnings(model: Model, runs: FrictionRuns, findings: Findings) -> tuple[str, ...]:
+def _list_warnings(model: Model, runs: FrictionRuns, findings: StepEstimates) -> tuple[str, ...]:
     """Return warnings about joints without runs, with poor ones, and about parameters that the runs leave open."""
     sentences = []
     names = model.robot.joint_names
-    without = [names[j] for j in range(model.robot.n) if friction_columns(model, j) and not len(runs.velocities[j])]
+    without = [
+        names[j] for j in range(model.robot.n) if find_friction_columns(model, j) and not len(runs.velocities[j])
+    ]
     if without:
         sentences.append(
             f"No run shows {', '.join(without)} moving alone at constant velocity: their friction is identified "
             "together with the inertial parameters."
         )
     for j, velocities in enumerate(runs.velocities):
-        columns = friction_columns(model, j)
+        columns = find_friction_columns(model, j)
         if not columns or not len(velocities):
             continue
         speeds = np.repeat(np.abs(velocities), runs.equations.equations[j].counts)
@@ -96,7 +98,7 @@ def _warnings(model: Model, runs: FrictionRuns, findings: Findings) -> tuple[str
                 f"{names[j]} moves alone at one speed of {fast:.3g} only: how its friction depends on the speed is "
                 "hardly to be told."
             )
-    undetermined = _left_open(model, runs, findings)
+    undetermined = _list_undetermined(model, runs, findings)
     if undetermined:
         sentences.append(
             f"The friction runs alone do not tell {', '.join(undetermined)}: these come from all recordings together, "
@@ -105,9 +107,9 @@ def _warnings(model: Model, runs: FrictionRuns, findings: Findings) -> tuple[str
     return tuple(sentences)
 
 
-def _left_open(model: Model, runs: FrictionRuns, findings: Findings) -> list[str]:
+def _list_undetermined(model: Model, runs: FrictionRuns, findings: StepEstimates) -> list[str]:
     """Return the names of friction parameters of joints that move alone which the runs leave undetermined."""
-    columns = [k for j, v in enumerate(runs.velocities) if len(v) for k in friction_columns(model, j)]
+    columns = [k for j, v in enumerate(runs.velocities) if len(v) for k in find_friction_columns(model, j)]
     functions = findings.functions[:, columns]
     sizes = np.linalg.norm(functions, axis=0)
     # The rows of Q span what the runs determine. The squared length of a parameter's row is the share of it that is

@@ -12,13 +12,13 @@ from dynident.identification.choices import IdentificationChoices, StepsName
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.steps import Findings, Step, conclude_steps, take_step
+from dynident.identification.strategies.steps import Step, StepEstimates, conclude_steps, take_step
 from dynident.robot.model import Robot
 
 _LONGEST_WRIST = 3
 
 
-def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
+def solve_sequentially(choices: IdentificationChoices, problem: Problem) -> Fit:
     """Find the parameters of the terminal link from its joint's equation, then those of the links before it.
 
     Parameters
@@ -38,12 +38,12 @@ def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
     """
     check_stepwise(choices)
     model, data = problem.model, problem.data
-    findings = Findings.nothing(model.n_parameters)
+    findings = StepEstimates.empty(model.n_parameters)
     steps: list[Step] = []
     to_come = set(range(model.robot.n))
-    for joints in steps_of(model.robot, choices.steps):
+    for joints in iterate_steps(model.robot, choices.steps):
         # A joint's equation holds only the links behind it, so from the terminal one on every step adds few unknowns.
-        own, later = only(data.equations, joints), only(data.equations, tuple(to_come))
+        own, later = select_joints(data.equations, joints), select_joints(data.equations, tuple(to_come))
         step = take_step(choices.solver, problem, own, findings, later)
         to_come -= set(joints)
         findings = step.findings
@@ -51,7 +51,7 @@ def sequential(choices: IdentificationChoices, problem: Problem) -> Fit:
     return conclude_steps(data, steps)
 
 
-def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
+def iterate_steps(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
     """Yield the joints whose equations make each step, the terminal ones first.
 
     Parameters
@@ -64,26 +64,26 @@ def steps_of(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
         yield from ((joint,) for joint in reversed(range(robot.n)))
         return
     # A wrist is light. Identified together with the shoulder, its parameters would drown in the shoulder's noise.
-    wrist = wrist_joints(robot)
+    wrist = find_wrist_joints(robot)
     if wrist:
         yield wrist
     yield tuple(joint for joint in range(robot.n) if joint not in wrist)
 
 
-def wrist_joints(robot: Robot) -> tuple[int, ...]:
+def find_wrist_joints(robot: Robot) -> tuple[int, ...]:
     """Return the last three joints of every arm, but not more than half of its joints."""
     wrist = []
     for joint in range(robot.n):
         # Depth of the last joint of this arm; how many joints come after this one decides whether it belongs to the
         # wrist.
-        behind = max(len(robot.ancestors(other)) for other in robot.subtree(joint))
-        after = behind - len(robot.ancestors(joint))
+        behind = max(len(robot.list_ancestors(other)) for other in robot.list_subtree(joint))
+        after = behind - len(robot.list_ancestors(joint))
         if after < min(_LONGEST_WRIST, behind // 2):
             wrist.append(joint)
     return tuple(wrist)
 
 
-def only(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
+def select_joints(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
     """Return the same data with the rows of some joints alone; the other equations are empty.
 
     Parameters
@@ -113,7 +113,7 @@ def check_stepwise(choices: IdentificationChoices) -> None:
     if not choices.rows.by_joint:
         raise DynidentError(
             f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
-            f"joint by joint; choose from {', '.join(MODELS.having('by_joint'))}, or the global strategy",
+            f"joint by joint; choose from {', '.join(MODELS.names_with('by_joint'))}, or the global strategy",
             pointer="/strategy",
             title="Choices that do not fit",
         )
@@ -129,7 +129,7 @@ def check_estimator(estimator: Estimator) -> None:
     if not estimator.in_steps:
         raise DynidentError(
             f"{estimator.name} cannot be taken in steps; choose from "
-            f"{', '.join(ESTIMATORS.having('in_steps'))}, or the global strategy",
+            f"{', '.join(ESTIMATORS.names_with('in_steps'))}, or the global strategy",
             pointer="/estimator",
             title="Choices that do not fit",
         )

@@ -18,15 +18,15 @@ from scipy.linalg import eigh, solve_triangular
 from dynident.arrays import FloatArray
 from dynident.estimation import (
     EstimationError,
-    Information,
+    PriorInformation,
     Reduction,
     Solution,
     Statistics,
-    effective_rows,
-    freedom_of_rows,
-    known_values,
-    noise_levels,
-    weighted_factor,
+    build_prior,
+    build_weighted_factor,
+    compute_noise_levels,
+    compute_row_freedom,
+    count_effective_rows,
 )
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
@@ -34,7 +34,7 @@ from dynident.identification.methods.bases import Estimator
 from dynident.identification.problem import Problem
 
 # Share of the largest singular value, columns of equal size, below which a direction is rounding alone.
-_UNSEEN = 1e-8
+_ROUNDING_SHARE = 1e-8
 # Share of the largest noise that every equation has at least: an exact equation would drown all others in rounding.
 _LEAST_NOISE = 1e-6
 
@@ -45,7 +45,7 @@ the global strategy."""
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class StepEstimates:
     """Estimates of functions of the parameters: `functions` (m, c), `values` (m,) and their `covariance` (m, m)."""
 
     functions: FloatArray
@@ -53,16 +53,16 @@ class Findings:
     covariance: FloatArray
 
     @classmethod
-    def nothing(cls, n_columns: int) -> Findings:
+    def empty(cls, n_columns: int) -> StepEstimates:
         """Return the empty findings before the first step."""
         return cls(np.zeros((0, n_columns)), np.zeros(0), np.zeros((0, 0)))
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether all parameters are determined."""
         return bool(self.functions.shape[0] == self.functions.shape[1])
 
-    def parameters(self) -> tuple[FloatArray, FloatArray]:
+    def to_parameters(self) -> tuple[FloatArray, FloatArray]:
         """Return χ (c,) and its covariance (c, c), once all parameters are determined."""
         # Columns of equal size first: parameters in kg and kg m² make the inverse ill-conditioned otherwise.
         scale = np.linalg.norm(self.functions, axis=0)
@@ -70,15 +70,17 @@ class Findings:
         covariance = inverse @ self.covariance @ inverse.T
         return inverse @ self.values, 0.5 * (covariance + covariance.T)
 
-    def information(self, n_columns: int) -> Information | None:
+    def to_information(self, n_columns: int) -> PriorInformation | None:
         """Return what is known, as equations of variables whose first are these functions."""
         if not len(self.values):
             return None
-        return known_values(self.values, self.covariance, np.arange(len(self.values)), n_columns)
+        return build_prior(self.values, self.covariance, np.arange(len(self.values)), n_columns)
 
-    def and_new(self, new: FloatArray, values: FloatArray, covariance: FloatArray, cross: FloatArray) -> Findings:
+    def add_estimates(
+        self, new: FloatArray, values: FloatArray, covariance: FloatArray, cross: FloatArray
+    ) -> StepEstimates:
         """Add what a step found: functions (k, c), covariance (k, k) and, with the earlier estimates, (k, m)."""
-        return Findings(
+        return StepEstimates(
             np.vstack([self.functions, new]),
             np.concatenate([self.values, values]),
             np.block([[self.covariance, cross.T], [cross, covariance]]),
@@ -89,7 +91,7 @@ class Findings:
 class Step:
     """Result of one step: all findings up to it, and its fit (None where its equations told nothing new)."""
 
-    findings: Findings
+    findings: StepEstimates
     fit: Fit | None
 
 
@@ -97,7 +99,7 @@ def take_step(
     estimator: Estimator,
     problem: Problem,
     equations: Reduction,
-    findings: Findings,
+    findings: StepEstimates,
     to_come: Reduction | None = None,
     patience: float = PATIENCE,
 ) -> Step:
@@ -120,24 +122,24 @@ def take_step(
     -------
     Step
     """
-    split = _split(equations, findings, to_come, patience)
+    split = _split_functions(equations, findings, to_come, patience)
     m, k, n_found = len(findings.values), len(split.functions), split.n_found
     if not n_found:
         return Step(findings, None)
     # New coordinates: first the known functions, then those of this step. The pseudoinverse expresses the parameters
     # in them.
     whole = np.vstack([findings.functions, split.functions]) / split.scale
-    changed = equations.combined(np.linalg.pinv(whole) / split.scale[:, None])
+    changed = equations.combine_columns(np.linalg.pinv(whole) / split.scale[:, None])
     # Later steps take this covariance as a measurement error, so it has to have full rank. A covariance from a few
     # blocks of time would not.
-    data, known = replace(problem.data, equations=changed), findings.information(m + k)
+    data, known = replace(problem.data, equations=changed), findings.to_information(m + k)
     fit = estimator.solve(replace(problem, data=data, known=known, covariance="by_joint"))
     new = slice(m, m + n_found)
     # The estimate moves with the error of what is known as (RᵀR)⁻¹ Fᵀε does, ε the known part's error in units of its
     # standard deviation; FᵀF is the inverse of its covariance.
     cross = fit.solution.normal_inverse[new, :m]
     covariance = fit.statistics.covariance[new, new]
-    grown = findings.and_new(split.functions[:n_found], fit.solution.values[new], covariance, cross)
+    grown = findings.add_estimates(split.functions[:n_found], fit.solution.values[new], covariance, cross)
     return Step(grown, fit)
 
 
@@ -160,24 +162,24 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
         Where the steps together leave a parameter undetermined.
     """
     equations, findings = data.equations, steps[-1].findings
-    if not findings.complete:
+    if not findings.is_complete:
         raise EstimationError(
             f"the steps determine {len(findings.values)} combinations of the {equations.n_columns} parameters; use the "
             "global strategy, or record motions that show the rest",
             pointer="/strategy",
             title="Not identifiable",
         )
-    values, covariance = findings.parameters()
-    noise = noise_levels(equations, values)
+    values, covariance = findings.to_parameters()
+    noise = compute_noise_levels(equations, values)
     fits = [step.fit for step in steps if step.fit is not None]
     solution = Solution(
         values,
         noise,
-        weighted_factor(equations, noise)[:-1, :-1],
+        build_weighted_factor(equations, noise)[:-1, :-1],
         converged=all(fit.solution.converged for fit in fits),
     )
-    worth = effective_rows(equations, values)
-    statistics = Statistics(covariance, worth, noise, freedom_of_rows(worth, len(values)))
+    worth = count_effective_rows(equations, values)
+    statistics = Statistics(covariance, worth, noise, compute_row_freedom(worth, len(values)))
     return Fit(solution, statistics, (*warnings, *(warning for fit in fits for warning in fit.warnings)))
 
 
@@ -193,14 +195,16 @@ class _Split:
     scale: FloatArray
 
 
-def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, patience: float) -> _Split:
+def _split_functions(
+    equations: Reduction, findings: StepEstimates, to_come: Reduction | None, patience: float
+) -> _Split:
     """Find the unknown functions that equations depend on, and which of them are left to the rows to come."""
     noise = np.array([equation.own_noise for equation in equations.equations])
     later = np.array([equation.own_noise for equation in to_come.equations] if to_come is not None else [])
     largest = max(float(noise.max(initial=0.0)), float(later.max(initial=0.0)))
-    factor = weighted_factor(equations, _relative(noise, largest))[:-1, :-1]
+    factor = build_weighted_factor(equations, _to_relative_noise(noise, largest))[:-1, :-1]
     norms = np.linalg.norm(factor, axis=0)
-    nonzero = norms > _UNSEEN * norms.max(initial=0.0)
+    nonzero = norms > _ROUNDING_SHARE * norms.max(initial=0.0)
     scale = np.where(nonzero, norms, 1.0)
     # Orthonormal bases of the functions that are known, and of all others, columns of equal size.
     others = np.split(np.linalg.qr((findings.functions / scale).T, mode="complete")[0], [len(findings.values)], 1)[1]
@@ -208,11 +212,13 @@ def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, 
     # find.
     rest = np.where(nonzero, factor / scale, 0.0) @ others
     _, singular, directions = np.linalg.svd(rest)
-    clear = singular > _UNSEEN * np.sqrt(max(float(np.count_nonzero(nonzero)), 1.0))
+    clear = singular > _ROUNDING_SHARE * np.sqrt(max(float(np.count_nonzero(nonzero)), 1.0))
     singular, directions = singular[clear], directions[: len(singular)][clear]
     if to_come is None or not len(directions):
         return _Split(directions @ others.T * scale, len(directions), scale)
-    together = np.linalg.qr(weighted_factor(to_come, _relative(later, largest))[:-1, :-1] / scale @ others, mode="r")
+    together = np.linalg.qr(
+        build_weighted_factor(to_come, _to_relative_noise(later, largest))[:-1, :-1] / scale @ others, mode="r"
+    )
     half = solve_triangular(together, directions.T, trans="T")
     # A generalised eigenvalue problem gives functions that are independent of each other both in this step and in all
     # rows to come. An eigenvalue is the share of the information about a function that this step has.
@@ -222,5 +228,5 @@ def _split(equations: Reduction, findings: Findings, to_come: Reduction | None, 
     return _Split(functions @ others.T * scale, int(np.count_nonzero(share >= patience**-2)), scale)
 
 
-def _relative(noise: FloatArray, largest: float) -> FloatArray:
+def _to_relative_noise(noise: FloatArray, largest: float) -> FloatArray:
     return np.maximum(noise / largest, _LEAST_NOISE) if largest > 0 else np.ones(len(noise))

@@ -7,9 +7,9 @@ from dataclasses import replace
 from dynident.errors import DynidentError
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS, STRATEGIES
-from dynident.identification.study.concluding import Part, conclude
+from dynident.identification.study.concluding import SubmodelRelation, finalise_identification
 from dynident.identification.study.in_memory import NONE_IN_MEMORY
-from dynident.identification.study.removing import combined_shapes, smaller_model
+from dynident.identification.study.removing import build_submodel, combine_shapes
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -44,13 +44,15 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     known = identification.model
     model, part, data = known, None, identification.data
     if choices.effects != known.effects:
-        model, weights = smaller_model(known, choices.effects, choices.tolerance)
-        part, data = Part(known, weights), data.combined(weights)
+        model, weights = build_submodel(known, choices.effects, choices.tolerance)
+        part, data = SubmodelRelation(known, weights), data.combine_columns(weights)
     # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
     # data hold.
-    shaped = combined_shapes(identification, model.effects, None if part is None else part.weights)
+    shaped = combine_shapes(identification, model.effects, None if part is None else part.weights)
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
-    identified = conclude(model, chosen, data.to_solve(identification.estimate.reference), data, part, lambda _: shaped)
+    identified = finalise_identification(
+        model, chosen, data.to_data(identification.estimate.reference), data, part, lambda _: shaped
+    )
     # Rows in memory belong to the columns of the larger model, so a smaller one starts without any.
     return replace(identified, in_memory=identification.in_memory if part is None else NONE_IN_MEMORY)
 
@@ -70,20 +72,22 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     """
     old = identification.choices
     if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
-        raise _needed("/model", f"the reduced data are rows of the {old.model} model")
+        raise _recordings_needed_error("/model", f"the reduced data are rows of the {old.model} model")
     if old.model == "base_wrench" and choices.solver.weighted != old.solver.weighted:
-        raise _needed("/estimator", "what the wrench alone shows was taken out with the other estimator's weights")
+        raise _recordings_needed_error(
+            "/estimator", "what the wrench alone shows was taken out with the other estimator's weights"
+        )
     if not choices.solver.from_reduced:
-        able = ", ".join(ESTIMATORS.having("from_reduced"))
+        able = ", ".join(ESTIMATORS.names_with("from_reduced"))
         reason = f"{choices.solver.name} goes through the samples again; from reduced data there are {able}"
-        raise _needed("/estimator", reason)
+        raise _recordings_needed_error("/estimator", reason)
     if not choices.plan.from_reduced:
-        able = ", ".join(STRATEGIES.having("from_reduced"))
+        able = ", ".join(STRATEGIES.names_with("from_reduced"))
         reason = f"{choices.strategy} needs runs of single joints; from reduced data there are {able}"
-        raise _needed("/strategy", reason)
+        raise _recordings_needed_error("/strategy", reason)
     if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
-        raise _needed("/preprocessing", "the reduced data were filtered otherwise")
+        raise _recordings_needed_error("/preprocessing", "the reduced data were filtered otherwise")
 
 
-def _needed(pointer: str, why: str) -> DynidentError:
+def _recordings_needed_error(pointer: str, why: str) -> DynidentError:
     return DynidentError(f"{why}; identify from the recordings for that", pointer=pointer, title=_TITLE)

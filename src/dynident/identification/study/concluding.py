@@ -6,36 +6,36 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from dynident.arrays import FloatArray
-from dynident.estimation import Linearised, Reduction, errors, noise_levels
+from dynident.estimation import LinearisedSolution, Reduction, compute_errors, compute_noise_levels
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.checks import check_reduction, check_torque
 from dynident.identification.equations.data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue
 from dynident.identification.problem import Problem
-from dynident.identification.shapes.shape_constants import looked_at_shapes, shape_constants
-from dynident.identification.strategies.by_name import fit
+from dynident.identification.shapes.shape_constants import judge_shape_constants, linearise_shapes
+from dynident.identification.strategies.by_name import solve_by_strategy
 from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
-from dynident.identification.study.warnings import warnings_of
+from dynident.identification.study.warnings import list_warnings
 from dynident.regressors.model import Model
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SubmodelRelation:
     """Relation of a smaller model to a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
 
     whole: Model
     weights: FloatArray
 
 
-def conclude(
+def finalise_identification(
     model: Model,
     choices: IdentificationChoices,
     data: Data,
     reduced: ReducedData,
-    part_of: Part | None = None,
+    part_of: SubmodelRelation | None = None,
     shaped: Callable[[FloatArray], Reduction | None] | None = None,
 ) -> Identification:
     """Solve, judge and describe a model on reduced data.
@@ -63,54 +63,54 @@ def conclude(
     DynidentError
         Where the data do not determine the parameters, or the choices do not fit each other.
     """
-    problem = Problem.of(model, choices, data)
+    problem = Problem.from_choices(model, choices, data)
     check_reduction(model, data.equations, problem.known)
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
     # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
     data = problem.data
     reduced = replace(reduced, equations=data.equations, training=data.torque)
-    fitted = fit(choices, problem)
+    fitted = solve_by_strategy(choices, problem)
     values = fitted.solution.values
     # Columns of the shape constants are derivatives of the torque, so they need the parameters that were just found.
     with_shapes = None if shaped is None else shaped(values)
     if with_shapes is not None:
-        with_shapes = with_shapes.weighing_turns(data.weights)
-    looked = None if with_shapes is None else _with_shapes_uncertain(problem, fitted, with_shapes)
+        with_shapes = with_shapes.weight_reversals(data.reversal_weights)
+    looked = None if with_shapes is None else _linearise_shapes(problem, fitted, with_shapes)
     if model.is_at_rest:
         # Of the inertia matrix poses say nothing, so that what it is made of must not be judged.
         smallest = float("nan")
     elif part_of is None:
-        smallest = smallest_inertia_eigenvalue(model, values)
+        smallest = compute_smallest_inertia_eigenvalue(model, values)
     else:
-        smallest = smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
+        smallest = compute_smallest_inertia_eigenvalue(part_of.whole, part_of.weights @ values)
     # The linearised covariance holds only for least squares of the joints' torques; other fits keep their own.
-    certain = not choices.least_squares_of_torque
-    estimate = Estimate.of(
+    certain = not choices.is_least_squares_of_torque
+    estimate = Estimate.from_solution(
         model,
         reduced,
         data.reference,
         fitted.solution,
-        fitted.statistics if certain or looked is None else looked.of_parameters,
+        fitted.statistics if certain or looked is None else looked.parameter_statistics,
         standard=fitted.standard,
-        shape_constants=shape_constants(model, looked),
+        shape_constants=judge_shape_constants(model, looked),
     )
     result = Identification(
         estimate=estimate,
         choices=choices,
         data=replace(reduced, shaped=with_shapes),
-        fit=errors(data.torque, values),
-        held_out=None if reduced.held_out is None else errors(reduced.held_out, values),
+        fit=compute_errors(data.torque, values),
+        held_out=None if reduced.held_out is None else compute_errors(reduced.held_out, values),
         worst_inertia_eigenvalue=smallest,
         warnings=(),
     )
-    return replace(result, warnings=fitted.warnings + warnings_of(result))
+    return replace(result, warnings=fitted.warnings + list_warnings(result))
 
 
-def _with_shapes_uncertain(problem: Problem, fitted: Fit, with_shapes: Reduction) -> Linearised | None:
+def _linearise_shapes(problem: Problem, fitted: Fit, with_shapes: Reduction) -> LinearisedSolution | None:
     """Linearise the joints' torques about the shape constants, whatever rows the parameters were solved from."""
     data, solution = problem.data, fitted.solution
     # The noise of power or energy rows says nothing of a torque in N m, so it is estimated from the torque rows.
     if data.equations is not data.torque:
-        solution = replace(solution, noise=noise_levels(data.torque, solution.values))
-    return looked_at_shapes(problem.model, solution, problem.covariance, with_shapes)
+        solution = replace(solution, noise=compute_noise_levels(data.torque, solution.values))
+    return linearise_shapes(problem.model, solution, problem.covariance, with_shapes)

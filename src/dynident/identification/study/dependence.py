@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 from dynident.arrays import FloatArray
 from dynident.estimation import Statistics, statistics
-from dynident.estimation.dependence import NEVER, CloseTogether, Dependence, HardlySeen, dependence
+from dynident.estimation.dependence import (
+    NOT_DETERMINED,
+    Collinearity,
+    CorrelatedPair,
+    WeakDirection,
+    find_collinearity,
+)
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
 
@@ -24,7 +30,7 @@ class ParameterDependence:
     names: tuple[str, ...]
     correlation: FloatArray
     sentences: tuple[str, ...]
-    found: Dependence
+    dependence: Collinearity
 
 
 @single_threaded
@@ -42,13 +48,13 @@ def parameter_dependence(identification: Identification, most: int = MOST_SENTEN
     ParameterDependence
     """
     names = tuple(column.name for column in identification.model.kept)
-    analysis = dependence(identification.estimate.solution, _by_motion(identification), most)
-    sentences = [_of_direction(direction, names) for direction in analysis.directions]
-    sentences += [_of_pair(pair, names) for pair in analysis.pairs]
+    analysis = find_collinearity(identification.estimate.solution, _compute_motion_statistics(identification), most)
+    sentences = [_describe_direction(direction, names) for direction in analysis.directions]
+    sentences += [_describe_pair(pair, names) for pair in analysis.pairs]
     return ParameterDependence(names, analysis.correlation, tuple(sentences[:most]), analysis)
 
 
-def _by_motion(identification: Identification) -> Statistics:
+def _compute_motion_statistics(identification: Identification) -> Statistics:
     """Return the statistics that show how the motion couples the estimates."""
     current = identification.statistics
     if identification.choices.covariance != "by_time_and_joints" or identification.estimate.not_essential:
@@ -58,7 +64,7 @@ def _by_motion(identification: Identification) -> Statistics:
     return statistics(identification.data.equations, identification.estimate.solution, "by_joint")
 
 
-def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:
+def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
     first_name, second_name = names[pair.first], names[pair.second]
     rather = "their sum" if pair.correlation < 0 else "their difference"
     return (
@@ -67,12 +73,12 @@ def _of_pair(pair: CloseTogether, names: tuple[str, ...]) -> str:
     )
 
 
-def _of_direction(direction: HardlySeen, names: tuple[str, ...]) -> str:
+def _describe_direction(direction: WeakDirection, names: tuple[str, ...]) -> str:
     text = names[direction.parts[0][0]]
     for number, factor in direction.parts[1:_MOST_PARTS]:
         size = abs(factor)
         text += f" {'+' if factor > 0 else '-'} {'' if abs(size - 1) < 0.005 else f'{size:.2g} '}{names[number]}"
     if len(direction.parts) > _MOST_PARTS:
         text += f" and {len(direction.parts) - _MOST_PARTS} more"
-    how = "is not determined" if direction.ratio >= NEVER else "is hardly determined"
+    how = "is not determined" if direction.ratio >= NOT_DETERMINED else "is hardly determined"
     return f"{text} {how}: this motion shows it {direction.ratio:.0f} times less than what it shows best."

@@ -11,20 +11,20 @@ from dynident.asking import check_ranges
 from dynident.estimation import (
     CovarianceName,
     Errors,
-    Information,
+    PriorInformation,
     Reduction,
     Solution,
     Statistics,
-    eliminate,
-    errors,
-    moving_errors,
+    compute_errors,
+    compute_moving_errors,
+    eliminate_parameters,
     solve,
     statistics,
 )
 from dynident.estimation.essential import Stop
 from dynident.identification.essential_choices import EssentialChoices
-from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
-from dynident.identification.shapes.shape_constants import looked_at_shapes
+from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue
+from dynident.identification.shapes.shape_constants import linearise_shapes
 from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.result import Identification
 from dynident.threads import single_threaded
@@ -108,7 +108,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     # identification had, whatever estimator that used.
     full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
     # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
-    path = eliminate(equations, full, statistics(equations, full, "by_joint"), ratio)
+    path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
     held_out = identification.data.held_out
     steps = tuple(
         EssentialStep(
@@ -116,10 +116,10 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
             step.relative_deviation,
             step.ratio,
             step.p_value,
-            errors(identification.data.training, step.values),
-            None if held_out is None else errors(held_out, step.values),
-            moving_errors(identification.data.training, step.values),
-            None if held_out is None else moving_errors(held_out, step.values),
+            compute_errors(identification.data.training, step.values),
+            None if held_out is None else compute_errors(held_out, step.values),
+            compute_moving_errors(identification.data.training, step.values),
+            None if held_out is None else compute_moving_errors(held_out, step.values),
         )
         for step in path.eliminations
     )
@@ -129,24 +129,26 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
         stop=path.stop,
         ratio=path.ratio,
         refused=None if path.refused is None else names[path.refused.removed],
-        identification=_with_only(identification, full, path.removed),
+        identification=_restrict_to_essential(identification, full, path.removed),
     )
 
 
-def _with_only(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
+def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
     """Return the model with the parameters `removed` set to zero and the others estimated anew."""
     if not removed:
         return identification
     c = identification.model.n_parameters
     essential = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
-    solution, fitted = _of_kept(identification.data.equations, full, essential, identification.choices.covariance)
-    fitted = _with_shapes_uncertain(identification, solution, essential) or fitted
+    solution, fitted = _solve_essential(
+        identification.data.equations, full, essential, identification.choices.covariance
+    )
+    fitted = _compute_statistics_with_shapes(identification, solution, essential) or fitted
     # Parameters that are set to zero have no variance, and infinite degrees of freedom: they are constants now.
     values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
     freedom[essential] = fitted.freedom
     values[essential] = solution.values
     covariance[np.ix_(essential, essential)] = fitted.covariance
-    estimate = Estimate.of(
+    estimate = Estimate.from_solution(
         identification.model,
         identification.data,
         identification.estimate.reference,
@@ -155,37 +157,37 @@ def _with_only(identification: Identification, full: Solution, removed: tuple[in
         not_essential=removed,
         shape_constants=identification.shape_constants,
     )
-    smallest = smallest_inertia_eigenvalue(identification.model, values)
+    smallest = compute_smallest_inertia_eigenvalue(identification.model, values)
     held_out = identification.data.held_out
     return replace(
         identification,
         estimate=estimate,
-        fit=errors(identification.data.training, values),
-        held_out=None if held_out is None else errors(held_out, values),
+        fit=compute_errors(identification.data.training, values),
+        held_out=None if held_out is None else compute_errors(held_out, values),
         worst_inertia_eigenvalue=smallest,
     )
 
 
-def _with_shapes_uncertain(
+def _compute_statistics_with_shapes(
     identification: Identification, solution: Solution, essential: NDArray[np.intp]
 ) -> Statistics | None:
     """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
     shaped, choices = identification.data.shaped, identification.choices
-    if shaped is None or not choices.least_squares_of_torque:
+    if shaped is None or not choices.is_least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)
-    data = shaped.select(np.concatenate([essential, constants]))
-    looked = looked_at_shapes(identification.model, solution, choices.covariance, data)
-    return None if looked is None else looked.of_parameters
+    data = shaped.select_columns(np.concatenate([essential, constants]))
+    looked = linearise_shapes(identification.model, solution, choices.covariance, data)
+    return None if looked is None else looked.parameter_statistics
 
 
-def _of_kept(
+def _solve_essential(
     equations: Reduction, full: Solution, essential: NDArray[np.intp], covariance: CovarianceName
 ) -> tuple[Solution, Statistics]:
     """Solve for the essential parameters alone, numbered in `essential`."""
     known = full.known
     if known is not None:
-        known = Information(known.factor[:, essential], known.right)
-    smaller = equations.select(essential)
+        known = PriorInformation(known.factor[:, essential], known.right)
+    smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)
     return solution, statistics(smaller, solution, covariance)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
-from dynident.effects import ReferenceParameters, role_of
-from dynident.effects.written import constant_in_words
-from dynident.estimation import Solution, Statistics, noise_of_rows
-from dynident.estimation.deviations import owed_to_known
-from dynident.estimation.least_squares import floored
-from dynident.identification.parameters.judgement import ParameterJudgement, judged
+from dynident.effects import ReferenceParameters, get_role
+from dynident.effects.written import format_constant
+from dynident.estimation import Solution, Statistics, compute_row_noise
+from dynident.estimation.deviations import find_prior_dominated
+from dynident.estimation.least_squares import floor_noise
+from dynident.identification.parameters.judgement import ParameterJudgement, judge_parameter
 from dynident.identification.parameters.standard import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.reduced_data import ReducedData
@@ -49,7 +49,7 @@ class IdentifiedParameter:
     essential: bool = True
 
     def __repr__(self) -> str:
-        constants = "".join(f", {constant_in_words(self.effect, name, value)}" for name, value in self.shape)
+        constants = "".join(f", {format_constant(self.effect, name, value)}" for name, value in self.shape)
         unit = "" if self.unit == "-" else f" {self.unit}"
         return (
             f"IdentifiedParameter({self.name} = {self.value:.4g}{unit}, standard deviation "
@@ -85,7 +85,7 @@ class Estimate:
     shape_constants: tuple[ShapeConstant, ...] = ()
 
     @classmethod
-    def of(
+    def from_solution(
         cls,
         model: Model,
         data: ReducedData,
@@ -113,10 +113,10 @@ class Estimate:
             Numbers of parameters that were set to zero.
         shape_constants : tuple of ShapeConstant
         """
-        noise = statistics.noise if data.all_rows_alike else noise_of_rows(data.training, solution.values)
+        noise = statistics.noise if data.has_equal_weights else compute_row_noise(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
-        noise = floored(noise)
-        owed = owed_to_known(data.equations, solution)
+        noise = floor_noise(noise)
+        owed = find_prior_dominated(data.equations, solution)
         return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
 
     def __repr__(self) -> str:
@@ -143,7 +143,7 @@ class Estimate:
                 unit=column.unit,
                 standard_deviation=float(deviations[k]),
                 relative_standard_deviation=float(relative[k]),
-                judgement=judged(
+                judgement=judge_parameter(
                     float(self.values[k]), float(deviations[k]), float(half[k]), bool(self.owed_to_known[k])
                 ),
                 times_smallest=float(relative[k] / smallest),
@@ -163,10 +163,10 @@ class Estimate:
         They are the feasible ones where the estimator solved for these.
         """
         # Feasible parameters are one of many solutions with the same torque; without them the model chooses one.
-        if self.standard is not None and any(role_of(column) == "link" for column in self.model.columns):
-            return self.standard.inertias(self.model).reshape(-1)
-        return self.model.standard_inertia(self.values)
+        if self.standard is not None and any(get_role(column) == "link" for column in self.model.columns):
+            return self.standard.to_inertias(self.model).reshape(-1)
+        return self.model.compute_standard_inertia(self.values)
 
     def next_reference(self) -> ReferenceParameters:
         """Return the parameters that later models' loads and motor torques are predicted with."""
-        return self.model.reference(self.values)
+        return self.model.build_reference(self.values)

@@ -15,11 +15,11 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.estimation import EstimationError, weighted
-from dynident.estimation.least_squares import fitted_errors
+from dynident.estimation.least_squares import compute_fitted_errors
 from dynident.identification.study.result import Identification
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.choosing import OVERSAMPLING
-from dynident.recordings.spectra import spectra
+from dynident.recordings.spectra import estimate_spectra
 from dynident.regressors.stream import reduce_recordings
 
 POOR_FIT = 0.2
@@ -36,7 +36,9 @@ _BETTER = 0.7
 """Share of the error that may be left: a band in which the model is wrong as well is no better one."""
 
 
-def narrow_band(identification: Identification, recordings: Sequence[Recording]) -> tuple[Preprocessing, str] | None:
+def find_narrower_band(
+    identification: Identification, recordings: Sequence[Recording]
+) -> tuple[Preprocessing, str] | None:
     """Find narrower filters where the model explains the torque below some frequency and not above it.
 
     Parameters
@@ -62,9 +64,9 @@ def narrow_band(identification: Identification, recordings: Sequence[Recording])
     # Halve the cut-off until nothing narrower is sensible: about five candidates, a few passes over the data each.
     bands = [chosen]
     while (bands[-1].torque_cutoff or 0.0) / 2.0 >= _NARROWEST:
-        bands.append(_narrower(chosen, (bands[-1].torque_cutoff or 0.0) / 2.0, recordings))
-    torque = _TorqueSpectrum.of(recordings)
-    errors = {band: _error(identification, recordings, band, reference) for band in bands}
+        bands.append(_lower_cutoffs(chosen, (bands[-1].torque_cutoff or 0.0) / 2.0, recordings))
+    torque = _TorqueSpectrum.from_recordings(recordings)
+    errors = {band: _compute_error(identification, recordings, band, reference) for band in bands}
     # A lower cut-off always leaves a smaller share of the torque below it. So the torque above the cut-off counts as
     # missed, which makes errors at different cut-offs comparable.
     best = min(errors, key=lambda band: torque.measure_missed(band, errors[band]))
@@ -72,8 +74,8 @@ def narrow_band(identification: Identification, recordings: Sequence[Recording])
     for factor in (2.0**0.5, 0.5**0.5):
         cutoff = (best.torque_cutoff or 0.0) * factor
         if _NARROWEST <= cutoff < chosen.torque_cutoff:
-            near = _narrower(chosen, cutoff, recordings)
-            errors[near] = _error(identification, recordings, near, reference)
+            near = _lower_cutoffs(chosen, cutoff, recordings)
+            errors[near] = _compute_error(identification, recordings, near, reference)
     narrow = min(errors, key=lambda band: torque.measure_missed(band, errors[band]))
     share_left, before = errors[narrow], errors[chosen]
     if narrow == chosen or share_left > _BETTER * before:
@@ -86,7 +88,7 @@ def narrow_band(identification: Identification, recordings: Sequence[Recording])
     return replace(narrow, reasons=(why, *narrow.reasons)), why
 
 
-def _narrower(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recording]) -> Preprocessing:
+def _lower_cutoffs(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recording]) -> Preprocessing:
     """Return the filters with lower cut-offs, rounded to two digits, and the decimation that goes with them."""
     digits = 1 - floor(log10(cutoff))
     cutoff = round(cutoff, digits)
@@ -95,13 +97,13 @@ def _narrower(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recordi
     return Preprocessing(cutoff, cutoff, decimation, chosen.filter_order)
 
 
-def _error(
+def _compute_error(
     identification: Identification, recordings: Sequence[Recording], band: Preprocessing, reference: ReferenceParameters
 ) -> float:
     """Return the share of the torque below the cut-off that the model leaves; 1 where it is not determined."""
     reduction = reduce_recordings(identification.model.observation, recordings, band, reference)
     try:
-        return fitted_errors(reduction, weighted(reduction).values).relative_total
+        return compute_fitted_errors(reduction, weighted(reduction).values).relative_total
     except EstimationError:
         return 1.0
 
@@ -118,12 +120,12 @@ class _TorqueSpectrum:
     total: float
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording]) -> _TorqueSpectrum:
+    def from_recordings(cls, recordings: Sequence[Recording]) -> _TorqueSpectrum:
         """Return the mean spectrum of all recordings, each weighted by its number of samples."""
         frequency = np.linspace(0.0, 0.5 * max(recording.sampling_rate for recording in recordings), _FREQUENCIES)
         power, total, count = np.zeros(_FREQUENCIES), 0.0, sum(recording.n_samples for recording in recordings)
         for recording in recordings:
-            share, spectrum = recording.n_samples / count, spectra(recording)
+            share, spectrum = recording.n_samples / count, estimate_spectra(recording)
             power += share * np.interp(frequency, spectrum.frequency, spectrum.torque.sum(axis=1), right=0.0)
             total += share * spectrum.torque_squared
         return cls(frequency, power * float(frequency[1]), total)

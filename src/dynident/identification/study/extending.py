@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.identification.equations.checks import check_recordings, check_runs, check_temperature
-from dynident.identification.equations.data import motions_and_friction
+from dynident.identification.equations.data import split_friction_tests
 from dynident.identification.shapes.shapes import check_shapes_given, complete_shapes
-from dynident.identification.study.carrying import carrying, is_open, note_of
+from dynident.identification.study.carrying import (
+    describe_runs_with_effects,
+    find_runs_with_effects,
+    needs_search_in_held_out_runs,
+)
 from dynident.identification.study.fitting import identify_model
-from dynident.identification.study.gain import warnings_of_addition
+from dynident.identification.study.gain import list_addition_warnings
 from dynident.identification.study.poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.study.result import Identification, LadderStep
-from dynident.identification.study.same_recordings import check_same_recordings, with_samples
-from dynident.progress import Progress, part, silent
+from dynident.identification.study.same_recordings import add_digests, check_same_recordings
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.regressors.extension import extended_model
+from dynident.regressors.extension import extend_model
 from dynident.threads import single_threaded
 
 
@@ -28,7 +32,7 @@ def extend(
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
     validation: Sequence[Recording] = (),
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Identification:
     """Add effects to an identified model, one step of the ladder each, on the data it was identified from.
 
@@ -64,12 +68,12 @@ def extend(
     check_runs(new, recordings, validation)
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
-        return _extended_at_rest(identification, new, recordings, validation)
+        return _extend_at_rest(identification, new, recordings, validation)
     # One effect after the other, so that each step of the ladder shows what its effect is worth.
     grown, idle = identification, []
     for number, choice in enumerate(new):
-        step_progress = part(progress, number / len(new), (number + 1) / len(new))
-        larger = _with_one_more(grown, choice, recordings, validation, step_progress)
+        step_progress = scale_progress(progress, number / len(new), (number + 1) / len(new))
+        larger = _add_effect(grown, choice, recordings, validation, step_progress)
         if larger is None:
             idle.append(choice.effect)
         else:
@@ -80,7 +84,7 @@ def extend(
             pointer="/effects",
             title="Nothing to add",
         )
-    grown = with_samples(grown, recordings, validation)
+    grown = add_digests(grown, recordings, validation)
     if not idle:
         return grown
     left_out = f"{', '.join(idle)} added nothing beside the others and was left out."
@@ -91,7 +95,7 @@ def extend_at_once(
     identification: Identification,
     added: Sequence[EffectChoice],
     recordings: Sequence[Recording],
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Identification:
     """Add several effects, whose shape constants are known, as one step of the ladder.
 
@@ -112,13 +116,13 @@ def extend_at_once(
     DynidentError
         Where they add nothing, or not all of it is determined.
     """
-    grown = _identified_with(identification, tuple(added), recordings, (), progress)
+    grown = _identify_with_effects(identification, tuple(added), recordings, (), progress)
     if grown is None:
         raise DynidentError("the columns of these effects are combinations of those in the model", pointer="/effects")
     return grown
 
 
-def _extended_at_rest(
+def _extend_at_rest(
     identification: Identification,
     new: tuple[EffectChoice, ...],
     recordings: Sequence[Recording],
@@ -143,7 +147,7 @@ def _extended_at_rest(
     return replace(grown, step=LadderStep(identification, added=new))
 
 
-def _with_one_more(
+def _add_effect(
     identification: Identification,
     added: EffectChoice,
     recordings: Sequence[Recording],
@@ -154,29 +158,29 @@ def _with_one_more(
     new = complete_shapes(
         identification.model,
         (added,),
-        motions_and_friction(recordings)[0],
+        split_friction_tests(recordings)[0],
         identification.preprocessing,
         identification.estimate.next_reference(),
-        part(progress, 0.0, 0.5),
+        scale_progress(progress, 0.0, 0.5),
         identification.in_memory.training,
     )
-    looked_for = any(is_open(choice, validation) for choice in new)
-    fit_progress = part(progress, 0.5, 0.75 if looked_for else 1.0)
-    grown = _identified_with(identification, new, recordings, validation, fit_progress)
+    looked_for = any(needs_search_in_held_out_runs(choice, validation) for choice in new)
+    fit_progress = scale_progress(progress, 0.5, 0.75 if looked_for else 1.0)
+    grown = _identify_with_effects(identification, new, recordings, validation, fit_progress)
     if grown is None or not looked_for:
         return grown
     # A first fit leaves the effect out of the held-out runs. Where it shows in some of them it is fitted once more,
     # so that the held-out error is not that of a missing load.
-    findings = carrying(grown, identification.model, new, validation)
+    findings = find_runs_with_effects(grown, identification.model, new, validation)
     if not findings:
         return grown
     more = tuple(finding.run for finding in findings)
     carried = tuple(replace(choice, runs=choice.runs + more) if choice.runs else choice for choice in new)
-    grown = _identified_with(identification, carried, recordings, validation, part(progress, 0.75, 1.0))
-    return grown and replace(grown, warnings=(note_of(new, findings), *grown.warnings))
+    grown = _identify_with_effects(identification, carried, recordings, validation, scale_progress(progress, 0.75, 1.0))
+    return grown and replace(grown, warnings=(describe_runs_with_effects(new, findings), *grown.warnings))
 
 
-def _identified_with(
+def _identify_with_effects(
     identification: Identification,
     new: tuple[EffectChoice, ...],
     recordings: Sequence[Recording],
@@ -184,7 +188,7 @@ def _identified_with(
     progress: Progress,
 ) -> Identification | None:
     choices = replace(identification.choices, effects=identification.choices.effects + new)
-    model = extended_model(identification.model, new, tolerance=choices.tolerance)
+    model = extend_model(identification.model, new, tolerance=choices.tolerance)
     if model.n_parameters == identification.model.n_parameters:
         return None
     reference = identification.estimate.reference
@@ -192,7 +196,7 @@ def _identified_with(
         reference = identification.estimate.next_reference()
     # The plain model's parameters made up for what was missing; columns of the predicted torque, and of the load that
     # others change, are better about the new ones.
-    again = any(effect_by_id(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
+    again = any(get_effect(choice.effect).first_order for choice in new) or (len(new) > 1 and model.needs_load)
     passes = 2 if again else 1
     for number in range(passes):
         grown = identify_model(
@@ -202,9 +206,9 @@ def _identified_with(
             choices,
             identification.preprocessing,
             reference,
-            part(progress, number / passes, (number + 1) / passes),
+            scale_progress(progress, number / passes, (number + 1) / passes),
             identification.in_memory,
         )
         reference = grown.estimate.next_reference()
     grown = replace(grown, step=LadderStep(identification, added=new))
-    return replace(grown, warnings=warnings_of_addition(grown) + grown.warnings)
+    return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)

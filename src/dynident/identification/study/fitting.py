@@ -9,16 +9,16 @@ from dynident.arrays import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import reduced, torque_of
-from dynident.identification.shapes.shape_columns import shape_columns, shape_places
-from dynident.identification.study.concluding import conclude
+from dynident.identification.equations.data import reduce_to_rows, reduce_torque
+from dynident.identification.shapes.shape_columns import build_shape_columns, list_shape_variables
+from dynident.identification.study.concluding import finalise_identification
 from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
-from dynident.progress import Progress, part
+from dynident.progress import Progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model
-from dynident.regressors.rows import reduce_with_more
+from dynident.regressors.rows import reduce_with_columns
 
 
 def identify_model(
@@ -58,32 +58,40 @@ def identify_model(
     """
     # Progress by the number of recordings: reducing them takes nearly all of the time.
     share = 0.9 * len(recordings) / (len(recordings) + len(validation))
-    training = reduced(
-        model, choices.rows_asked, recordings, preprocessing, reference, part(progress, 0.0, share), known.training
+    training = reduce_to_rows(
+        model,
+        choices.row_options,
+        recordings,
+        preprocessing,
+        reference,
+        scale_progress(progress, 0.0, share),
+        known.training,
     )
     held_out = None
     if validation:
-        held_out = torque_of(model, validation, preprocessing, reference, part(progress, share, 0.9), known.held_out)
+        held_out = reduce_torque(
+            model, validation, preprocessing, reference, scale_progress(progress, share, 0.9), known.held_out
+        )
     progress(0.9, "solving")
-    solve_progress = part(progress, 0.9, 1.0)
+    solve_progress = scale_progress(progress, 0.9, 1.0)
 
     def reduce_shapes(values: FloatArray) -> Reduction | None:
-        places = shape_places(model.effects)
+        places = list_shape_variables(model.effects)
         if not places:
             return None
-        columns = shape_columns(model, values, places)
+        columns = build_shape_columns(model, values, places)
         ordinary = training.recordings
-        return reduce_with_more(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
+        return reduce_with_columns(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
 
     data = ReducedData(
         training.equations,
         training.torque,
         # Held-out errors count every row alike, so that they can be compared between models with other weights.
-        None if held_out is None else held_out.torque.without_weights,
+        None if held_out is None else held_out.torque.with_fixed_weights,
         None,
         preprocessing,
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
     )
-    identified = conclude(model, choices, training, data, shaped=reduce_shapes)
+    identified = finalise_identification(model, choices, training, data, shaped=reduce_shapes)
     return replace(identified, in_memory=RowsInMemory(training.rows, None if held_out is None else held_out.rows))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.estimation import Reduction
 from dynident.identification.study.result import Identification
 
-SURE, _CHANCE = 2.0, 1.0
+SURE_T, _CHANCE = 2.0, 1.0
 """t of the gain over the stretches: surely above zero from the first on; below the second, less than its own spread."""
 
 _WORSE = 1.02
@@ -21,7 +21,7 @@ _ROUNDING = 1.0 + 1e-6
 """Errors that differ by less are the same: what is added and removed again leaves so much."""
 
 
-def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
+def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     """Return warnings where an addition does not help on held-out data, or not surely, or where a joint got worse.
 
     Parameters
@@ -36,10 +36,10 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
     parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
         return ()
-    titles = " and ".join(dict.fromkeys(effect_by_id(choice.effect).title for choice in grown.step.added))
+    titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in grown.step.added))
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
     sentences = []
-    t = _t_of_gain(parent, grown)
+    t = _compute_t_of_gain(parent, grown)
     errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
     if t < _CHANCE or after >= before:
         by_chance = ", no more than chance would do" if t > -_CHANCE else ""
@@ -47,9 +47,9 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
             f"{titles} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know "
             "that it is there."
         )
-    elif t < SURE:
+    elif t < SURE_T:
         sentences.append(
-            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE:g} would be "
+            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE_T:g} would be "
             "sure). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names
@@ -61,7 +61,7 @@ def warnings_of_addition(grown: Identification) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class BestRung:
+class BestStep:
     """The step of a ladder with the smallest held-out error, and those after it that raise that error.
 
     Indices count from the first model of the ladder; `rises` names each step above the best one whose held-out error is
@@ -72,7 +72,7 @@ class BestRung:
     rises: tuple[int, ...]
 
 
-def best_rung(models: Sequence[Identification]) -> BestRung | None:
+def find_best_step(models: Sequence[Identification]) -> BestStep | None:
     """Return the model of a ladder that predicts held-out data best; None where one of them has no held-out error.
 
     Parameters
@@ -85,10 +85,10 @@ def best_rung(models: Sequence[Identification]) -> BestRung | None:
     BestRung or None
     """
     totals = [model.held_out.relative_total for model in models if model.held_out is not None]
-    return best_of(totals) if len(totals) == len(models) else None
+    return find_best_of_errors(totals) if len(totals) == len(models) else None
 
 
-def best_of(totals: Sequence[float]) -> BestRung | None:
+def find_best_of_errors(totals: Sequence[float]) -> BestStep | None:
     """Return the best step by the held-out errors of a ladder's models, over all joints; None where there are none.
 
     Parameters
@@ -103,21 +103,21 @@ def best_of(totals: Sequence[float]) -> BestRung | None:
     if not totals:
         return None
     best = int(np.argmin(totals))
-    return BestRung(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
+    return BestStep(best, tuple(k for k in range(best + 1, len(totals)) if totals[k] > _ROUNDING * totals[best]))
 
 
-def _t_of_gain(parent: Identification, grown: Identification) -> float:
+def _compute_t_of_gain(parent: Identification, grown: Identification) -> float:
     """Return t of the drop of the squared held-out error over blocks of time, all joints in units of their noise."""
     # Both models are measured in the parent's noise: in its own, the better model would be judged by the stricter
     # rule.
-    before, after = _stretch_errors(parent, parent.noise), _stretch_errors(grown, parent.noise)
+    before, after = _compute_block_errors(parent, parent.noise), _compute_block_errors(grown, parent.noise)
     if len(before) != len(after) or len(before) < _FEWEST:
         # Held-out data of another kind: nothing to compare stretch by stretch.
-        return SURE
-    return t_of(before - after)
+        return SURE_T
+    return compute_t(before - after)
 
 
-def t_of(gains: FloatArray) -> float:
+def compute_t(gains: FloatArray) -> float:
     """Return t of the gains (s,) in blocks of time; 0 where all gain the same, or there is one alone.
 
     Parameters
@@ -134,13 +134,13 @@ def t_of(gains: FloatArray) -> float:
     return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
 
 
-def _stretch_errors(model: Identification, noise: FloatArray) -> FloatArray:
+def _compute_block_errors(model: Identification, noise: FloatArray) -> FloatArray:
     """Return the squared held-out error of every block (s,), each joint in units of its noise (n,)."""
     held_out = model.data.held_out
-    return np.zeros(0) if held_out is None else stretch_squares(held_out, model.values, noise)
+    return np.zeros(0) if held_out is None else compute_block_squares(held_out, model.values, noise)
 
 
-def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
+def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> FloatArray:
     """Return the squared error of every block of time (s,) for parameters (b,), each joint in units of its noise (n,).
 
     Parameters
@@ -151,7 +151,7 @@ def stretch_squares(data: Reduction, values: FloatArray, noise: FloatArray) -> F
         Standard deviation of each joint's residual; 0 counts as 1.
     """
     parts: Sequence[FloatArray] = [
-        equation.squares(values) / sigma**2
+        equation.sum_squares(values) / sigma**2
         for equation, sigma in zip(data.equations, np.where(noise > 0, noise, 1.0), strict=True)
     ]
     return np.asarray(np.sum(parts, axis=0))

@@ -14,23 +14,23 @@ from dynident.identification.equations.checks import (
     check_runs,
     check_temperature,
 )
-from dynident.identification.equations.data import motions_and_friction
-from dynident.identification.equations.model_equations import with_constants
+from dynident.identification.equations.data import split_friction_tests
+from dynident.identification.equations.model_equations import find_constants
 from dynident.identification.shapes.shapes import check_shapes_given
-from dynident.identification.study.explained_band import narrow_band
+from dynident.identification.study.explained_band import find_narrower_band
 from dynident.identification.study.fitting import identify_model
 from dynident.identification.study.poses import are_poses, identify_poses
-from dynident.identification.study.preparing import prepared
+from dynident.identification.study.preparing import prepare_effects
 from dynident.identification.study.result import Identification
-from dynident.identification.study.same_recordings import with_samples
-from dynident.progress import Progress, ascending, part, silent
+from dynident.identification.study.same_recordings import add_digests
+from dynident.progress import Progress, ignore_progress, make_monotonic, scale_progress
 from dynident.recordings import Recording, choose_preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot.model import Robot
 from dynident.threads import single_threaded
 
 
-def without_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+def mark_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     """Return the robot with the joints marked for which no recording has the torque.
 
     Parameters
@@ -49,7 +49,7 @@ def identify(
     recordings: Sequence[Recording],
     validation: Sequence[Recording] = (),
     choices: IdentificationChoices | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Identification:
     """Identify the base parameters of a robot from recordings.
 
@@ -73,29 +73,29 @@ def identify(
     DynidentError
         Where the choices do not fit the robot or the data do not determine the parameters.
     """
-    progress = ascending(progress)  # a narrower band is identified in once more
+    progress = make_monotonic(progress)  # a narrower band is identified in once more
     requested = choices = choices or IdentificationChoices()
     check_recordings(robot, recordings, validation)
     if are_poses(recordings, validation):
         return identify_poses(robot, recordings, validation, requested)
     check_temperature(choices.effects, recordings, validation)
     check_runs(choices.effects, recordings, validation)
-    ordinary, _ = motions_and_friction(recordings)
+    ordinary, _ = split_friction_tests(recordings)
     check_joint_torques(choices.model, ordinary)
-    robot = without_unrecorded_torques(robot, ordinary)
+    robot = mark_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
-    rows, preprocessing = with_constants(choices.rows_asked, ordinary, preprocessing)
+    rows, preprocessing = find_constants(choices.row_options, ordinary, preprocessing)
     check_shapes_given(choices.effects)
-    effects, reference = prepared(robot, choices, ordinary, preprocessing, part(progress, 0.0, 0.5))
+    effects, reference = prepare_effects(robot, choices, ordinary, preprocessing, scale_progress(progress, 0.0, 0.5))
     choices = replace(choices, effects=effects, pole=rows.pole, interval=rows.interval)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance)
-    fit_progress = part(progress, 0.5, 1.0)
+    fit_progress = scale_progress(progress, 0.5, 1.0)
     identified = identify_model(model, recordings, validation, choices, preprocessing, reference, fit_progress)
     # Whether the filters let in torque that no rigid model explains shows only after a fit. Filters that the user
     # gave are not changed.
-    narrow = None if requested.preprocessing else narrow_band(identified, ordinary)
+    narrow = None if requested.preprocessing else find_narrower_band(identified, ordinary)
     if narrow is not None:
         band, why = narrow
         identified = identify(robot, recordings, validation, replace(requested, preprocessing=band), progress)
         return replace(identified, warnings=(why, *identified.warnings))
-    return with_samples(identified, recordings, validation)
+    return add_digests(identified, recordings, validation)

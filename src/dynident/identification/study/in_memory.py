@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.regressors.rows import KeptRows
+from dynident.regressors.rows import CachedRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,8 +15,8 @@ class RowsInMemory:
     that is computed without them is the same, one pass over the samples later.
     """
 
-    training: KeptRows | None = None
-    held_out: KeptRows | None = None
+    training: CachedRows | None = None
+    held_out: CachedRows | None = None
 
     def __repr__(self) -> str:
         return f"RowsInMemory({self.training}, held out {self.held_out})"

@@ -37,13 +37,13 @@ def read_ladder(content: bytes) -> list[Arrays]:
         Where the file was written by a newer version.
     """
     arrays = _load(content)
-    header = _header(arrays)
-    number = _format_number(header)
+    header = _read_header(arrays)
+    number = _parse_format_number(header)
     if number > PRESENT:
         detail = f"the model is of format {number}, and this version reads 1 to {PRESENT}; update dynident"
         raise DynidentError(detail, title="Model of a newer version")
     if number == 1:
-        return _ladder_of_the_first_format(arrays)
+        return _read_first_format(arrays)
     ladder = []
     for rung in range(int(header["rungs"])):
         prefix = f"{rung}/"
@@ -65,14 +65,14 @@ def check_determined_base(model: Model, arrays: Mapping[str, NDArray[np.generic]
     """
     for joint in range(model.robot.n):
         if not np.array_equal(model.observation.joint_entries(joint)[1], arrays[f"training_{joint}_columns"]):
-            raise other_parameters()
-    stored = float(_header(arrays)["worst_inertia_eigenvalue"])
+            raise other_parameters_error()
+    stored = float(_read_header(arrays)["worst_inertia_eigenvalue"])
     # Both come from the same values by the same sums: they differ by rounding, or altogether.
     if not np.isclose(smallest_eigenvalue, stored, rtol=1e-6, atol=1e-9, equal_nan=True):
-        raise other_parameters()
+        raise other_parameters_error()
 
 
-def other_parameters() -> DynidentError:
+def other_parameters_error() -> DynidentError:
     """Return the error that this version gives the effects of a model other parameters than it has."""
     detail = "the effects of this model have other parameters in this version; identify it again from its recordings"
     return DynidentError(detail, title="Model of another version")
@@ -83,24 +83,24 @@ def _load(content: bytes) -> Arrays:
         return dict(file)
 
 
-def _header(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Any]:
+def _read_header(arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Any]:
     header: dict[str, Any] = json.loads(arrays["header"].tobytes())
     return header
 
 
-def _format_number(header: Mapping[str, Any]) -> int:
+def _parse_format_number(header: Mapping[str, Any]) -> int:
     matched = re.fullmatch(rf"{NAME} ([1-9]\d?)", header["format"])
     if matched is None:
         raise ValueError(header["format"])
     return int(matched[1])
 
 
-def _ladder_of_the_first_format(arrays: Arrays) -> list[Arrays]:
+def _read_first_format(arrays: Arrays) -> list[Arrays]:
     ladder = [arrays]
     # Each file holds the model below it, so the ladder is read from its top.
     while "parent" in ladder[-1]:
         parent = _load(ladder[-1].pop("parent").tobytes())
-        if _format_number(_header(parent)) != 1:
+        if _parse_format_number(_read_header(parent)) != 1:
             raise ValueError("a model of another format inside one of the first")
         ladder.append(parent)
     for model in ladder:

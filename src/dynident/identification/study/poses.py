@@ -14,18 +14,18 @@ from functools import lru_cache
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import CATALOGUE, LINKS, OFFSETS, EffectChoice, ReferenceParameters, Signals, columns_of
+from dynident.effects import CATALOGUE, LINKS, OFFSETS, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, Reduction
 from dynident.estimation.statistics import NORMAL_95
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.data import Data
-from dynident.identification.study.concluding import conclude
+from dynident.identification.study.concluding import finalise_identification
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.recordings.poses import is_of_poses, pose_rows
-from dynident.regressors.base_parameters import base_parameters
+from dynident.recordings.poses import has_poses, read_pose_rows
+from dynident.regressors.base_parameters import find_base_parameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 
@@ -48,7 +48,7 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
         Where some are of poses, and others of motions.
     """
     everything = (*recordings, *validation)
-    of_poses = [recording for recording in everything if is_of_poses(recording)]
+    of_poses = [recording for recording in everything if has_poses(recording)]
     names = ", ".join(recording.name for recording in of_poses)
     if of_poses and len(of_poses) < len(everything):
         raise DynidentError(
@@ -94,9 +94,9 @@ def identify_poses(
     own = replace(
         choices, effects=effects, model="dynamic", strategy="global", preprocessing=filters, weigh_turns=False
     )
-    model = model_at_rest(robot, effects, choices.tolerance)
+    model = build_model_at_rest(robot, effects, choices.tolerance)
     equations = reduce_poses(model, recordings)
-    data = Data(equations, equations, tuple(recordings), filters, ReferenceParameters.nothing(robot))
+    data = Data(equations, equations, tuple(recordings), filters, ReferenceParameters.massless(robot))
     reduced = ReducedData(
         equations,
         equations,
@@ -106,11 +106,11 @@ def identify_poses(
         tuple(recording.name for recording in recordings),
         tuple(recording.name for recording in validation),
     )
-    identified = conclude(model, own, data, reduced)
-    return replace(identified, warnings=(*_sentences(identified, choices.effects), *identified.warnings))
+    identified = finalise_identification(model, own, data, reduced)
+    return replace(identified, warnings=(*_describe_poses(identified, choices.effects), *identified.warnings))
 
 
-def model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance: float) -> Model:
+def build_model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance: float) -> Model:
     """Build the model whose base parameters are those that show while the robot stands.
 
     Parameters
@@ -122,7 +122,7 @@ def model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance: floa
         Which columns count as dependent.
     """
     signals = Signals(robot)
-    base = base_parameters(robot, columns_of(effects, signals), signals, tolerance=tolerance, at_rest=True)
+    base = find_base_parameters(robot, build_columns(effects, signals), signals, tolerance=tolerance, at_rest=True)
     return build_model(robot, effects, tolerance=tolerance, signals=signals, base=base)
 
 
@@ -139,34 +139,34 @@ def reduce_poses(model: Model, recordings: Sequence[Recording]) -> Reduction:
     observation = model.observation
     layout = [observation.joint_entries(joint) for joint in range(model.robot.n)]
     accumulator = FactorAccumulator([columns for _, columns in layout], observation.n_columns, np.inf)
-    parts = [pose_rows(recording) for recording in recordings]
+    parts = [read_pose_rows(recording) for recording in recordings]
     # Poses have no time between them, so a pose is a block of the covariance. Several share one where there are more
     # than a hundred, which bounds the size of the factors.
     size = -(-sum(len(t) for t, _, _ in parts) // _MOST_STRETCHES)
     for t, q, tau in parts:
-        entries = entries_at_rest(model, q)
+        entries = evaluate_at_rest(model, q)
         rows = [np.column_stack([entries[:, places], tau[:, joint]]) for joint, (places, _) in enumerate(layout)]
         for first in range(0, len(t), size):
             own = slice(first, first + size)
             accumulator.push(t[own], [equation[own] for equation in rows])
-            accumulator.end_stretch()
+            accumulator.end_block()
     return accumulator.finish()
 
 
-def entries_at_rest(model: Model, q: FloatArray) -> FloatArray:
+def evaluate_at_rest(model: Model, q: FloatArray) -> FloatArray:
     """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration."""
     still = np.zeros_like(q)
     memory = np.zeros((len(q), model.observation.n_memory))
-    reference = ReferenceParameters.nothing(model.robot)
+    reference = ReferenceParameters.massless(model.robot)
     return model.observation.evaluate(q, still, still, reference=reference, memory=memory)
 
 
 @lru_cache(maxsize=4)
-def _gravity_model(robot: Robot) -> Model:
-    return model_at_rest(robot, (LINKS, OFFSETS), 2e-5)
+def _build_gravity_model(robot: Robot) -> Model:
+    return build_model_at_rest(robot, (LINKS, OFFSETS), 2e-5)
 
 
-def left_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
+def measure_unexplained_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
     """Return the share of the torque that gravity and offsets of this robot leave at poses.
 
     Parameters
@@ -180,8 +180,8 @@ def left_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
     float
         Norm of the residual over that of the torque.
     """
-    model = _gravity_model(robot)
-    entries = entries_at_rest(model, q)
+    model = _build_gravity_model(robot)
+    entries = evaluate_at_rest(model, q)
     w = np.zeros((len(q), robot.n, model.n_parameters))
     w[:, model.observation.entry_rows, model.observation.entry_columns] = entries
     # In N m: joints that carry nothing hold friction alone, of which poses tell nothing.
@@ -190,7 +190,7 @@ def left_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) -> float:
     return float(np.linalg.norm(y - rows @ solved) / max(np.linalg.norm(y), np.finfo(float).tiny))
 
 
-def _sentences(identified: Identification, requested: Sequence[EffectChoice]) -> tuple[str, ...]:
+def _describe_poses(identified: Identification, requested: Sequence[EffectChoice]) -> tuple[str, ...]:
     """Describe what such data tell, and the band within which friction holds the joints."""
     robot = identified.model.robot
     band = NORMAL_95 * identified.fit.rms

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dynident.arrays import FloatArray
-from dynident.effects import effect_by_id
+from dynident.effects import get_effect
 from dynident.effects.memory import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.study.estimate import Estimate
@@ -55,7 +55,7 @@ def predict(
         For arrays that do not fit, a level outside (0, 1), or effects that depend on more than the motion.
     """
     observation = estimate.model.observation
-    _check(estimate, (q, dq, ddq), level)
+    _check_inputs(estimate, (q, dq, ddq), level)
     entries = observation.evaluate(
         q,
         dq,
@@ -63,16 +63,16 @@ def predict(
         reference=estimate.reference,
         memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
     )
-    torque = observation.torque(entries, estimate.values)
-    deviation = prediction_deviation(observation, entries, estimate.statistics.covariance)
+    torque = observation.compute_torque(entries, estimate.values)
+    deviation = compute_prediction_deviation(observation, entries, estimate.statistics.covariance)
     statistics = estimate.statistics
     # Parameters and noise have different degrees of freedom, so each has a quantile of Student's t of its own.
-    quantile, of_noise = stdtrit([statistics.usual_freedom, statistics.effective_rows.sum()], 0.5 + 0.5 * level)
+    quantile, of_noise = stdtrit([statistics.median_freedom, statistics.effective_rows.sum()], 0.5 + 0.5 * level)
     mean = quantile * deviation
     return PredictedTorque(torque, mean, np.hypot(mean, of_noise * estimate.noise), level)
 
 
-def prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
+def compute_prediction_deviation(observation: Observation, entries: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the standard deviation (m, n) of predicted torque that the uncertainty of parameters causes.
 
     Parameters
@@ -93,7 +93,7 @@ def prediction_deviation(observation: Observation, entries: FloatArray, covarian
     return deviation
 
 
-def _check(estimate: Estimate, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
+def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, FloatArray], level: float) -> None:
     n = estimate.model.robot.n
     for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
         if values.ndim != 2 or values.shape != (len(motion[0]), n):
@@ -113,7 +113,7 @@ def _check(estimate: Estimate, motion: tuple[FloatArray, FloatArray, FloatArray]
                 pointer="/effects",
             )
     for choice in estimate.model.effects:
-        effect = effect_by_id(choice.effect)
+        effect = get_effect(choice.effect)
         if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:
             raise DynidentError(
                 f"{choice.effect} depends on more than the motion (time of the session, temperature or run); compare "

@@ -39,32 +39,34 @@ class ReducedData:
         return f"ReducedData({', '.join(self.measurement_names)}; held out {held_out}; {self.training})"
 
     @property
-    def fitted_to_torque(self) -> bool:
+    def is_fitted_to_torque(self) -> bool:
         """Whether the equations are those of the joints' torques, as those of the dynamic model are."""
         return self.equations is self.training
 
     @property
-    def all_rows_alike(self) -> bool:
+    def has_equal_weights(self) -> bool:
         """Whether the equations are rows of the joints' torques, of which none counts for less than others."""
-        reversals = [equation.turned for equation in self.training.equations if equation.turned is not None]
-        return self.fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
+        reversals = [
+            equation.reversal_rows for equation in self.training.equations if equation.reversal_rows is not None
+        ]
+        return self.is_fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
 
-    def combined(self, weights: FloatArray) -> ReducedData:
+    def combine_columns(self, weights: FloatArray) -> ReducedData:
         """Return the same data in other columns, which are these times `weights` (b, b').
 
         `shaped` is left out, as its columns would be others.
         """
         # The equations of the dynamic model must stay the same object as the torques: others test for identity.
-        training = self.training.combined(weights)
+        training = self.training.combine_columns(weights)
         return replace(
             self,
-            equations=training if self.fitted_to_torque else self.equations.combined(weights),
+            equations=training if self.is_fitted_to_torque else self.equations.combine_columns(weights),
             training=training,
-            held_out=None if self.held_out is None else self.held_out.combined(weights),
+            held_out=None if self.held_out is None else self.held_out.combine_columns(weights),
             shaped=None,
         )
 
-    def to_solve(self, reference: ReferenceParameters, recordings: tuple[Recording, ...] = ()) -> Data:
+    def to_data(self, reference: ReferenceParameters, recordings: tuple[Recording, ...] = ()) -> Data:
         """Return the data that a model is solved from.
 
         Parameters

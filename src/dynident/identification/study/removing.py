@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.arrays import FloatArray
-from dynident.effects import EffectChoice, columns_of, effect_by_id
-from dynident.effects.catalogue import joints_of
-from dynident.effects.written import constant_in_words
+from dynident.effects import EffectChoice, build_columns, get_effect
+from dynident.effects.catalogue import find_joints
+from dynident.effects.written import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.shapes.shape_columns import shape_places
-from dynident.identification.study.concluding import Part, conclude
+from dynident.identification.shapes.shape_columns import list_shape_variables
+from dynident.identification.study.concluding import SubmodelRelation, finalise_identification
 from dynident.identification.study.result import Identification, LadderStep
-from dynident.regressors.base_parameters import base_parameters_among
+from dynident.regressors.base_parameters import find_base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
 from dynident.threads import single_threaded
@@ -48,17 +48,19 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
         Where one of them is not in the model, or nothing would be left.
     """
     known = identification.model
-    remaining = effects_without(identification.choices.effects, removed, known.robot)
+    remaining = subtract_effects(identification.choices.effects, removed, known.robot)
     choices = replace(identification.choices, effects=remaining)
-    model, weights = smaller_model(known, remaining, choices.tolerance)
-    data = identification.data.combined(weights)
-    shaped = combined_shapes(identification, remaining, weights)
-    to_solve = data.to_solve(identification.estimate.reference)
-    smaller = conclude(model, choices, to_solve, data, Part(known, weights), lambda _: shaped)
+    model, weights = build_submodel(known, remaining, choices.tolerance)
+    data = identification.data.combine_columns(weights)
+    shaped = combine_shapes(identification, remaining, weights)
+    to_solve = data.to_data(identification.estimate.reference)
+    smaller = finalise_identification(
+        model, choices, to_solve, data, SubmodelRelation(known, weights), lambda _: shaped
+    )
     return replace(smaller, step=LadderStep(identification, removed=tuple(removed)))
 
 
-def effects_without(
+def subtract_effects(
     effects: Sequence[EffectChoice], removed: Sequence[EffectChoice], robot: Robot
 ) -> tuple[EffectChoice, ...]:
     """Return the effects that remain when others are removed, wholly or from some joints.
@@ -76,12 +78,12 @@ def effects_without(
     remaining = tuple(effects)
     for index, choice in enumerate(removed):
         pointer = f"/effects/{index}"
-        joints_of(choice, robot, pointer)
+        find_joints(choice, robot, pointer)
         # Where nothing changes, the effect was not in the model on these joints.
-        rest = tuple(part for choice_before in remaining for part in _without(choice_before, choice, robot))
+        rest = tuple(part for choice_before in remaining for part in _subtract_effect(choice_before, choice, robot))
         if rest == remaining:
             place = f" on {', '.join(choice.joints)}" if choice.joints else ""
-            place += "".join(f", {constant_in_words(choice.effect, name, value)}" for name, value in choice.shape)
+            place += "".join(f", {format_constant(choice.effect, name, value)}" for name, value in choice.shape)
             names = ", ".join(dict.fromkeys(present.effect for present in remaining))
             detail = f"the model has no {choice.effect}{place}; it has: {names}"
             raise DynidentError(detail, pointer=pointer, title=_TITLE)
@@ -91,23 +93,23 @@ def effects_without(
     return remaining
 
 
-def _without(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
+def _subtract_effect(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
     """Remove an effect from one choice: return the choice itself, the same on fewer joints, or nothing."""
     other_shape = not set(removed.shape) <= set(choice.shape)
     other_runs = bool(removed.runs) and removed.runs != choice.runs
     if choice.effect != removed.effect or other_shape or other_runs:
         return (choice,)
-    if effect_by_id(choice.effect).scope == "robot":
+    if get_effect(choice.effect).scope == "robot":
         return ()
-    gone = joints_of(removed, robot)
-    before = joints_of(choice, robot)
+    gone = find_joints(removed, robot)
+    before = find_joints(choice, robot)
     remaining = [joint for joint in before if joint not in gone]
     if len(remaining) == len(before):
         return (choice,)
     return (replace(choice, joints=tuple(robot.joint_names[j] for j in remaining)),) if remaining else ()
 
 
-def smaller_model(
+def build_submodel(
     known: Model, effects: Sequence[EffectChoice], tolerance: float, pointer: str = "/effects"
 ) -> tuple[Model, FloatArray]:
     """Build the model of some of a model's effects, without compiling anything.
@@ -133,7 +135,7 @@ def smaller_model(
         Where an effect has columns that the known model does not.
     """
     where = {column.key: k for k, column in enumerate(known.columns)}
-    columns = columns_of(effects, known.signals)
+    columns = build_columns(effects, known.signals)
     check_columns(columns)
     strangers = sorted({column.effect for column in columns if column.key not in where})
     if strangers:
@@ -143,19 +145,19 @@ def smaller_model(
             title="Recordings needed",
         )
     # The base parameters of the smaller model follow from those of the larger one: no random states are evaluated.
-    base = base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
+    base = find_base_parameters_among(known.base, known.observation, [where[c.key] for c in columns], tolerance)
     model = build_model(known.robot, effects, tolerance=tolerance, signals=known.signals, base=base)
-    return model, _combinations(known, model)
+    return model, _express_columns(known, model)
 
 
-def combined_shapes(
+def combine_shapes(
     identification: Identification, effects: Sequence[EffectChoice], weights: FloatArray | None = None
 ) -> Reduction | None:
     """Return the rows that tell how sure shape constants are, for a model of some of the effects.
 
     None where there are none, or where an effect now acts on fewer joints than its constant was linearised for.
     """
-    before, after = shape_places(identification.model.effects), shape_places(effects)
+    before, after = list_shape_variables(identification.model.effects), list_shape_variables(effects)
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
     constants = [(effects[p.choice], p.spec.name) for p in after]
     shaped = identification.data.shaped
@@ -169,10 +171,10 @@ def combined_shapes(
     whole[:b, : own.shape[1]] = own
     for k, constant in enumerate(constants):
         whole[b + where[constant], own.shape[1] + k] = 1.0
-    return shaped.combined(whole)
+    return shaped.combine_columns(whole)
 
 
-def _combinations(known: Model, smaller: Model) -> FloatArray:
+def _express_columns(known: Model, smaller: Model) -> FloatArray:
     """Return the smaller model's columns in terms of those that the known model keeps (b, b').
 
     Mostly these are the same columns. One that was absorbed by what is removed comes back as its combination.

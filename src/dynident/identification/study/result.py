@@ -8,7 +8,13 @@ from functools import cached_property
 
 from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice
-from dynident.estimation import Errors, Statistics, condition_number, effective_rows, moving_errors
+from dynident.estimation import (
+    Errors,
+    Statistics,
+    compute_condition_number,
+    compute_moving_errors,
+    count_effective_rows,
+)
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.estimate import Estimate, IdentifiedParameter
@@ -60,7 +66,7 @@ class Identification:
         held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
-            f"model, {self.choices.solver.in_words}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
+            f"model, {self.choices.solver.name_with_options}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
         )
 
     @property
@@ -101,12 +107,12 @@ class Identification:
     @cached_property
     def fit_moving(self) -> Errors:
         """The errors of the fit where each joint moves."""
-        return moving_errors(self.data.training, self.values)
+        return compute_moving_errors(self.data.training, self.values)
 
     @cached_property
     def held_out_moving(self) -> Errors | None:
         """The errors on held-out data where each joint moves."""
-        return None if self.data.held_out is None else moving_errors(self.data.held_out, self.values)
+        return None if self.data.held_out is None else compute_moving_errors(self.data.held_out, self.values)
 
     @property
     def converged(self) -> bool:
@@ -116,7 +122,7 @@ class Identification:
     @cached_property
     def condition_number(self) -> float:
         """Condition number of W of the chosen model."""
-        return single_threaded(condition_number)(self.data.equations)
+        return single_threaded(compute_condition_number)(self.data.equations)
 
     @property
     def n_equations(self) -> int:
@@ -131,9 +137,9 @@ class Identification:
     @property
     def effective_rows(self) -> FloatArray:
         """Number of independent samples that the torque rows of every joint are worth (n,)."""
-        if self.data.fitted_to_torque:
+        if self.data.is_fitted_to_torque:
             return self.statistics.effective_rows
-        return effective_rows(self.data.training, self.values)
+        return count_effective_rows(self.data.training, self.values)
 
     @property
     def inertia_matrix_positive_definite(self) -> bool:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from dynident.errors import DynidentError
 from dynident.identification.study.result import Identification
 from dynident.recordings import Recording
-from dynident.recordings.sample_hashes import SampleHashes, copied_recordings
+from dynident.recordings.sample_hashes import SampleHashes, find_copied_recordings
 
 
-def with_samples(
+def add_digests(
     identification: Identification, recordings: Sequence[Recording], validation: Sequence[Recording]
 ) -> Identification:
     """Return the model with the digests of its samples, and with the names of validation data that hold some of them.
@@ -22,9 +22,9 @@ def with_samples(
     identification : Identification
     recordings, validation : sequence of Recording
     """
-    hashes = [SampleHashes.of(recording) for recording in recordings]
+    hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
-    copied = copied_recordings(hashes, validation)
+    copied = find_copied_recordings(hashes, validation)
     return replace(identification, data=replace(identification.data, digests=digests, copied=copied))
 
 
@@ -45,7 +45,7 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
     known = Counter(identification.data.digests)
     if not known:
         return  # identified by a version that did not note them, or from poses
-    digests = [(recording.name, SampleHashes.of(recording).digest) for recording in recordings]
+    digests = [(recording.name, SampleHashes.from_recording(recording).digest) for recording in recordings]
     others = [name for name, digest in digests if digest not in known]
     if not others and Counter(digest for _, digest in digests) == known:
         return

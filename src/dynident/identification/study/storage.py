@@ -15,41 +15,41 @@ from dynident.arrays import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import (
-    Apart,
-    Beside,
     EquationFactors,
     Errors,
-    Information,
+    PriorInformation,
     Reduction,
+    RestRows,
+    ReversalRows,
+    RowGroup,
     Solution,
     Statistics,
-    Turned,
-    freedom_of_rows,
+    compute_row_freedom,
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.parameters.inertia import smallest_inertia_eigenvalue
+from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue
 from dynident.identification.parameters.standard import StandardParameters
-from dynident.identification.shapes.shape_constants import ShapeConstant, shape_constants
+from dynident.identification.shapes.shape_constants import ShapeConstant, judge_shape_constants
 from dynident.identification.study.estimate import Estimate
 from dynident.identification.study.older_formats import (
     NAME,
     PRESENT,
     check_determined_base,
-    other_parameters,
+    other_parameters_error,
     read_ladder,
 )
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification, LadderStep
-from dynident.kinds import document_of
+from dynident.kinds import kind_to_document
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
-from dynident.robot.document import robot_document, robot_from_document
+from dynident.robot.document import robot_from_document, robot_to_document
 
-_APART = ("turning", "partial")
-_AT_REST = ("upper", "lower", "y", "weights")
+_FACTOR_KINDS = ("turning", "partial")
+_REST_FIELDS = ("upper", "lower", "y", "weights")
 
 
 def to_bytes(identification: Identification) -> bytes:
@@ -68,14 +68,14 @@ def to_bytes(identification: Identification) -> bytes:
     arrays: dict[str, Any] = {}
     ladder = list(identification.ladder())
     for number, model in enumerate(ladder):
-        arrays |= {f"{number}/{name}": array for name, array in _arrays(model).items()}
-    arrays["header"] = _text({"format": f"{NAME} {PRESENT}", "rungs": len(ladder)})
+        arrays |= {f"{number}/{name}": array for name, array in _to_arrays(model).items()}
+    arrays["header"] = _encode_json({"format": f"{NAME} {PRESENT}", "rungs": len(ladder)})
     file = io.BytesIO()
     np.savez(file, **arrays)
     return file.getvalue()
 
 
-def _arrays(identification: Identification) -> dict[str, Any]:
+def _to_arrays(identification: Identification) -> dict[str, Any]:
     """Return the arrays of one model without its ancestors."""
     estimate, data, base = identification.estimate, identification.data, identification.model.base
     arrays: dict[str, Any] = {
@@ -101,17 +101,17 @@ def _arrays(identification: Identification) -> dict[str, Any]:
         arrays["standard_deviations"] = estimate.standard.standard_deviations
     _put_errors(arrays, "fit", identification.fit)
     _put_reduction(arrays, "training", data.training)
-    if not data.fitted_to_torque:
+    if not data.is_fitted_to_torque:
         _put_reduction(arrays, "equations", data.equations)
     if data.shaped is not None:
         _put_reduction(arrays, "shaped", data.shaped)
     if identification.held_out is not None and data.held_out is not None:
         _put_errors(arrays, "held_out", identification.held_out)
         _put_reduction(arrays, "held_out_data", data.held_out)
-    arrays["header"] = _text(
+    arrays["header"] = _encode_json(
         {
-            "robot": robot_document(identification.model.robot),
-            "choices": _choices_document(identification.choices),
+            "robot": robot_to_document(identification.model.robot),
+            "choices": _to_choices_document(identification.choices),
             "preprocessing": asdict(data.preprocessing),
             "base_names": base.names,
             "base_rank": base.rank,
@@ -132,7 +132,7 @@ def _arrays(identification: Identification) -> dict[str, Any]:
     return arrays
 
 
-def _text(document: Mapping[str, Any]) -> NDArray[np.uint8]:
+def _encode_json(document: Mapping[str, Any]) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
 
 
@@ -154,7 +154,7 @@ def from_bytes(content: bytes) -> Identification:
         Where the bytes are something else.
     """
     try:
-        return _identification(content)
+        return _read_identification(content)
     except DynidentError:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
@@ -163,51 +163,51 @@ def from_bytes(content: bytes) -> Identification:
         ) from error
 
 
-def _identification(content: bytes) -> Identification:
+def _read_identification(content: bytes) -> Identification:
     identification: Identification | None = None
     for arrays in read_ladder(content):
-        identification = _rung(arrays, identification)
+        identification = _read_model(arrays, identification)
     if identification is None:
         raise ValueError("no model")
     return identification
 
 
-def _rung(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
+def _read_model(arrays: Mapping[str, Any], parent: Identification | None) -> Identification:
     """Read one model on top of the one before it."""
     header = json.loads(arrays["header"].tobytes())
-    choices = _choices(header["choices"])
-    base = _base(arrays, header)
-    robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _of(parent)
+    choices = _read_choices(header["choices"])
+    base = _read_base(arrays, header)
+    robot, signals = (robot_from_document(header["robot"]), None) if parent is None else _share_mechanics(parent)
     model = build_model(robot, choices.effects, tolerance=choices.tolerance, signals=signals, base=base)
     # Base parameters of the first format are determined anew, so they have to be compared with those of the file.
     if base is None:
-        check_determined_base(model, arrays, smallest_inertia_eigenvalue(model, arrays["values"]))
+        check_determined_base(model, arrays, compute_smallest_inertia_eigenvalue(model, arrays["values"]))
     elif tuple(column.name for column in model.columns) != base.names:
-        raise other_parameters()
-    data = _data(arrays, header)
-    estimate = Estimate.of(
+        raise other_parameters_error()
+    data = _read_data(arrays, header)
+    estimate = Estimate.from_solution(
         model,
         data,
-        ReferenceParameters.of_vector(arrays["reference"], robot),
-        _solution(arrays, bool(header.get("converged", True))),
-        _statistics(arrays),
-        standard=_standard(arrays),
+        ReferenceParameters.from_vector(arrays["reference"], robot),
+        _read_solution(arrays, bool(header.get("converged", True))),
+        _read_statistics(arrays),
+        standard=_read_standard(arrays),
         not_essential=tuple(header.get("not_essential", ())),
-        shape_constants=_shape_constants(header, model),
+        shape_constants=_read_shape_constants(header, model),
     )
     return Identification(
         estimate=estimate,
         choices=choices,
         data=data,
-        fit=_errors(arrays, "fit"),
-        held_out=_errors(arrays, "held_out") if "held_out_squares" in arrays else None,
+        fit=_read_errors(arrays, "fit"),
+        held_out=_read_errors(arrays, "held_out") if "held_out_squares" in arrays else None,
         worst_inertia_eigenvalue=float(header["worst_inertia_eigenvalue"]),
         warnings=tuple(header["warnings"]),
-        step=_step(header, parent),
+        step=_read_step(header, parent),
     )
 
 
-def _base(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> BaseParameters | None:
+def _read_base(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> BaseParameters | None:
     """Read the base parameters that were stored; None where they are to be determined."""
     if "base_kept" not in arrays:  # the first format
         return None
@@ -221,16 +221,18 @@ def _base(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> BaseParameter
     )
 
 
-def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
+def _read_data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
     others = ("equations", "held_out_data", "shaped")
-    equations, held_out, shaped = (_reduction(arrays, name) if f"{name}_size" in arrays else None for name in others)
-    training = _reduction(arrays, "training")
+    equations, held_out, shaped = (
+        _read_reduction(arrays, name) if f"{name}_size" in arrays else None for name in others
+    )
+    training = _read_reduction(arrays, "training")
     return ReducedData(
         equations=training if equations is None else equations,
         training=training,
         held_out=held_out,
         shaped=shaped,
-        preprocessing=_preprocessing(header["preprocessing"]),
+        preprocessing=_read_preprocessing(header["preprocessing"]),
         measurement_names=tuple(header["measurement_names"]),
         validation_names=tuple(header["validation_names"]),
         copied=tuple(header.get("copied", ())),
@@ -238,70 +240,70 @@ def _data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedData:
     )
 
 
-def _step(header: Mapping[str, Any], parent: Identification | None) -> LadderStep:
-    added, removed = (tuple(_effect(item) for item in header[name]) for name in ("added", "removed"))
+def _read_step(header: Mapping[str, Any], parent: Identification | None) -> LadderStep:
+    added, removed = (tuple(_read_effect(item) for item in header[name]) for name in ("added", "removed"))
     return LadderStep(parent, added, removed)
 
 
-def _solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
+def _read_solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
     known = None
     if "known_rows" in arrays:
-        known = Information(arrays["known_rows"][:, :-1], arrays["known_rows"][:, -1])
+        known = PriorInformation(arrays["known_rows"][:, :-1], arrays["known_rows"][:, -1])
     free = arrays.get("free")
     return Solution(arrays["values"], arrays["solution_noise"], arrays["solution_factor"], known, free, converged)
 
 
-def _statistics(arrays: Mapping[str, Any]) -> Statistics:
+def _read_statistics(arrays: Mapping[str, Any]) -> Statistics:
     covariance, worth = arrays["covariance"], arrays["effective_rows"]
-    freedom = arrays.get("freedom", freedom_of_rows(worth, len(covariance)))
+    freedom = arrays.get("freedom", compute_row_freedom(worth, len(covariance)))
     return Statistics(covariance, worth, arrays["noise"], freedom)
 
 
-def _standard(arrays: Mapping[str, Any]) -> StandardParameters | None:
+def _read_standard(arrays: Mapping[str, Any]) -> StandardParameters | None:
     if "standard_values" not in arrays:
         return None
     return StandardParameters(arrays["standard_values"], arrays["standard_deviations"])
 
 
-def _shape_constants(header: Mapping[str, Any], model: Model) -> tuple[ShapeConstant, ...]:
+def _read_shape_constants(header: Mapping[str, Any], model: Model) -> tuple[ShapeConstant, ...]:
     if "shape_constants" not in header:
-        return shape_constants(model, None)
-    return tuple(_shape_constant(document) for document in header["shape_constants"])
+        return judge_shape_constants(model, None)
+    return tuple(_read_shape_constant(document) for document in header["shape_constants"])
 
 
-def _shape_constant(document: Mapping[str, Any]) -> ShapeConstant:
+def _read_shape_constant(document: Mapping[str, Any]) -> ShapeConstant:
     ends = document["interval"]
     interval = None if ends is None else (float(ends[0]), float(ends[1]))
     return ShapeConstant(**{**document, "joints": tuple(document["joints"]), "interval": interval})
 
 
-def _of(parent: Identification) -> tuple[Robot, Signals]:
+def _share_mechanics(parent: Identification) -> tuple[Robot, Signals]:
     # A ladder is one of one robot: its mechanics are derived once.
     return parent.model.robot, parent.model.signals
 
 
-def _effect(document: Mapping[str, Any]) -> EffectChoice:
+def _read_effect(document: Mapping[str, Any]) -> EffectChoice:
     shape = tuple((str(name), float(value)) for name, value in document["shape"])
     return EffectChoice(document["effect"], tuple(document["joints"]), shape, tuple(document.get("runs", ())))
 
 
-def _choices_document(choices: IdentificationChoices) -> dict[str, Any]:
-    return {**asdict(choices), "estimator": document_of(choices.estimator)}
+def _to_choices_document(choices: IdentificationChoices) -> dict[str, Any]:
+    return {**asdict(choices), "estimator": kind_to_document(choices.estimator)}
 
 
-def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
+def _read_choices(document: Mapping[str, Any]) -> IdentificationChoices:
     return IdentificationChoices(
-        effects=tuple(_effect(item) for item in document["effects"]),
+        effects=tuple(_read_effect(item) for item in document["effects"]),
         model=document["model"],
         strategy=document["strategy"],
-        estimator=ESTIMATORS.of(document["estimator"]),
+        estimator=ESTIMATORS.from_document(document["estimator"]),
         steps=document.get("steps", "link_by_link"),
         prior=document.get("prior"),
         free_links=tuple(document.get("free_links", ())),
         prior_error=document.get("prior_error", USUAL_SHARE),
         pole=document.get("pole"),
         interval=document.get("interval"),
-        preprocessing=_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
+        preprocessing=_read_preprocessing(document["preprocessing"]) if document["preprocessing"] else None,
         tolerance=document["tolerance"],
         # What a file of an older version does not state, it was identified without.
         covariance=document.get("covariance", "by_joint"),
@@ -309,7 +311,7 @@ def _choices(document: Mapping[str, Any]) -> IdentificationChoices:
     )
 
 
-def _preprocessing(document: Mapping[str, Any]) -> Preprocessing:
+def _read_preprocessing(document: Mapping[str, Any]) -> Preprocessing:
     return Preprocessing(**{**document, "reasons": tuple(document["reasons"])})
 
 
@@ -319,7 +321,7 @@ def _put_errors(arrays: dict[str, Any], name: str, errors: Errors) -> None:
     arrays[f"{name}_counts"] = errors.counts
 
 
-def _errors(arrays: Mapping[str, Any], name: str) -> Errors:
+def _read_errors(arrays: Mapping[str, Any], name: str) -> Errors:
     return Errors(arrays[f"{name}_squares"], arrays[f"{name}_measured"], arrays[f"{name}_counts"])
 
 
@@ -331,60 +333,63 @@ def _put_reduction(arrays: dict[str, Any], name: str, reduction: Reduction) -> N
         # Only the rows apart from the reversals are stored; with the rows at reversals they give the whole factor
         # again.
         size = equation.factors.shape[-1]
-        turned = equation.turned
+        turned = equation.reversal_rows
         factors = equation.factors if turned is None else turned.others
         arrays[f"{name}_{j}_factors"] = factors[:, *np.triu_indices(size)]
         arrays[f"{name}_{j}_counts"] = equation.counts
         if turned is not None:
             parts = {"rows": turned.rows, "counts": turned.counts, "weight": np.array(turned.weight)}
             arrays |= {f"{name}_{j}_turned_{part}": array for part, array in parts.items()}
-        if equation.beside is not None:
-            _put_beside(arrays, f"{name}_{j}_beside", equation.beside)
+        if equation.rest_rows is not None:
+            _put_rest_rows(arrays, f"{name}_{j}_beside", equation.rest_rows)
 
 
-def _put_beside(arrays: dict[str, Any], name: str, rest_rows: Beside) -> None:
-    for kind in _APART:
-        rows: Apart | None = getattr(rest_rows, kind)
+def _put_rest_rows(arrays: dict[str, Any], name: str, rest_rows: RestRows) -> None:
+    for kind in _FACTOR_KINDS:
+        rows: RowGroup | None = getattr(rest_rows, kind)
         if rows is None:
             continue
         arrays[f"{name}_{kind}"] = rows.factor[*np.triu_indices(len(rows.factor))]
         arrays[f"{name}_n_{kind}"] = np.array(rows.count)
-    for part in _AT_REST:
+    for part in _REST_FIELDS:
         arrays[f"{name}_{part}"] = getattr(rest_rows, part)
 
 
-def _beside(arrays: Mapping[str, Any], name: str, size: int) -> Beside | None:
+def _read_rest_rows(arrays: Mapping[str, Any], name: str, size: int) -> RestRows | None:
     if f"{name}_partial" not in arrays:
         return None
-    partial = _apart(arrays, f"{name}_partial", f"{name}_n_partial", size)
+    partial = _read_factor(arrays, f"{name}_partial", f"{name}_n_partial", size)
     turning = None
     if f"{name}_turning" in arrays:  # of data that is not weighed, or of a version that kept these rows twice
-        turning = _apart(arrays, f"{name}_turning", f"{name}_n_turning", size)
-    return Beside(turning, partial, *(arrays[f"{name}_{part}"] for part in _AT_REST))
+        turning = _read_factor(arrays, f"{name}_turning", f"{name}_n_turning", size)
+    return RestRows(turning, partial, *(arrays[f"{name}_{part}"] for part in _REST_FIELDS))
 
 
-def _apart(arrays: Mapping[str, Any], factor: str, count: str, size: int) -> Apart:
-    return Apart(_triangles(arrays[factor][None], size)[0], int(arrays[count]))
+def _read_factor(arrays: Mapping[str, Any], factor: str, count: str, size: int) -> RowGroup:
+    return RowGroup(_unpack_triangles(arrays[factor][None], size)[0], int(arrays[count]))
 
 
-def _reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
+def _read_reduction(arrays: Mapping[str, Any], name: str) -> Reduction:
     n_columns, n_equations = (int(value) for value in arrays[f"{name}_size"])
-    equations = tuple(_equation(arrays, f"{name}_{j}") for j in range(n_equations))
+    equations = tuple(_read_equation(arrays, f"{name}_{j}") for j in range(n_equations))
     return Reduction(n_columns, equations, arrays[f"{name}_spans"])
 
 
-def _equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
+def _read_equation(arrays: Mapping[str, Any], name: str) -> EquationFactors:
     columns, counts = arrays[f"{name}_columns"], arrays[f"{name}_counts"]
     size = len(columns) + 1
-    factors, rest_rows = _triangles(arrays[f"{name}_factors"], size), _beside(arrays, f"{name}_beside", size)
+    factors, rest_rows = (
+        _unpack_triangles(arrays[f"{name}_factors"], size),
+        _read_rest_rows(arrays, f"{name}_beside", size),
+    )
     if f"{name}_turned_rows" not in arrays:  # of a version that did not tell them apart
         return EquationFactors(columns, factors, counts, rest_rows)
     rows, own = arrays[f"{name}_turned_rows"], arrays[f"{name}_turned_counts"]
-    turned = Turned(factors, rows, own, float(arrays[f"{name}_turned_weight"]))
-    return EquationFactors(columns, turned.together, counts, rest_rows, turned)
+    turned = ReversalRows(factors, rows, own, float(arrays[f"{name}_turned_weight"]))
+    return EquationFactors(columns, turned.weighted_factors, counts, rest_rows, turned)
 
 
-def _triangles(packed: FloatArray, size: int) -> FloatArray:
+def _unpack_triangles(packed: FloatArray, size: int) -> FloatArray:
     """Unpack upper triangles (s, k, k) from their k (k + 1) / 2 values each."""
     factors = np.zeros((len(packed), size, size))
     factors[:, *np.triu_indices(size)] = packed

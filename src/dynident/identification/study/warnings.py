@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.effects import DEFAULT_EFFECTS, OFFSETS, role_of
-from dynident.estimation import equilibrated_condition_number, find_outlying_spans
+from dynident.effects import DEFAULT_EFFECTS, OFFSETS, get_role
+from dynident.estimation import compute_equilibrated_condition_number, find_outlying_spans
 from dynident.identification.thresholds import (
     DETERMINED,
     EQUATIONS_PER_PARAMETER,
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 _MISFIT = 0.2
 """Share of the torque left by the fit, above which the data are doubted; sound arms leave 3 to 15 %."""
 
-_NAMED = 12
+_MOST_NAMED = 12
 """Uncertain parameters that are named; the others are counted."""
 
 
-def warnings_of(identification: Identification) -> tuple[str, ...]:
+def list_warnings(identification: Identification) -> tuple[str, ...]:
     """Return all that is doubtful about a result, most important first.
 
     Parameters
@@ -44,26 +44,26 @@ def warnings_of(identification: Identification) -> tuple[str, ...]:
             "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
             "as they stand, so use them for prediction near the recorded motion only."
         )
-    sentences += _disturbed(identification)
-    sentences += _misfit(identification)
-    sentences += _unsettled(identification)
-    sentences += _other_equations(identification)
-    sentences += _excitation(identification)
-    sentences += _overfit(identification)
-    sentences += _friction_signs(identification)
-    sentences += _without_torque(identification)
-    absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed]
+    sentences += _warn_of_disturbance(identification)
+    sentences += _warn_of_misfit(identification)
+    sentences += _warn_of_unsettled(identification)
+    sentences += _warn_of_other_equations(identification)
+    sentences += _warn_of_excitation(identification)
+    sentences += _warn_of_overfit(identification)
+    sentences += _warn_of_friction_signs(identification)
+    sentences += _warn_of_missing_torque(identification)
+    absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
     if absorbed:
         sentences.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
     return tuple(sentences)
 
 
-def _without_torque(identification: Identification) -> list[str]:
+def _warn_of_missing_torque(identification: Identification) -> list[str]:
     """Say what is not known of joints whose torque was not recorded."""
     model = identification.model
     if not model.robot.joints_without_torque:
         return []
-    hidden = ", ".join(column.name for column in model.hidden)
+    hidden = ", ".join(column.name for column in model.hidden_columns)
     return [
         f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used; what only "
         f"the joint's own equation would show is not identifiable from this data{f' ({hidden})' if hidden else ''}, "
@@ -71,7 +71,7 @@ def _without_torque(identification: Identification) -> list[str]:
     ]
 
 
-def _disturbed(identification: Identification) -> list[str]:
+def _warn_of_disturbance(identification: Identification) -> list[str]:
     """Warn of seconds in which something else than the robot acted.
 
     They shift all parameters, and show in no error by themselves.
@@ -85,7 +85,7 @@ def _disturbed(identification: Identification) -> list[str]:
     ]
 
 
-def _misfit(identification: Identification) -> list[str]:
+def _warn_of_misfit(identification: Identification) -> list[str]:
     """Warn of a fit that leaves much of the torque it was made from: mostly the data are wrong, not the effects."""
     share = identification.fit.relative_total
     if not identification.choices.rows.by_joint or share <= _MISFIT:
@@ -99,7 +99,7 @@ def _misfit(identification: Identification) -> list[str]:
     ]
 
 
-def _unsettled(identification: Identification) -> list[str]:
+def _warn_of_unsettled(identification: Identification) -> list[str]:
     """Warn of iterations that have not settled, where the estimator does not say so itself."""
     if identification.converged or identification.choices.solver.tells_convergence:
         return []
@@ -109,7 +109,7 @@ def _unsettled(identification: Identification) -> list[str]:
     ]
 
 
-def _other_equations(identification: Identification) -> list[str]:
+def _warn_of_other_equations(identification: Identification) -> list[str]:
     """Say what the errors of torque mean where the torques were not what was fitted."""
     model = identification.choices.model
     if model in ("energy", "power"):
@@ -130,9 +130,11 @@ def _other_equations(identification: Identification) -> list[str]:
     return []
 
 
-def _excitation(identification: Identification) -> list[str]:
+def _warn_of_excitation(identification: Identification) -> list[str]:
     sentences = []
-    condition = equilibrated_condition_number(identification.data.equations, identification.estimate.solution.noise)
+    condition = compute_equilibrated_condition_number(
+        identification.data.equations, identification.estimate.solution.noise
+    )
     # Columns of equal size: otherwise the units of the parameters decide, and not the motion.
     if condition > LARGEST_CONDITION_NUMBER:
         help_is = "Record an exciting trajectory (a design)"
@@ -147,17 +149,19 @@ def _excitation(identification: Identification) -> list[str]:
             f"There are {identification.equations_per_parameter:.0f} equations per parameter after decimation; "
             f"{EQUATIONS_PER_PARAMETER:.0f} are recommended (§12.7). A longer recording helps."
         )
-    return sentences + _doubtful(identification.estimate)
+    return sentences + _warn_of_uncertain(identification.estimate)
 
 
-def _doubtful(estimate: Estimate) -> list[str]:
+def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     """Warn of parameters that the data do not determine; those that may as well be zero do no harm by it."""
     parameters = estimate.parameters
     unsure = [p.name for p in parameters if p.judgement == "uncertain"]
     zero = sum(p.judgement == "zero_in_interval" for p in parameters)
     if not unsure:
         return []
-    names = ", ".join(unsure[:_NAMED]) + (f" and {len(unsure) - _NAMED} more" if len(unsure) > _NAMED else "")
+    names = ", ".join(unsure[:_MOST_NAMED]) + (
+        f" and {len(unsure) - _MOST_NAMED} more" if len(unsure) > _MOST_NAMED else ""
+    )
     others = f" {zero} more are not told from zero." if zero else ""
     return [
         f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above {DETERMINED:.0%} of "
@@ -165,7 +169,7 @@ def _doubtful(estimate: Estimate) -> list[str]:
     ]
 
 
-def _overfit(identification: Identification) -> list[str]:
+def _warn_of_overfit(identification: Identification) -> list[str]:
     if identification.held_out is None:
         return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
@@ -178,7 +182,7 @@ def _overfit(identification: Identification) -> list[str]:
     return []
 
 
-def _friction_signs(identification: Identification) -> list[str]:
+def _warn_of_friction_signs(identification: Identification) -> list[str]:
     """Warn of negative friction, which would drive the motion: a sign or the order of joints is probably wrong.
 
     Beside other friction effects a negative part is possible, so only plain models are judged.
@@ -189,7 +193,7 @@ def _friction_signs(identification: Identification) -> list[str]:
         f"{parameter.name} on {parameter.link} is negative ({parameter.value:.3g} {parameter.unit}): check the sign of "
         "its torque and the order of the torque columns."
         for parameter, column in zip(identification.parameters, identification.model.kept, strict=True)
-        if role_of(column) in ("dry", "damping")
+        if get_role(column) in ("dry", "damping")
         and not column.runs
         # Three standard deviations: noise alone takes hardly any of a dozen parameters that far below zero.
         and parameter.value < -3.0 * parameter.standard_deviation

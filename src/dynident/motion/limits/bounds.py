@@ -9,12 +9,12 @@ import numpy as np
 
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.surroundings.free_space import FreeSpace, free_space_of
-from dynident.motion.surroundings.loop_rooms import LoopRooms, RatedFollowers
+from dynident.motion.surroundings.free_space import FreeSpace, build_free_space
+from dynident.motion.surroundings.loop_rooms import FollowerRates, LoopConstraints
 from dynident.motion.surroundings.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.model import WIDEST_RANGE, Joint
-from dynident.robot.pointers import listed, pointer
+from dynident.robot.pointers import join_names, make_pointer
 from dynident.robot.settings import check_limits
 
 # Where nothing is known: slow enough for any arm of that kind.
@@ -68,7 +68,7 @@ class Bounds:
         """Half the position ranges (n,)."""
         return 0.5 * (self.position_high - self.position_low)
 
-    def tightened(self) -> Bounds:
+    def tighten(self) -> Bounds:
         """Return slightly tighter limits, so that rounding never carries a motion beyond a limit."""
         room = 1.0 - _HAIR
         return replace(
@@ -83,21 +83,21 @@ class Bounds:
         )
 
     @property
-    def checks_torque(self) -> bool:
+    def has_torque_limits(self) -> bool:
         """Whether the torque or the power of any joint is limited."""
         return bool(np.isfinite(self.torque).any() or np.isfinite(self.power).any())
 
     @property
-    def rated(self) -> RatedFollowers | None:
+    def follower_rates(self) -> FollowerRates | None:
         """Limits of the rates of follower joints, if there are any."""
         return None if self.space is None or self.space.loops is None else self.space.loops.rated
 
-    def followers_keep(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+    def are_follower_rates_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
         """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n)."""
-        return self.rated is None or self.rated.kept(q, dq, ddq)
+        return self.follower_rates is None or self.follower_rates.are_kept(q, dq, ddq)
 
 
-def bounds_of(
+def build_bounds(
     robot: Robot,
     overrides: Mapping[str, Limits],
     *,
@@ -134,14 +134,14 @@ def bounds_of(
     for name, stated in overrides.items():
         if name not in robot.tree.joint_names:
             raise DynidentError(
-                f"There is no joint '{name}'; joints: {listed(robot.tree.joint_names)}.",
-                pointer=pointer(name, within=at),
+                f"There is no joint '{name}'; joints: {join_names(robot.tree.joint_names)}.",
+                pointer=make_pointer(name, within=at),
                 title="Unknown joint",
             )
-        check_limits(stated, name, pointer(name, within=at))
-    assumed = _Assumed()
-    completed = [_completed(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
-    notes = [*_too_wide(robot, overrides), *assumed.notes()]
+        check_limits(stated, name, make_pointer(name, within=at))
+    assumed = _Assumptions()
+    completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
+    notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes()]
     torque = np.array([np.inf if limit.effort is None else limit.effort for limit in completed])
     unlimited = [name for name, bound in zip(robot.joint_names, torque, strict=True) if not np.isfinite(bound)]
     power = np.array([np.inf if limit.power is None else limit.power for limit in completed])
@@ -150,7 +150,7 @@ def bounds_of(
         torque[:] = power[:] = np.inf
         notes.append("Torque is not checked: the robot's description gives no inertias to predict it with.")
     elif unlimited:
-        notes.append(f"Torque is not checked for {listed(unlimited)}: no limit is known.")
+        notes.append(f"Torque is not checked for {join_names(unlimited)}: no limit is known.")
     if np.isfinite(torque).any() or np.isfinite(power).any():
         notes.append(
             "Torque is that of the inertias in the robot's description, without rotor inertia and friction; "
@@ -161,17 +161,17 @@ def bounds_of(
                 else "leave some room in the torque limits for them."
             )
         )
-    low, high = (np.array([_range(limit)[end] for limit in completed]) for end in (0, 1))
+    low, high = (np.array([_require_position(limit)[end] for limit in completed]) for end in (0, 1))
     space = None
     if surroundings is not None:
         check_surroundings(surroundings, robot.joint_names)
-        space = free_space_of(robot, surroundings, low, high)
+        space = build_free_space(robot, surroundings, low, high)
         notes += [] if space is None else space.notes
-    loops = LoopRooms.of(robot, overrides)
+    loops = LoopConstraints.from_robot(robot, overrides)
     if loops is not None:
         empty = FreeSpace(robot, None, None, None, ())
         space = replace(empty if space is None else space, loops=loops)
-        notes += _not_of_followers(robot, overrides)
+        notes += _note_follower_limits(robot, overrides)
     return Bounds(
         names=robot.joint_names,
         position_low=low,
@@ -186,7 +186,7 @@ def bounds_of(
     )
 
 
-def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
+def _note_follower_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
     """Return a note on the limits of follower joints that are not kept: all but those of position and its rates.
 
     Of the description's own limits that is the jerk; a joint without a drive has no torque of its own.
@@ -201,10 +201,12 @@ def _not_of_followers(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
     ]
     if not names:
         return []
-    return [f"Of joints that follow others position, velocity and acceleration are limited; not kept: {listed(names)}."]
+    return [
+        f"Of joints that follow others position, velocity and acceleration are limited; not kept: {join_names(names)}."
+    ]
 
 
-def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
+def _note_wide_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
     """Return a note on stated limits that are ignored because the robot's own are tighter."""
     names = []
     for joint in robot.joints:
@@ -218,22 +220,22 @@ def _too_wide(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
             names.append(f"position {list(requested)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
     if not names:
         return []
-    return [f"Limits wider than the robot's own are not followed: {listed(names)}. Change the robot's description."]
+    return [f"Limits wider than the robot's own are not followed: {join_names(names)}. Change the robot's description."]
 
 
 def _is_limitless(position: tuple[float, float], joint: Joint) -> bool:
     return replace(joint, limits=Limits(position)).has_limitless_range
 
 
-def _range(limits: Limits) -> tuple[float, float]:
+def _require_position(limits: Limits) -> tuple[float, float]:
     assert limits.position is not None
     return limits.position
 
 
-def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limits:
+def _complete_limits(joint: Joint, stated: Limits, assumed: _Assumptions, at: str) -> Limits:
     """Return the tighter of the robot's and the stated limits of one joint, with assumptions where neither is known."""
     own = joint.limits
-    position = _tighter_range(joint, stated, at)
+    position = _pick_tighter_range(joint, stated, at)
     limitless = joint.has_limitless_range if position is None else _is_limitless(position, joint)
     if position is None or limitless:
         # A turn is a natural range of a revolute joint. A sliding joint has none, and a guess could hit its end stop.
@@ -241,29 +243,29 @@ def _completed(joint: Joint, stated: Limits, assumed: _Assumed, at: str) -> Limi
             raise DynidentError(
                 f"Joint '{joint.name}' slides, and its range is not known"
                 f"{': its limits are wider than any machine' if limitless else ''}; state its position limits.",
-                pointer=pointer(joint.name, "position", within=at),
+                pointer=make_pointer(joint.name, "position", within=at),
                 title="Missing limit",
             )
         position = (-np.pi, np.pi)
         (assumed.limitless if limitless else assumed.position).append(joint.name)
-    velocity = _tighter(own.velocity, stated.velocity)
+    velocity = _pick_tighter(own.velocity, stated.velocity)
     if velocity is None:
         velocity = _REVOLUTE_VELOCITY if joint.kind == "revolute" else _PRISMATIC_VELOCITY
         assumed.velocity.append(joint.name)
-    acceleration = _tighter(own.acceleration, stated.acceleration)
+    acceleration = _pick_tighter(own.acceleration, stated.acceleration)
     if acceleration is None:
         acceleration = _ACCELERATION_PER_VELOCITY * velocity
         assumed.acceleration.append(joint.name)
-    jerk = _tighter(own.jerk, stated.jerk)
+    jerk = _pick_tighter(own.jerk, stated.jerk)
     if jerk is None:
         jerk = _JERK_PER_ACCELERATION * acceleration
         assumed.jerk.append(joint.name)
-    effort, power = _tighter(own.effort, stated.effort), _tighter(own.power, stated.power)
+    effort, power = _pick_tighter(own.effort, stated.effort), _pick_tighter(own.power, stated.power)
     return Limits(position, velocity, acceleration, jerk, effort, power)
 
 
 @dataclass
-class _Assumed:
+class _Assumptions:
     """Names of joints whose limits are assumed, for the notes."""
 
     position: list[str] = field(default_factory=list)
@@ -272,7 +274,7 @@ class _Assumed:
     acceleration: list[str] = field(default_factory=list)
     jerk: list[str] = field(default_factory=list)
 
-    def notes(self) -> list[str]:
+    def list_notes(self) -> list[str]:
         kinds = (
             (self.position, "position", "the motion stays within ±π rad"),
             (
@@ -288,23 +290,25 @@ class _Assumed:
             (self.jerk, "jerk", f"{_JERK_PER_ACCELERATION:g}/s x the acceleration limit was assumed"),
         )
         notes = [
-            f"No {kind} limit is known for {listed(names)}: {assumption}." for names, kind, assumption in kinds if names
+            f"No {kind} limit is known for {join_names(names)}: {assumption}."
+            for names, kind, assumption in kinds
+            if names
         ]
         if self.limitless:
             turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
             notes.append(
-                f"The position limits of {listed(self.limitless)} are wider than {turns:g} turns and count as none: "
+                f"The position limits of {join_names(self.limitless)} are wider than {turns:g} turns and count as none: "
                 "the motion stays within ±π rad."
             )
         return notes
 
 
-def _tighter(own: float | None, stated: float | None) -> float | None:
+def _pick_tighter(own: float | None, stated: float | None) -> float | None:
     known = [value for value in (own, stated) if value is not None]
     return min(known) if known else None
 
 
-def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
+def _pick_tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float] | None:
     own = joint.reach
     if own is None or stated.position is None:
         return own if stated.position is None else stated.position
@@ -312,7 +316,7 @@ def _tighter_range(joint: Joint, stated: Limits, at: str) -> tuple[float, float]
     if low >= high:
         raise ImpossibleLimitsError(
             f"The position limits {list(stated.position)} of joint '{joint.name}' lie outside of its own {list(own)}.",
-            pointer=pointer(joint.name, "position", within=at),
+            pointer=make_pointer(joint.name, "position", within=at),
             title="Impossible limits",
         )
     return low, high

@@ -10,10 +10,10 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.limits.bounds import Bounds
-from dynident.robot.pointers import listed
+from dynident.robot.pointers import join_names
 
 
-def moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
+def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
     """Return which of the joints `names` move.
 
     Parameters
@@ -35,14 +35,14 @@ def moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
     unknown = [name for name in selected if name not in names]
     if unknown:
         raise DynidentError(
-            f"There is no joint {listed(unknown)}; joints: {listed(names)}.",
+            f"There is no joint {join_names(unknown)}; joints: {join_names(names)}.",
             pointer="/trajectory/joints",
             title="Unknown joint",
         )
     return np.array([not selected or name in selected for name in names])
 
 
-def locked_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
+def lock_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
     """Return bounds in which the joints that do not move have no range but their position in a posture.
 
     Parameters

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dynident.arrays import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.surroundings.contacts import Approach
-from dynident.motion.surroundings.free_space import FreeSpace, contact_complaint
-from dynident.motion.surroundings.loop_rooms import LoopRooms, singular_complaint
+from dynident.motion.surroundings.free_space import FreeSpace, word_contact
+from dynident.motion.surroundings.loop_rooms import LoopConstraints, word_singularity
 from dynident.motion.trajectories.motion import Motion
 
 LimitName = Literal[
@@ -57,14 +57,14 @@ class Margin:
     share: float
 
     @property
-    def trouble(self) -> str:
+    def complaint(self) -> str:
         """What is wrong where the limit is broken, as a sentence."""
         if self.limit == "clearance":
-            return contact_complaint(self.joint, self.value, self.bound)
+            return word_contact(self.joint, self.value, self.bound)
         if self.limit in ("tool_min", "tool_max"):
             return f"The {self.joint} would go to {self.value:.4g} m, beyond the end {self.bound:g} m of its range."
         if self.limit == "condition":
-            complaint = singular_complaint(self.value, self.bound)
+            complaint = word_singularity(self.value, self.bound)
             return complaint[0].upper() + complaint[1:]
         return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be broken: {self.value:.4g}."
 
@@ -73,7 +73,7 @@ TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """Nominal torque (m, n) at q, q̇, q̈ (m, n)."""
 
 
-def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
+def compute_margins(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction | None) -> tuple[Margin, ...]:
     """Return the margins of motions to every limit, joint by joint; motions are evaluated one after another.
 
     Parameters
@@ -90,80 +90,80 @@ def margins_of(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFunction
     n = len(bounds.names)
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     largest = np.zeros((5, n))
-    around = _Around(bounds.space)
+    around = _SurroundingsMargins(bounds.space)
     for motion in motions:
         low, high = np.minimum(low, motion.q.min(axis=0)), np.maximum(high, motion.q.max(axis=0))
         signals = [motion.dq, motion.ddq, motion.dddq]
-        if torque is not None and bounds.checks_torque:
+        if torque is not None and bounds.has_torque_limits:
             load = torque(motion.q, motion.dq, motion.ddq)
             signals += [load, load * motion.dq]
         for row, values in enumerate(signals):
             largest[row] = np.maximum(largest[row], np.abs(values).max(axis=0))
-        around.look(motion)
-    columns = _position_columns(bounds, low, high)
+        around.add_motion(motion)
+    columns = _build_position_columns(bounds, low, high)
     names: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "torque", "power")
     known = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
     for name, value, bound in zip(names, largest, known, strict=True):
-        columns.append((name, value, bound, _share(value / bound, value <= bound)))
+        columns.append((name, value, bound, _clip_share(value / bound, value <= bound)))
     of_joints = tuple(
         Margin(name, limit, float(values[j]), float(bound[j]), float(shares[j]))
         for j, name in enumerate(bounds.names)
         for limit, values, bound, shares in columns
         if np.isfinite(bound[j])
     )
-    return of_joints + around.margins()
+    return of_joints + around.collect_margins()
 
 
 _Column = tuple[LimitName, FloatArray, FloatArray, FloatArray]
 
 
-def _position_columns(bounds: Bounds, low: FloatArray, high: FloatArray) -> list[_Column]:
+def _build_position_columns(bounds: Bounds, low: FloatArray, high: FloatArray) -> list[_Column]:
     middle, half = bounds.middle, bounds.half_range
-    low_share = _share((middle - low) / half, low >= bounds.position_low)
-    high_share = _share((high - middle) / half, high <= bounds.position_high)
+    low_share = _clip_share((middle - low) / half, low >= bounds.position_low)
+    high_share = _clip_share((high - middle) / half, high <= bounds.position_high)
     return [
         ("position_min", low, bounds.position_low, low_share),
         ("position_max", high, bounds.position_high, high_share),
     ]
 
 
-def _share(share: FloatArray, is_within: NDArray[np.bool_]) -> FloatArray:
+def _clip_share(share: FloatArray, is_within: NDArray[np.bool_]) -> FloatArray:
     """Return shares of which none is above 1 by rounding alone."""
     # Whether a limit is kept was decided on the values themselves; the share only follows.
     return np.where(is_within, np.minimum(share, 1.0), np.maximum(share, np.nextafter(1.0, 2.0)))
 
 
-class _Around:
+class _SurroundingsMargins:
     """Nearest approaches to the surroundings and extreme positions of tool and followers, over several motions."""
 
     def __init__(self, space: FreeSpace | None) -> None:
         self._space = space
         self._approaches: list[Approach] = []
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        self._followers = None if space is None or space.loops is None else _Followers(space.loops)
+        self._followers = None if space is None or space.loops is None else _FollowerMargins(space.loops)
 
-    def look(self, motion: Motion) -> None:
+    def add_motion(self, motion: Motion) -> None:
         """Take a motion into account."""
         if self._space is None:
             return
         q = motion.q
         if self._followers is not None:
-            self._followers.look(motion)
+            self._followers.add_motion(motion)
         if self._space.contacts is not None:
-            approaches = self._space.contacts.approaches(q)
+            approaches = self._space.contacts.find_approaches(q)
             before = self._approaches or approaches
             self._approaches = [
-                min(pair, key=lambda approach: approach.room) for pair in zip(before, approaches, strict=True)
+                min(pair, key=lambda approach: approach.slack) for pair in zip(before, approaches, strict=True)
             ]
         if self._space.tool is not None:
-            tool = self._space.tool_at(q)
+            tool = self._space.locate_tool(q)
             self._low, self._high = np.minimum(self._low, tool.min(axis=0)), np.maximum(self._high, tool.max(axis=0))
 
-    def margins(self) -> tuple[Margin, ...]:
+    def collect_margins(self) -> tuple[Margin, ...]:
         """Return the margins of every body, and of every stated end of the tool's range."""
         if self._space is None:
             return ()
-        margins = [] if self._followers is None else self._followers.margins()
+        margins = [] if self._followers is None else self._followers.collect_margins()
         margins += [
             Margin(
                 approach.name,
@@ -188,30 +188,30 @@ class _Around:
         return tuple(margins)
 
 
-class _Followers:
+class _FollowerMargins:
     """Extreme positions and rates of follower joints, and the worst condition of closed loops, over several motions."""
 
-    def __init__(self, loops: LoopRooms) -> None:
+    def __init__(self, loops: LoopConstraints) -> None:
         self._loops, self._worst = loops, 0.0
         self._fastest = np.zeros((2, 0 if loops.rated is None else len(loops.rated.names)))
         self._low, self._high = np.full(len(loops.names), np.inf), np.full(len(loops.names), -np.inf)
 
-    def look(self, motion: Motion) -> None:
+    def add_motion(self, motion: Motion) -> None:
         """Take a motion of the driven joints into account."""
         q = motion.q
         if self._loops.rated is not None:
-            self._fastest = np.maximum(self._fastest, self._loops.rated.largest(q, motion.dq, motion.ddq))
-        at = self._loops.positions(q)
+            self._fastest = np.maximum(self._fastest, self._loops.rated.find_largest(q, motion.dq, motion.ddq))
+        at = self._loops.compute_positions(q)
         self._low, self._high = np.minimum(self._low, at.min(axis=0)), np.maximum(self._high, at.max(axis=0))
-        self._worst = max(self._worst, float(self._loops.conditions(q).max()))
+        self._worst = max(self._worst, float(self._loops.compute_conditions(q).max()))
 
-    def margins(self) -> list[Margin]:
+    def collect_margins(self) -> list[Margin]:
         """Return the margins of every limited joint, and of the loops."""
         low, high = self._loops.low, self._loops.high
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         ends: tuple[tuple[LimitName, FloatArray, FloatArray, FloatArray], ...] = (
-            ("position_min", self._low, low, _share((middle - self._low) / half, self._low >= low)),
-            ("position_max", self._high, high, _share((self._high - middle) / half, self._high <= high)),
+            ("position_min", self._low, low, _clip_share((middle - self._low) / half, self._low >= low)),
+            ("position_max", self._high, high, _clip_share((self._high - middle) / half, self._high <= high)),
         )
         margins = [
             Margin(name, limit, float(reached[k]), float(bound[k]), float(share[k]))
@@ -222,7 +222,7 @@ class _Followers:
         if rated is not None:
             kinds: tuple[LimitName, ...] = ("velocity", "acceleration")
             for kind, reached, bound in zip(kinds, self._fastest, (rated.velocity, rated.acceleration), strict=True):
-                shares = _share(reached / bound, reached <= bound)
+                shares = _clip_share(reached / bound, reached <= bound)
                 margins += [
                     Margin(name, kind, float(reached[k]), float(bound[k]), float(shares[k]))
                     for k, name in enumerate(rated.names)
@@ -235,18 +235,18 @@ class _Followers:
         return margins
 
 
-def tightest(margins: Sequence[Margin]) -> Margin:
+def find_tightest(margins: Sequence[Margin]) -> Margin:
     """Return the margin with the largest share."""
     return max(margins, key=lambda margin: margin.share)
 
 
-def keeps(margins: Sequence[Margin]) -> bool:
+def are_limits_kept(margins: Sequence[Margin]) -> bool:
     """Return whether no limit is broken."""
-    return tightest(margins).share <= 1.0
+    return find_tightest(margins).share <= 1.0
 
 
-def broken(margins: Sequence[Margin]) -> ImpossibleLimitsError:
+def build_limit_error(margins: Sequence[Margin]) -> ImpossibleLimitsError:
     """Return the error that names the limit that is broken most."""
-    worst = tightest(margins)
+    worst = find_tightest(margins)
     place = "/limits" if worst.limit not in ("clearance", "tool_min", "tool_max") else "/surroundings"
-    return ImpossibleLimitsError(worst.trouble, pointer=place, title="Impossible limits")
+    return ImpossibleLimitsError(worst.complaint, pointer=place, title="Impossible limits")

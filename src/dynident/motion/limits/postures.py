@@ -7,7 +7,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.torque import TorqueModel
-from dynident.robot.pointers import pointer
+from dynident.robot.pointers import make_pointer
 
 _POSTURES = 2000
 # Room left for motion around a posture: of the torque, and of the position range.
@@ -19,13 +19,13 @@ _TRIED_WAYS, _ENOUGH_WAYS = 200, 5
 _ALONG_A_WAY = np.linspace(0.0, 1.0, 25)
 
 
-def static_torque(model: TorqueModel, q: FloatArray) -> FloatArray:
+def compute_static_torque(model: TorqueModel, q: FloatArray) -> FloatArray:
     """Return the torque (m, n) that holds postures q (m, n)."""
     still = np.zeros_like(q)
     return model.torque(q, still, still)
 
 
-def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generator) -> FloatArray:
+def draw_holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generator) -> FloatArray:
     """Return random postures from which a motion can start.
 
     They are in the inner part of the position ranges, clear of all obstacles, and their weight leaves torque for
@@ -51,10 +51,10 @@ def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generat
         limit is in the way.
     """
     places = CENTRAL_SHARE * rng.uniform(-1.0, 1.0, (_POSTURES, len(bounds.names)))
-    q: FloatArray = _reachable(bounds, _clear_ones(bounds, bounds.middle + bounds.half_range * places))
+    q: FloatArray = _select_reachable(bounds, _select_clear(bounds, bounds.middle + bounds.half_range * places))
     if not np.isfinite(bounds.torque).any():
         return q
-    torque = np.abs(static_torque(model, q))
+    torque = np.abs(compute_static_torque(model, q))
     shares = torque / bounds.torque
     worst = shares.max(axis=1)
     # First those with torque left to accelerate, else those that can be held at all.
@@ -69,12 +69,12 @@ def holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Generat
         f"No posture can be held: in the easiest of {_POSTURES} the weight of the arm alone asks "
         f"{torque[best, joint]:.3g} of joint '{name}', whose torque limit is {bounds.torque[joint]:.3g}. Raise the "
         "limit, or widen the position limits to where the arm is easier to hold.",
-        pointer=pointer(name, "effort", within="/limits"),
+        pointer=make_pointer(name, "effort", within="/limits"),
         title="Impossible limits",
     )
 
 
-def usual_homes(bounds: Bounds) -> list[FloatArray]:
+def list_usual_homes(bounds: Bounds) -> list[FloatArray]:
     """Return the usual home postures (n,): zero where the ranges contain it, and the middle of the ranges.
 
     A joint whose range does not contain zero is at its middle in both.
@@ -83,36 +83,36 @@ def usual_homes(bounds: Bounds) -> list[FloatArray]:
     return [np.where(np.abs(nearest) <= _NEAR_ZERO * bounds.half_range, nearest, bounds.middle), bounds.middle]
 
 
-def _reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
+def _select_reachable(bounds: Bounds, q: FloatArray) -> FloatArray:
     """Return those of the first postures (m, n) that a clear straight path joins to a usual home.
 
     All postures are returned where hardly any is reached.
     """
-    if bounds.space is None or bounds.space.rooms is None:
+    if bounds.space is None or bounds.space.constraints is None:
         return q
     candidates = q[:_TRIED_WAYS]
-    for home in usual_homes(bounds):
+    for home in list_usual_homes(bounds):
         # A home that is blocked itself says nothing of the postures.
-        if bounds.space.least_room(home[None])[0] < 0:
+        if bounds.space.compute_least_slack(home[None])[0] < 0:
             continue
         ways = home + _ALONG_A_WAY[:, None, None] * (candidates - home)
-        room = bounds.space.least_room(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
+        room = bounds.space.compute_least_slack(ways.reshape(-1, q.shape[1])).reshape(len(_ALONG_A_WAY), -1).min(axis=0)
         if np.count_nonzero(room >= 0) >= _ENOUGH_WAYS:
             reached: FloatArray = candidates[room >= 0]
             return reached
     return q
 
 
-def _clear_ones(bounds: Bounds, q: FloatArray) -> FloatArray:
+def _select_clear(bounds: Bounds, q: FloatArray) -> FloatArray:
     """Return those of postures q (m, n) that are clear of all obstacles."""
     if bounds.space is None:
         return q
-    room = bounds.space.least_room(q)
+    room = bounds.space.compute_least_slack(q)
     if (room >= 0).any():
         clear: FloatArray = q[room >= 0]
         return clear
     clearest = q[int(room.argmax())]
-    complaint = bounds.space.complaint(clearest[None]) or bounds.space.narrowness(clearest)
+    complaint = bounds.space.find_complaint(clearest[None]) or bounds.space.describe_narrowness(clearest)
     raise ImpossibleLimitsError(
         f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
         + complaint,

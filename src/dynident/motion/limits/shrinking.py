@@ -14,7 +14,7 @@ _BISECTIONS = 12
 _SAMPLES_PER_WAVE = 80
 
 
-class Shrinking:
+class AmplitudeScaler:
     """Scales the coefficients of a family to the largest amplitude at which they keep the limits.
 
     Parameters
@@ -31,7 +31,7 @@ class Shrinking:
         count = _SAMPLES_PER_WAVE * family.waves if fine else 2 * _SAMPLES_PER_WAVE
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
-    def shrink(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
+    def scale_down(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
         """Return coefficients (m, n) with the amplitude scaled to keep the limits, by at most `most`.
 
         The result is None where no amplitude keeps them. The centre (the offsets) stays, except that it is moved inside
@@ -56,38 +56,38 @@ class Shrinking:
                 float((b.acceleration / np.abs(ddq).max(axis=0)).min()),
                 float((b.jerk / np.abs(dddq).max(axis=0)).min()),
             )
-        amplitude = self._within_the_rest(scaled[0], q, dq, ddq, scale)
+        amplitude = self._find_amplitude(scaled[0], q, dq, ddq, scale)
         if amplitude is None:
             return None
         scaled[1:] *= amplitude
         return scaled
 
-    def _within_the_rest(
+    def _find_amplitude(
         self, centre: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, most: float
     ) -> float | None:
         """Return the largest amplitude up to `most` that keeps torque, power, clearances and followers' limits."""
         bounds = self._bounds
-        if not bounds.checks_torque and bounds.space is None:
+        if not bounds.has_torque_limits and bounds.space is None:
             return most
 
-        def holds(scale: float) -> bool:
+        def keeps_limits(scale: float) -> bool:
             # Bodies scaled in amplitude by s at unchanged frequency: q̇ and q̈ scale alike.
             positions, velocities = centre + scale * q, scale * dq
-            if bounds.checks_torque:
+            if bounds.has_torque_limits:
                 torque = self._model.torque(positions, velocities, scale * ddq)
                 if not ((np.abs(torque) <= bounds.torque) & (np.abs(torque * velocities) <= bounds.power)).all():
                     return False
-            if not bounds.followers_keep(positions, velocities, scale * ddq):
+            if not bounds.are_follower_rates_kept(positions, velocities, scale * ddq):
                 return False
-            return bounds.space is None or bool((bounds.space.least_room(positions) >= 0).all())
+            return bounds.space is None or bool((bounds.space.compute_least_slack(positions) >= 0).all())
 
-        if holds(most):
+        if keeps_limits(most):
             return most
-        if not holds(0.0):
+        if not keeps_limits(0.0):
             return None
         low, high = 0.0, most
         # Torque and clearances are not linear in the amplitude: bisect. The lower end always keeps the limits.
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if holds(middle) else (low, middle)
+            low, high = (middle, high) if keeps_limits(middle) else (low, middle)
         return low or None

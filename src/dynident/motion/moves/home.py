@@ -10,16 +10,16 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.postures import holdable_postures, static_torque, usual_homes
+from dynident.motion.limits.postures import compute_static_torque, draw_holdable_postures, list_usual_homes
 from dynident.motion.limits.torque import TorqueModel
-from dynident.motion.moves.ways import moves_through, stations_between
+from dynident.motion.moves.ways import find_stations, plan_moves
 from dynident.motion.trajectories.motion import Piece, Rest
 
 _OTHER_HOMES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class HomeMoves:
     """Moves to the start of the exciting part and back."""
 
     approach: Piece
@@ -42,7 +42,7 @@ def check_home(stated: Sequence[float], limits: Bounds) -> None:
             )
 
 
-def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
+def list_home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
     """Return the postures to begin at, in the order of preference.
 
     The stated one alone; else zero where the ranges contain it (their middle where not), then the middle everywhere;
@@ -64,10 +64,10 @@ def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: Torqu
         None of them can be held within the torque limits, or something is in the way of all of them.
     """
     if stated is not None:
-        return [_clear(np.asarray(stated, dtype=np.float64), bounds)]
-    offered = usual_homes(bounds)
-    if bounds.checks_torque:
-        shares = np.abs(static_torque(model, np.array(offered))) / bounds.torque
+        return [_check_clear(np.asarray(stated, dtype=np.float64), bounds)]
+    offered = list_usual_homes(bounds)
+    if bounds.has_torque_limits:
+        shares = np.abs(compute_static_torque(model, np.array(offered))) / bounds.torque
         offered = [offered[k] for k in np.flatnonzero(shares.max(axis=1) <= 1)]
         if not offered:
             j = int(np.argmax(shares.min(axis=0)))
@@ -79,48 +79,48 @@ def home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: Torqu
             )
     if bounds.space is None:
         return offered
-    clear = [posture for posture in offered if bounds.space.complaint(posture[None]) is None]
-    return clear or list(holdable_postures(bounds, model, np.random.default_rng(0))[:_OTHER_HOMES])
+    clear = [posture for posture in offered if bounds.space.find_complaint(posture[None]) is None]
+    return clear or list(draw_holdable_postures(bounds, model, np.random.default_rng(0))[:_OTHER_HOMES])
 
 
-def _clear(home: FloatArray, bounds: Bounds) -> FloatArray:
-    complaint = None if bounds.space is None else bounds.space.complaint(home[None])
+def _check_clear(home: FloatArray, bounds: Bounds) -> FloatArray:
+    complaint = None if bounds.space is None else bounds.space.find_complaint(home[None])
     if complaint is not None:
         raise ImpossibleLimitsError(f"At home, {complaint}", pointer="/home", title="Impossible limits")
     return home
 
 
-def posture_note(home: FloatArray) -> str:
+def note_home(home: FloatArray) -> str:
     """Return the note that names the home posture."""
     return "Home is " + ", ".join(f"{value:.4g}" for value in home) + "."
 
 
-def with_moves(
+def plan_home_moves(
     stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: TorqueModel, rate: float
-) -> Placed:
+) -> HomeMoves:
     """Return the moves from home to the posture (n,) at which the exciting part starts and ends, and back.
 
     Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins
     there, and a note says so.
     """
     try:
-        homes = home_candidates(stated, bounds, model)
+        homes = list_home_candidates(stated, bounds, model)
     except ImpossibleLimitsError:
         if stated is not None:
             raise
         homes = []
     for home in homes:
         try:
-            stations = stations_between(home, start, bounds, model)
-            there = moves_through(stations, bounds, model, rate)
-            back = moves_through(stations[::-1], bounds, model, rate)
+            stations = find_stations(home, start, bounds, model)
+            there = plan_moves(stations, bounds, model, rate)
+            back = plan_moves(stations[::-1], bounds, model, rate)
         except ImpossibleLimitsError:
             if stated is not None:
                 raise
         else:
-            return Placed(there, back, (posture_note(home),))
+            return HomeMoves(there, back, (note_home(home),))
     note = (
         "It begins and ends where the exciting part does: no way from zero or from the middle of the ranges was found "
         "that keeps the limits."
     )
-    return Placed(Rest(start), Rest(start), (note,))
+    return HomeMoves(Rest(start), Rest(start), (note,))

@@ -15,7 +15,7 @@ import ruckig
 
 from dynident.arrays import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.postures import static_torque
+from dynident.motion.limits.postures import compute_static_torque
 from dynident.motion.limits.torque import TorqueModel
 from dynident.motion.trajectories.motion import Motion, Piece, Rest, check_length
 
@@ -140,13 +140,13 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     ImpossibleLimitsError
         Something is in the straight path, or the arm cannot be held somewhere on it, however slow it goes.
     """
-    complaint = straight_complaint(start, end, bounds)
+    complaint = find_straight_obstacle(start, end, bounds)
     if complaint is not None:
         raise complaint
     move = plan_move(start, end, bounds, rate)
-    if not bounds.checks_torque and bounds.rated is None:
+    if not bounds.has_torque_limits and bounds.follower_rates is None:
         return move
-    if bounds.checks_torque:
+    if bounds.has_torque_limits:
         # However slow the move, the weight remains: check it first, to report it as such.
         _check_holding(start, end, bounds, model)
     for attempt in range(_ATTEMPTS):
@@ -154,55 +154,55 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
         check_length([move], rate)
         checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
         motion = move.evaluate(np.linspace(0.0, move.duration, checks))
-        slow_enough = bounds.followers_keep(motion.q, motion.dq, motion.ddq)
-        if slow_enough and _within_torque(motion, bounds, model):
+        slow_enough = bounds.are_follower_rates_kept(motion.q, motion.dq, motion.ddq)
+        if slow_enough and _is_within_torque(motion, bounds, model):
             return move
     if not slow_enough:
-        names = "" if bounds.rated is None else ", ".join(bounds.rated.names)
+        names = "" if bounds.follower_rates is None else ", ".join(bounds.follower_rates.names)
         raise ImpossibleLimitsError(
-            f"On the straight way from [{_listed(start)}] to [{_listed(end)}], joints that follow others ({names}) "
+            f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], joints that follow others ({names}) "
             "would be faster than their limits of velocity and acceleration, however slow it is; raise these limits, "
             "or choose another home posture.",
             pointer="/limits",
             title="Impossible limits",
         )
-    raise _too_heavy(np.abs(model.torque(motion.q, motion.dq, motion.ddq)), bounds, "moving slowly")
+    raise _build_torque_error(np.abs(model.torque(motion.q, motion.dq, motion.ddq)), bounds, "moving slowly")
 
 
-def _within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> bool:
-    if not bounds.checks_torque:
+def _is_within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> bool:
+    if not bounds.has_torque_limits:
         return True
     torque = model.torque(motion.q, motion.dq, motion.ddq)
     return bool((np.abs(torque) <= bounds.torque).all() and (np.abs(torque * motion.dq) <= bounds.power).all())
 
 
-def straight_complaint(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
+def find_straight_obstacle(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
     """Return the error that names what is in the straight path between two postures (n,); None where it is clear."""
     if bounds.space is None:
         return None
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
-    complaint = bounds.space.complaint(way)
+    complaint = bounds.space.find_complaint(way)
     if complaint is None:
         return None
     return ImpossibleLimitsError(
-        f"On the straight way from [{_listed(start)}] to [{_listed(end)}], {complaint}",
+        f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], {complaint}",
         pointer="/home",
         title="Impossible limits",
     )
 
 
-def _listed(posture: FloatArray) -> str:
+def _format_posture(posture: FloatArray) -> str:
     return ", ".join(f"{value:.4g}" for value in posture)
 
 
 def _check_holding(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> None:
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)
-    torque = np.abs(static_torque(model, way))
+    torque = np.abs(compute_static_torque(model, way))
     if not (torque <= bounds.torque).all():
-        raise _too_heavy(torque, bounds, "holding the arm")
+        raise _build_torque_error(torque, bounds, "holding the arm")
 
 
-def _too_heavy(torque: FloatArray, bounds: Bounds, doing: str) -> ImpossibleLimitsError:
+def _build_torque_error(torque: FloatArray, bounds: Bounds, doing: str) -> ImpossibleLimitsError:
     shares = torque / bounds.torque
     sample, j = np.unravel_index(int(shares.argmax()), shares.shape)
     name = bounds.names[int(j)]

@@ -12,10 +12,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from dynident.arrays import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.postures import holdable_postures
+from dynident.motion.limits.postures import draw_holdable_postures
 from dynident.motion.limits.torque import TorqueModel
-from dynident.motion.moves.move import move_within_torque, straight_complaint
-from dynident.motion.trajectories.motion import Motion, Piece, joined
+from dynident.motion.moves.move import find_straight_obstacle, move_within_torque
+from dynident.motion.trajectories.motion import Motion, Piece, concatenate_motions
 
 # Postures on the way around: a few at first, then more.
 _VIA_POSTURES = (60, 300)
@@ -24,7 +24,7 @@ _LOOKS = np.linspace(0.0, 1.0, 25)
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class PieceChain:
     """Pieces of motion one after the other, as one piece."""
 
     pieces: tuple[Piece, ...]
@@ -44,10 +44,10 @@ class Chain:
                 since = t[number == k] - (ends[k] - piece.duration)
                 part = piece.evaluate(np.clip(since, 0.0, piece.duration))
                 parts.append(Motion(t[number == k], part.q, part.dq, part.ddq, part.dddq))
-        return joined(parts)
+        return concatenate_motions(parts)
 
 
-def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
+def plan_path(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
     """Return a motion between two postures at rest within all limits: straight, or around what is in the way.
 
     Parameters
@@ -67,10 +67,10 @@ def way_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: Torqu
     ImpossibleLimitsError
         There is no straight path, and none was found around; the message tells what is in the straight one.
     """
-    return moves_through(stations_between(start, end, bounds, model), bounds, model, rate)
+    return plan_moves(find_stations(start, end, bounds, model), bounds, model, rate)
 
 
-def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
+def find_stations(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
     """Return postures (n,), both ends among them, between which straight paths are clear.
 
     Raises
@@ -78,11 +78,11 @@ def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: 
     ImpossibleLimitsError
         As in `way_between`.
     """
-    complaint = straight_complaint(start, end, bounds)
+    complaint = find_straight_obstacle(start, end, bounds)
     if complaint is None:
         return [start, end]
     try:
-        postures = holdable_postures(bounds, model, np.random.default_rng(0))
+        postures = draw_holdable_postures(bounds, model, np.random.default_rng(0))
     except ImpossibleLimitsError:
         raise complaint from None
     # Prefer via postures that cost little extra time.
@@ -92,19 +92,19 @@ def stations_between(start: FloatArray, end: FloatArray, bounds: Bounds, model: 
         # Half of them near the straight way, the others from everywhere.
         near = count // 2
         via = np.concatenate([shortest[:near], shortest[near :: max(1, len(shortest) // near)]])
-        stations = _shortest_way(np.concatenate([[start, end], via]), bounds)
+        stations = _find_shortest_path(np.concatenate([[start, end], via]), bounds)
         if stations is not None:
             return stations
     raise complaint
 
 
-def moves_through(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
+def plan_moves(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
     """Return moves from posture to posture, at rest in each, within all limits."""
     moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
-    return moves[0] if len(moves) == 1 else Chain(moves)
+    return moves[0] if len(moves) == 1 else PieceChain(moves)
 
 
-def _shortest_way(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | None:
+def _find_shortest_path(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | None:
     """Return the shortest path from the first of the postures (m, n) to the second, in clear legs."""
     assert bounds.space is not None
     # As long as the slowest joint takes.
@@ -114,7 +114,7 @@ def _shortest_way(postures: FloatArray, bounds: Bounds) -> list[FloatArray] | No
     legs = np.unique(np.sort([(a, b) for a, row in enumerate(neighbours) for b in row], axis=1), axis=0)
     first, last = postures[legs[:, 0]], postures[legs[:, 1]]
     looks = first + _LOOKS[:, None, None] * (last - first)
-    room = bounds.space.least_room(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
+    room = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
     clear = legs[room >= 0]
     graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
     distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IndexArray
 from dynident.motion.surroundings.obstacles import HalfSpace
-from dynident.motion.surroundings.segments import closest_shares, cross, distance_to_block, dot, unit
+from dynident.motion.surroundings.segments import compute_block_distance, cross, dot, find_closest_shares, normalise
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule
@@ -21,7 +21,7 @@ _AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class CapsulePart:
     """A capsule in the frame of a joint; -1 is the base."""
 
     joint: int
@@ -38,13 +38,13 @@ class Ball:
 
 
 @dataclass(frozen=True, eq=False)
-class Hindrances:
+class ClearancePairs:
     """Pairs that are kept apart: capsules and capsules, balls and half-spaces, balls and boxes.
 
     `clearance` is the distance to keep (m), one for all or one for each.
     """
 
-    pairs: tuple[tuple[Part, Part], ...] = ()
+    pairs: tuple[tuple[CapsulePart, CapsulePart], ...] = ()
     half_spaces: tuple[tuple[Ball, HalfSpace], ...] = ()
     blocks: tuple[tuple[Ball, Block], ...] = ()
     clearance: float | FloatArray = 0.0
@@ -55,7 +55,7 @@ class Hindrances:
         return len(self.pairs) + len(self.half_spaces) + len(self.blocks)
 
 
-def balls_along(part: Part) -> list[Ball]:
+def cover_with_balls(part: CapsulePart) -> list[Ball]:
     """Return balls whose union contains a capsule."""
     capsule = part.capsule
     length = float(np.linalg.norm(capsule.end - capsule.start))
@@ -71,7 +71,7 @@ def balls_along(part: Part) -> list[Ball]:
 
 
 @dataclass(frozen=True, eq=False)
-class Rooms:
+class ClearanceSlack:
     """Distance beyond the clearance (m) at m postures, `values` (m, K), and its derivative."""
 
     values: FloatArray
@@ -84,14 +84,14 @@ class Rooms:
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
         """Return ∂/∂q (m, n) from ∂/∂values (m, K): forces at the nearest points, as torques of the joints."""
-        torques = self._of_tree(gradient)
+        torques = self._pull_back_to_tree(gradient)
         return torques if self._rates is None else np.asarray(np.einsum("mi,mij->mj", torques, self._rates))
 
-    def _of_tree(self, gradient: FloatArray) -> FloatArray:
+    def _pull_back_to_tree(self, gradient: FloatArray) -> FloatArray:
         """Return the torques (m, N) of all joints that carry links."""
-        forces = self._map.of_rooms(gradient) * self._forces
-        force = self._map.on_joints(forces)
-        moment = self._map.on_joints(cross(self._places, forces))
+        forces = self._map.gather_gradient(gradient) * self._forces
+        force = self._map.sum_over_joints(forces)
+        moment = self._map.sum_over_joints(cross(self._places, forces))
         torques = np.empty((len(gradient), self._robot.n))
         # By the principle of virtual work: forces and moments about the base's origin add up from the tips to the base,
         # as in the backward recursion of Newton-Euler.
@@ -118,15 +118,15 @@ class _PointMap:
             if joint >= 0:
                 self._incidence[k, joint] = 1.0
 
-    def of_rooms(self, gradient: FloatArray) -> FloatArray:
+    def gather_gradient(self, gradient: FloatArray) -> FloatArray:
         return gradient[:, self._rooms]
 
-    def on_joints(self, vectors: FloatArray) -> FloatArray:
+    def sum_over_joints(self, vectors: FloatArray) -> FloatArray:
         summed: FloatArray = vectors @ self._incidence
         return summed
 
 
-class Clearances:
+class ClearanceConstraints:
     """Distances between the parts of a robot and their hindrances, as functions of the posture.
 
     Parameters
@@ -135,13 +135,13 @@ class Clearances:
     hindrances : Hindrances
     """
 
-    def __init__(self, robot: Robot, hindrances: Hindrances) -> None:
+    def __init__(self, robot: Robot, hindrances: ClearancePairs) -> None:
         self.robot, self.hindrances = robot, hindrances
         pairs = hindrances.pairs
-        starts_and_ends = [[(part.joint, point) for point in _ends(part)] for pair in pairs for part in pair]
+        starts_and_ends = [[(part.joint, point) for point in _get_ends(part)] for pair in pairs for part in pair]
         ends = [of_pair[end] for part in (0, 1) for end in (0, 1) for of_pair in starts_and_ends[part::2]]
         balls = [ball for ball, _ in (*hindrances.half_spaces, *hindrances.blocks)]
-        self._points = _Carried([*ends, *((ball.joint, ball.point) for ball in balls)], robot.tree.n)
+        self._points = _CarriedPoints([*ends, *((ball.joint, ball.point) for ball in balls)], robot.tree.n)
         self._pair_radii = np.array([a.capsule.radius + b.capsule.radius for a, b in pairs])
         self._ball_radii = np.array([ball.radius for ball in balls])
         self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
@@ -155,32 +155,32 @@ class Clearances:
         """Number of distances K."""
         return self.hindrances.count
 
-    def evaluate(self, q: FloatArray) -> Rooms:
+    def evaluate(self, q: FloatArray) -> ClearanceSlack:
         """Return the distances beyond the clearance at postures q (m, n)."""
         frames = joint_frames(self.robot, q)
-        world = self._points.at(frames)
+        world = self._points.locate(frames)
         n_pairs, n_planes = len(self.hindrances.pairs), len(self._offsets)
         a, a_end, b, b_end = (world[:, :, k * n_pairs : (k + 1) * n_pairs] for k in range(4))
-        s, t = closest_shares(a, a_end, b, b_end)
+        s, t = find_closest_shares(a, a_end, b, b_end)
         on_a, on_b = a + s * (a_end - a), b + t * (b_end - b)
-        distance, separation = unit(on_a - on_b)
+        distance, separation = normalise(on_a - on_b)
         balls = world[:, :, 4 * n_pairs :]
         above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
-        from_boxes, away = self._from_blocks(balls[:, :, n_planes:])
+        from_boxes, away = self._measure_blocks(balls[:, :, n_planes:])
         of_balls = np.concatenate([above, from_boxes], axis=1) - self._ball_radii
         values = np.concatenate([distance - self._pair_radii, of_balls], axis=1)
         upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
-        return Rooms(
+        return ClearanceSlack(
             values - self.hindrances.clearance,
             np.concatenate([separation, -separation, upward, away], axis=2),
             np.concatenate([on_a, on_b, balls], axis=2),
             frames,
             self._map,
             self.robot.tree,
-            None if self.robot.linkage is None else self.robot.linkage.rates(q),
+            None if self.robot.linkage is None else self.robot.linkage.compute_jacobian(q),
         )
 
-    def least(self, q: FloatArray) -> FloatArray:
+    def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest distance beyond the clearance (m,) at postures q (m, n)."""
         least = np.empty(len(q))
         # Batches bound the memory of the arrays (3, m, K).
@@ -189,10 +189,10 @@ class Clearances:
             least[part] = self.evaluate(q[part]).values.min(axis=1)
         return least
 
-    def _from_blocks(self, balls: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _measure_blocks(self, balls: FloatArray) -> tuple[FloatArray, FloatArray]:
         distance, away = np.empty(balls.shape[1:]), np.empty(balls.shape)
         for block, chosen in self._grouped_blocks:
-            distance[:, chosen], away[:, :, chosen] = distance_to_block(balls[:, :, chosen], block)
+            distance[:, chosen], away[:, :, chosen] = compute_block_distance(balls[:, :, chosen], block)
         return distance, away
 
     @cached_property
@@ -204,7 +204,7 @@ class Clearances:
         return [(block, np.array(places, dtype=np.intp)) for block, places in groups.values()]
 
 
-class _Carried:
+class _CarriedPoints:
     """Points in the frames of joints; those of the base stay where they are."""
 
     def __init__(self, points: Sequence[tuple[int, FloatArray]], n: int) -> None:
@@ -213,7 +213,7 @@ class _Carried:
         self._of_joint = [(j, np.flatnonzero(self._joints == j)) for j in range(n)]
         self._of_joint = [(j, chosen) for j, chosen in self._of_joint if len(chosen)]
 
-    def at(self, frames: FloatArray) -> FloatArray:
+    def locate(self, frames: FloatArray) -> FloatArray:
         """Return the points in the base frame (3, m, P), at frames (m, n, 4, 4)."""
         world = np.empty((3, len(frames), len(self._local)))
         world[:] = self._local.T[:, None]
@@ -223,5 +223,5 @@ class _Carried:
         return world
 
 
-def _ends(part: Part) -> tuple[FloatArray, FloatArray]:
+def _get_ends(part: CapsulePart) -> tuple[FloatArray, FloatArray]:
     return part.capsule.start, part.capsule.end

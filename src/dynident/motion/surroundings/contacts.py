@@ -15,10 +15,10 @@ import coal
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.motion.surroundings.segments import segment_distances
+from dynident.motion.surroundings.segments import compute_segment_distances
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
-from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclosing_capsule
+from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclose_shape
 
 _FIRST_LOOKS = 48
 _EXACTNESS = 5e-4
@@ -39,11 +39,11 @@ class Solid:
     capsules: tuple[Capsule, ...]
 
 
-def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
+def build_solid(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
     """Return shapes for coal; `reach` is the distance of their farthest point from the joint's origin."""
     geometries, placements, reach = [], [], 0.0
     for shape in shapes:
-        geometry, rotation, origin = _geometry(shape)
+        geometry, rotation, origin = _build_geometry(shape)
         geometries.append(geometry)
         placements.append((rotation, origin))
         if isinstance(shape, Capsule):
@@ -51,10 +51,10 @@ def solid_of(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
             reach = max(reach, ends + shape.radius)
         else:
             reach = max(reach, float(np.linalg.norm(shape.corners, axis=1).max()))
-    return Solid(name, joint, tuple(geometries), tuple(placements), reach, tuple(map(enclosing_capsule, shapes)))
+    return Solid(name, joint, tuple(geometries), tuple(placements), reach, tuple(map(enclose_shape, shapes)))
 
 
-def half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
+def build_half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
     """Return the solid behind a plane: normal · x < offset."""
     return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0, ())
 
@@ -83,7 +83,7 @@ class SolidPair:
         return f"{self.moving.name} – {self.other.name}"
 
 
-def pair_of(
+def build_pair(
     robot: Robot, moving: Solid, other: Solid, ends: tuple[FloatArray, FloatArray], clearance: float
 ) -> SolidPair:
     """Return a pair, `moving` being the one farther from the base.
@@ -103,7 +103,7 @@ def pair_of(
     SolidPair
     """
     travel = np.zeros(robot.n)
-    chains = {solid.joint: robot.ancestors(solid.joint) for solid in (moving, other)}
+    chains = {solid.joint: robot.list_ancestors(solid.joint) for solid in (moving, other)}
     for solid, opposite in ((moving, other), (other, moving)):
         # The lever arm of a joint is at most the length of the chain from it to the farthest point.
         length = solid.reach
@@ -129,7 +129,7 @@ class Approach:
     wanted: float
 
     @property
-    def room(self) -> float:
+    def slack(self) -> float:
         """Distance beyond the clearance, m."""
         return self.distance - self.wanted
 
@@ -175,44 +175,45 @@ class ContactCheck:
         self.bodies = tuple(sorted({pair.moving.joint for pair in pairs}))
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
-    def distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
+    def compute_distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
         """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap."""
-        return self._distances(pair, _Postures(joint_frames(self._robot, q)))
+        return self._compute_distances(pair, _PlacedPostures(joint_frames(self._robot, q)))
 
-    def too_near(self, q: FloatArray) -> BoolArray:
+    def find_too_near(self, q: FloatArray) -> BoolArray:
         """Return at which of the postures q (m, n) any pair is nearer than its clearance: (m,)."""
         frames, near = joint_frames(self._robot, q), np.zeros(len(q), dtype=np.bool_)
         for pair in self.pairs:
             # Capsules give a lower bound for all postures at once; only where it is too small the exact distance is
             # needed.
-            doubtful = np.flatnonzero(~near & (_least_apart(pair, frames) < pair.clearance))
+            doubtful = np.flatnonzero(~near & (_bound_distance(pair, frames) < pair.clearance))
             if len(doubtful):
-                near[doubtful] = self._distances(pair, _Postures(frames[doubtful])) < pair.clearance
+                near[doubtful] = self._compute_distances(pair, _PlacedPostures(frames[doubtful])) < pair.clearance
         return near
 
-    def nearest(self, q: FloatArray) -> list[Nearest]:
+    def find_nearest(self, q: FloatArray) -> list[Nearest]:
         """Return for every body (in the order of `bodies`) the nearest solid at each of the postures q (m, n)."""
-        postures = _Postures(joint_frames(self._robot, q))
+        postures = _PlacedPostures(joint_frames(self._robot, q))
         return [
-            self._nearest([pair for pair in self.pairs if pair.moving.joint == body], postures) for body in self.bodies
-        ]
-
-    def approaches(self, q: FloatArray) -> list[Approach]:
-        """Return for every body (in the order of `bodies`) its nearest approach along q (m, n)."""
-        moved = q if self._robot.linkage is None else self._robot.linkage.positions(q)
-        way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
-        looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
-        first = _Postures(joint_frames(self._robot, q[looks]))
-        searches = {
-            pair: _Search(way @ pair.travel, looks, self._distances(pair, first) - pair.clearance)
-            for pair in self.pairs
-        }
-        return [
-            self._approach({pair: search for pair, search in searches.items() if pair.moving.joint == body}, q)
+            self._find_nearest([pair for pair in self.pairs if pair.moving.joint == body], postures)
             for body in self.bodies
         ]
 
-    def _approach(self, of_pairs: dict[SolidPair, _Search], q: FloatArray) -> Approach:
+    def find_approaches(self, q: FloatArray) -> list[Approach]:
+        """Return for every body (in the order of `bodies`) its nearest approach along q (m, n)."""
+        moved = q if self._robot.linkage is None else self._robot.linkage.compute_positions(q)
+        way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
+        looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
+        first = _PlacedPostures(joint_frames(self._robot, q[looks]))
+        searches = {
+            pair: _DistanceBounds(way @ pair.travel, looks, self._compute_distances(pair, first) - pair.clearance)
+            for pair in self.pairs
+        }
+        return [
+            self._find_approach({pair: search for pair, search in searches.items() if pair.moving.joint == body}, q)
+            for body in self.bodies
+        ]
+
+    def _find_approach(self, of_pairs: dict[SolidPair, _DistanceBounds], q: FloatArray) -> Approach:
         pairs, searches = list(of_pairs), list(of_pairs.values())
         while True:
             nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
@@ -220,51 +221,53 @@ class ContactCheck:
             # Search on wherever the distance could be smaller than the best so far by more than the precision asked
             # for.
             goal = best - _EXACTNESS - _RELATIVE_EXACTNESS * max(best, 0.0)
-            doubtful_samples = [search.doubtful(goal) for search in searches]
+            doubtful_samples = [search.find_doubtful(goal) for search in searches]
             if not any(len(samples) for samples in doubtful_samples):
                 clearance = pairs[nearest].clearance
-                return Approach(pairs[nearest].name, best + clearance, searches[nearest].at, clearance)
+                return Approach(pairs[nearest].name, best + clearance, searches[nearest].least_sample, clearance)
             for pair, search, samples in zip(pairs, searches, doubtful_samples, strict=True):
                 if len(samples):
-                    distances = self._distances(pair, _Postures(joint_frames(self._robot, q[samples])))
-                    search.add(samples, distances - pair.clearance)
+                    distances = self._compute_distances(pair, _PlacedPostures(joint_frames(self._robot, q[samples])))
+                    search.add_samples(samples, distances - pair.clearance)
 
-    def _nearest(self, pairs: Sequence[SolidPair], postures: _Postures) -> Nearest:
+    def _find_nearest(self, pairs: Sequence[SolidPair], postures: _PlacedPostures) -> Nearest:
         frames = postures.frames
         distances, ends = np.empty((len(pairs), len(frames))), np.empty((len(pairs), len(frames), 2, 3))
         for place, pair in enumerate(pairs):
             for k, frame in enumerate(frames):
                 # The least of the shapes' distances, with the points that it lies between.
-                distances[place, k], points = min(self._gaps(pair, postures, k), key=lambda gap: gap[0])
+                distances[place, k], points = min(self._iterate_gaps(pair, postures, k), key=lambda gap: gap[0])
                 for end, (solid, point) in enumerate(zip((pair.moving, pair.other), points, strict=True)):
-                    ends[place, k, end] = _in_frame(solid, frame, point)
+                    ends[place, k, end] = _transform_to_frame(solid, frame, point)
         clearances = np.array([pair.clearance for pair in pairs])
         to, rows = (distances - clearances[:, None]).argmin(axis=0), np.arange(len(frames))
         chosen = ends[to, rows]
         others = tuple(pair.other for pair in pairs)
         return Nearest(pairs[0].moving, others, to, distances[to, rows], clearances[to], chosen[:, 0], chosen[:, 1])
 
-    def _distances(self, pair: SolidPair, postures: _Postures) -> FloatArray:
+    def _compute_distances(self, pair: SolidPair, postures: _PlacedPostures) -> FloatArray:
         least = np.full(len(postures.frames), np.inf)
-        for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
-            for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
-                between = [self._distance(a, here, b, there) for here, there in zip(at_a, at_b, strict=True)]
+        for a, at_a in zip(pair.moving.shapes, postures.place_solid(pair.moving), strict=True):
+            for b, at_b in zip(pair.other.shapes, postures.place_solid(pair.other), strict=True):
+                between = [self._compute_distance(a, here, b, there) for here, there in zip(at_a, at_b, strict=True)]
                 np.minimum(least, between, out=least)
         return least
 
-    def _gaps(self, pair: SolidPair, postures: _Postures, k: int) -> Iterator[tuple[float, tuple[Any, Any]]]:
+    def _iterate_gaps(
+        self, pair: SolidPair, postures: _PlacedPostures, k: int
+    ) -> Iterator[tuple[float, tuple[Any, Any]]]:
         """Yield the distances of the shapes of a pair at the k-th posture, and their nearest points."""
-        for a, at_a in zip(pair.moving.shapes, postures.of(pair.moving), strict=True):
-            for b, at_b in zip(pair.other.shapes, postures.of(pair.other), strict=True):
-                distance = self._distance(a, at_a[k], b, at_b[k])
+        for a, at_a in zip(pair.moving.shapes, postures.place_solid(pair.moving), strict=True):
+            for b, at_b in zip(pair.other.shapes, postures.place_solid(pair.other), strict=True):
+                distance = self._compute_distance(a, at_a[k], b, at_b[k])
                 yield distance, (self._result.getNearestPoint1(), self._result.getNearestPoint2())
 
-    def _distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+    def _compute_distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
         self._result.clear()
         return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
 
 
-class _Search:
+class _DistanceBounds:
     """Bounds of one pair's distance along a motion; `way` (m,) limits how far it can change between samples."""
 
     def __init__(self, way: FloatArray, samples: Any, distances: FloatArray) -> None:
@@ -275,10 +278,10 @@ class _Search:
         return float(self._distances.min())
 
     @property
-    def at(self) -> int:
+    def least_sample(self) -> int:
         return int(self._samples[self._distances.argmin()])
 
-    def doubtful(self, goal: float) -> Any:
+    def find_doubtful(self, goal: float) -> Any:
         """Return the middles of intervals in which the distance could fall below `goal`."""
         first, last = self._samples[:-1], self._samples[1:]
         # The lowest point of two cones of slope one that start at both ends of the interval.
@@ -286,20 +289,20 @@ class _Search:
         split = (lowest < goal) & (last - first > 1)
         return (first[split] + last[split]) // 2
 
-    def add(self, samples: Any, distances: FloatArray) -> None:
+    def add_samples(self, samples: Any, distances: FloatArray) -> None:
         order = np.argsort(np.concatenate([self._samples, samples]))
         self._samples = np.concatenate([self._samples, samples])[order]
         self._distances = np.concatenate([self._distances, distances])[order]
 
 
-class _Postures:
+class _PlacedPostures:
     """Postures by the frames (m, n, 4, 4) of their joints, with the placements of solids computed once."""
 
     def __init__(self, frames: FloatArray) -> None:
         self.frames = frames
         self._placed: dict[Solid, list[list[Any]]] = {}
 
-    def of(self, solid: Solid) -> list[list[Any]]:
+    def place_solid(self, solid: Solid) -> list[list[Any]]:
         """Return the transforms of each of a solid's shapes, at every posture."""
         transforms = self._placed.get(solid)
         if transforms is None:
@@ -314,17 +317,17 @@ class _Postures:
         return list(map(coal.Transform3s, turned @ rotation, turned @ origin + moved))
 
 
-def _least_apart(pair: SolidPair, frames: FloatArray) -> FloatArray:
+def _bound_distance(pair: SolidPair, frames: FloatArray) -> FloatArray:
     """Return a lower bound (m,) of a pair's distance at the frames (m, n, 4, 4): that of enclosing capsules."""
     if not pair.other.capsules or not pair.moving.capsules:
         return np.full(len(frames), -np.inf)
-    a, b = (_segments(solid, frames) for solid in (pair.moving, pair.other))
+    a, b = (_place_segments(solid, frames) for solid in (pair.moving, pair.other))
     radii = [np.array([capsule.radius for capsule in solid.capsules]) for solid in (pair.moving, pair.other)]
-    distances = segment_distances(a[0][..., None], a[1][..., None], b[0][:, :, None], b[1][:, :, None])
+    distances = compute_segment_distances(a[0][..., None], a[1][..., None], b[0][:, :, None], b[1][:, :, None])
     return np.asarray((distances - radii[0][:, None] - radii[1]).min(axis=(1, 2)))
 
 
-def _segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _place_segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return starts and ends (3, m, c) of the axes of a solid's capsules, at the frames (m, n, 4, 4)."""
     starts, ends = (
         np.array([capsule.start for capsule in solid.capsules]),
@@ -337,7 +340,7 @@ def _segments(solid: Solid, frames: FloatArray) -> tuple[FloatArray, FloatArray]
     return frame[:, :, :3] @ starts.T + frame[:, :, 3:], frame[:, :, :3] @ ends.T + frame[:, :, 3:]
 
 
-def _in_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:
+def _transform_to_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:
     """Return a point of the base frame in that of a solid's joint."""
     if solid.joint < 0:
         return point
@@ -346,11 +349,11 @@ def _in_frame(solid: Solid, frame: FloatArray, point: FloatArray) -> FloatArray:
     return inside
 
 
-def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
+def _build_geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
     if isinstance(shape, Capsule):
         way = shape.end - shape.start
         length = float(np.linalg.norm(way))
-        return coal.Capsule(shape.radius, length), _turned_to(way, length), 0.5 * (shape.start + shape.end)
+        return coal.Capsule(shape.radius, length), _align_z_axis(way, length), 0.5 * (shape.start + shape.end)
     if isinstance(shape, Cylinder):
         return coal.Cylinder(shape.radius, shape.length), shape.placement[:3, :3], shape.placement[:3, 3]
     if isinstance(shape, Block):
@@ -361,7 +364,7 @@ def _geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
     return coal.Convex.convexHull(points, True, "Qt"), np.eye(3), np.zeros(3)
 
 
-def _turned_to(direction: FloatArray, length: float) -> FloatArray:
+def _align_z_axis(direction: FloatArray, length: float) -> FloatArray:
     """Return a rotation (3, 3) whose z axis has this direction."""
     if length == 0.0:
         return np.eye(3)

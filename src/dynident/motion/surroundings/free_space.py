@@ -12,16 +12,28 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.motion.surroundings.assumed import FLOOR_ASSUMED, assume_floor
-from dynident.motion.surroundings.clearance import Ball, Clearances, Hindrances, Part, balls_along
-from dynident.motion.surroundings.contacts import ContactCheck, SolidPair, half_space_solid, pair_of, solid_of
-from dynident.motion.surroundings.loop_rooms import LoopRooms
-from dynident.motion.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, block_of, half_spaces_of
-from dynident.motion.surroundings.rooms import JoinedRooms, Rooms
+from dynident.motion.surroundings.clearance import (
+    Ball,
+    CapsulePart,
+    ClearanceConstraints,
+    ClearancePairs,
+    cover_with_balls,
+)
+from dynident.motion.surroundings.contacts import (
+    ContactCheck,
+    SolidPair,
+    build_half_space_solid,
+    build_pair,
+    build_solid,
+)
+from dynident.motion.surroundings.loop_rooms import LoopConstraints
+from dynident.motion.surroundings.obstacles import HalfSpace, Surroundings, ToolRange, build_block, list_half_spaces
+from dynident.motion.surroundings.rooms import Constraints, JoinedConstraints
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
 from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot
-from dynident.robot.pointers import listed
-from dynident.robot.shapes import enclosing_capsule, without_contained
+from dynident.robot.pointers import join_names
+from dynident.robot.shapes import drop_contained, enclose_shape
 
 _POSTURES = 200
 # Links that are closer than the clearance in this share of all postures cannot be kept apart by a motion.
@@ -55,83 +67,83 @@ class FreeSpace:
     """
 
     robot: Robot
-    clearances: Clearances | None
+    clearances: ClearanceConstraints | None
     contacts: ContactCheck | None
     tool: ToolRange | None
     notes: tuple[str, ...]
-    loops: LoopRooms | None = None
+    loops: LoopConstraints | None = None
     assumed: bool = False
 
     @cached_property
-    def rooms(self) -> Rooms | None:
+    def constraints(self) -> Constraints | None:
         """All constraints of the optimiser; None where there are none."""
         parts = tuple(part for part in (self.clearances, self.loops) if part is not None and part.count)
-        return JoinedRooms(parts) if parts else None
+        return JoinedConstraints(parts) if parts else None
 
     @property
     def tool_joint(self) -> int:
         """Index of the joint of the tree that carries the tool."""
-        return _tool_joint(self.robot, self.tool)
+        return _find_tool_joint(self.robot, self.tool)
 
-    def tool_at(self, q: FloatArray) -> FloatArray:
+    def locate_tool(self, q: FloatArray) -> FloatArray:
         """Return the tool (m, 3) in the base frame at postures q (m, n)."""
         assert self.tool is not None
         return tool_path(self.robot, q, self.tool_joint, np.array(self.tool.point))
 
-    def complaint(self, q: FloatArray) -> str | None:
+    def find_complaint(self, q: FloatArray) -> str | None:
         """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is clear."""
-        followed = None if self.loops is None else self.loops.complaint(q)
+        followed = None if self.loops is None else self.loops.find_complaint(q)
         if followed is not None:
             return followed
         if self.tool is not None:
-            at = self.tool_at(q)
+            at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
                 if (low is not None and at[:, k].min() < low) or (high is not None and at[:, k].max() > high):
                     ends = f"[{at[:, k].min():.4g}, {at[:, k].max():.4g}]"
                     return f"the tool would be at {'xyz'[k]} = {ends} m, beyond its range [{low}, {high}]."
-        if self.contacts is not None and self.contacts.too_near(q).any():
-            nearest = min(self.contacts.approaches(q), key=lambda approach: approach.room)
-            if nearest.room < 0:
-                return contact_complaint(nearest.name, nearest.distance, nearest.wanted)
+        if self.contacts is not None and self.contacts.find_too_near(q).any():
+            nearest = min(self.contacts.find_approaches(q), key=lambda approach: approach.slack)
+            if nearest.slack < 0:
+                return word_contact(nearest.name, nearest.distance, nearest.wanted)
         return None
 
-    def narrowness(self, q: FloatArray) -> str:
+    def describe_narrowness(self, q: FloatArray) -> str:
         """Return what leaves no room to move at a posture (n,) that is clear itself, as the end of a sentence."""
         if self.contacts is None and self.loops is not None:
             return "joints that follow others are at their limits, or the loops near a singular posture."
         if self.contacts is None:
             return "the tool is at an end of its range."
-        nearest = min(self.contacts.approaches(q[None]), key=lambda approach: approach.room)
+        nearest = min(self.contacts.find_approaches(q[None]), key=lambda approach: approach.slack)
         return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
 
-    def hindered(self, q: FloatArray) -> BoolArray:
+    def find_blocked(self, q: FloatArray) -> BoolArray:
         """Return at which of postures q (m, n) something is not kept: (m,)."""
-        blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.broken(q)
+        blocked = np.zeros(len(q), dtype=np.bool_) if self.loops is None else self.loops.find_broken(q)
         if self.contacts is not None:
-            blocked |= self.contacts.too_near(q)
+            blocked |= self.contacts.find_too_near(q)
         if self.tool is not None:
-            at = self.tool_at(q)
+            at = self.locate_tool(q)
             for k, (low, high) in enumerate(zip(self.tool.low, self.tool.high, strict=True)):
                 blocked |= (at[:, k] < (-np.inf if low is None else low)) | (
                     at[:, k] > (np.inf if high is None else high)
                 )
         return blocked
 
-    def least_room(self, q: FloatArray) -> FloatArray:
+    def compute_least_slack(self, q: FloatArray) -> FloatArray:
         """Return the smallest distance beyond the clearance (m) at postures q (m, n), by enclosing capsules: (m,).
 
         Where that is less, it is the distance of follower joints from their limits, or of loops from singular postures.
         """
-        return np.full(len(q), np.inf) if self.rooms is None else self.rooms.least(q)
+        return np.full(len(q), np.inf) if self.constraints is None else self.constraints.find_least(q)
 
 
-def contact_complaint(name: str, distance: float, clearance: float) -> str:
+def word_contact(name: str, distance: float, clearance: float) -> str:
     """Say that two things come too near each other."""
     near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
     return f"'{name}' {near}; {clearance:g} m must be kept."
 
 
-def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
+def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
     """Set up what a motion between positions `low` and `high` (n,) must stay clear of; None where there is nothing.
 
     Raises
@@ -149,48 +161,50 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     if assumed_radius is not None and geometry.bare and surroundings.link_radius is None:
         above_floor = collision_geometry(robot, mesh_folders=folders, link_radius=assumed_radius)
     _check_geometry(above_floor, surroundings)
-    may_touch = _may_touch(robot, geometry, surroundings)
+    may_touch = _read_allowed_contacts(robot, geometry, surroundings)
     # Random postures show which pairs can come near each other at all. The seed is fixed, so that a request always
     # gives the same checks.
-    postures = _closed_ones(robot, np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n)))
-    ends = (low, high) if robot.linkage is None else _ends_of(robot.linkage.positions(postures))
-    solids = {body.joint: solid_of(body.name, body.joint, body.shapes) for body in above_floor.bodies}
+    postures = _select_closed(robot, np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n)))
+    ends = (low, high) if robot.linkage is None else _find_ends(robot.linkage.compute_positions(postures))
+    solids = {body.joint: build_solid(body.name, body.joint, body.shapes) for body in above_floor.bodies}
     own: list[SolidPair] = []
     assumed = assumed_radius is not None
     notes = [*([FLOOR_ASSUMED] if assumed else []), *dict.fromkeys((*geometry.notes, *above_floor.notes))]
     if surroundings.self_collision:
         candidates = [
-            pair_of(tree, solids[b.joint], solids[a.joint], ends, surroundings.clearance)
-            for a, b in _not_adjacent(tree, geometry.bodies)
+            build_pair(tree, solids[b.joint], solids[a.joint], ends, surroundings.clearance)
+            for a, b in _list_nonadjacent(tree, geometry.bodies)
             if frozenset((a.joint, b.joint)) not in may_touch
         ]
         check = ContactCheck(robot, candidates)
-        close = [float(np.mean(check.distances(pair, postures) < surroundings.clearance)) for pair in candidates]
+        close = [
+            float(np.mean(check.compute_distances(pair, postures) < surroundings.clearance)) for pair in candidates
+        ]
         # Bodies that are close in most postures are so by construction; no motion can keep them apart.
         own = [pair for pair, share in zip(candidates, close, strict=True) if share < _MOSTLY]
         touching = [pair.name for pair, share in zip(candidates, close, strict=True) if share >= _MOSTLY]
-        notes += _self_collision_notes(geometry, touching)
-    obstacles = [half_space_solid(half.name, half.normal, half.offset) for half in half_spaces_of(surroundings)]
-    obstacles += [solid_of(box.solid_name, BASE, [block_of(box)]) for box in surroundings.boxes]
+        notes += _note_self_collision(geometry, touching)
+    obstacles = [build_half_space_solid(half.name, half.normal, half.offset) for half in list_half_spaces(surroundings)]
+    obstacles += [build_solid(box.solid_name, BASE, [build_block(box)]) for box in surroundings.boxes]
     moving = [body for body in above_floor.bodies if body.joint != BASE]
     against = [
-        pair_of(tree, solids[body.joint], obstacle, ends, surroundings.clearance)
+        build_pair(tree, solids[body.joint], obstacle, ends, surroundings.clearance)
         for body in moving
         for obstacle in obstacles
     ]
-    against, pair_notes = _changeable(robot, against, postures, surroundings.clearance)
+    against, pair_notes = _select_changeable(robot, against, postures, surroundings.clearance)
     notes += pair_notes
-    against, pair_notes = _attainable(robot, against, postures, drop=assumed)
+    against, pair_notes = _reduce_clearances(robot, against, postures, drop=assumed)
     notes += pair_notes
     if obstacles and above_floor.bare:
-        notes.append(f"Not kept from the surroundings, for want of collision geometry: {listed(above_floor.bare)}.")
-    hindrances = _hindrances(robot, above_floor, own, against, surroundings, postures)
+        notes.append(f"Not kept from the surroundings, for want of collision geometry: {join_names(above_floor.bare)}.")
+    hindrances = _build_clearance_pairs(robot, above_floor, own, against, surroundings, postures)
     pairs = [*own, *against]
     if not pairs and tool is None and not notes:
         return None
     return FreeSpace(
         robot=robot,
-        clearances=Clearances(robot, hindrances) if hindrances.count else None,
+        clearances=ClearanceConstraints(robot, hindrances) if hindrances.count else None,
         contacts=ContactCheck(robot, pairs) if pairs else None,
         tool=tool,
         notes=tuple(notes),
@@ -198,26 +212,26 @@ def free_space_of(robot: Robot, surroundings: Surroundings, low: FloatArray, hig
     )
 
 
-def _closed_ones(robot: Robot, q: FloatArray) -> FloatArray:
+def _select_closed(robot: Robot, q: FloatArray) -> FloatArray:
     """Return those of driven postures (m, n) in which the loops are closed; all where hardly any is."""
     if robot.linkage is None or robot.linkage.closure is None:
         return q
-    closed = np.isfinite(robot.linkage.closure.nearness(q)[0])
+    closed = np.isfinite(robot.linkage.closure.compute_log_condition(q)[0])
     return q[closed] if np.count_nonzero(closed) > 1 else q
 
 
-def _ends_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _find_ends(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     return positions.min(axis=0), positions.max(axis=0)
 
 
-def _changeable(
+def _select_changeable(
     robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
 ) -> tuple[list[SolidPair], list[str]]:
     """Return pairs whose distance changes with the motion, and notes on near ones that do not, like a turntable's
     floor.
     """
     check = ContactCheck(robot, pairs)
-    distances_of_pairs = [check.distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
+    distances_of_pairs = [check.compute_distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
     changed = [float(np.ptp(distances)) > _UNCHANGED for distances in distances_of_pairs]
     near = [
         f"{pair.name} ({round(float(distances[0]), 4) + 0.0:g} m)"
@@ -225,10 +239,12 @@ def _changeable(
         if not changes and distances[0] < clearance
     ]
     variable = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
-    return variable, [f"No motion changes how near these are, so it is not checked: {listed(near)}."] if near else []
+    return variable, [
+        f"No motion changes how near these are, so it is not checked: {join_names(near)}."
+    ] if near else []
 
 
-def _attainable(
+def _reduce_clearances(
     robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, *, drop: bool
 ) -> tuple[list[SolidPair], list[str]]:
     """Return pairs with a clearance that can be kept, and notes where it had to be reduced.
@@ -241,7 +257,7 @@ def _attainable(
     """
     check, attainable, notes = ContactCheck(robot, pairs), [], []
     for pair in pairs:
-        farthest = float(check.distances(pair, postures).max())
+        farthest = float(check.compute_distances(pair, postures).max())
         if farthest <= 0 and drop:
             notes.append(f"They touch in every posture, so it is not checked: {pair.name}.")
             continue
@@ -266,62 +282,64 @@ def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> 
         )
 
 
-def _may_touch(robot: Robot, geometry: CollisionGeometry, surroundings: Surroundings) -> set[frozenset[int]]:
+def _read_allowed_contacts(
+    robot: Robot, geometry: CollisionGeometry, surroundings: Surroundings
+) -> set[frozenset[int]]:
     known = {body.name: body.joint for body in geometry.bodies}
     known |= {name: j for j, name in enumerate(robot.tree.joint_names)} | {"base": BASE}
     for index, pair in enumerate(surroundings.may_touch):
         for name in pair:
             if name not in known:
                 raise DynidentError(
-                    f"there is no link '{name}'; links: {listed(known)}", pointer=f"/surroundings/may_touch/{index}"
+                    f"there is no link '{name}'; links: {join_names(known)}", pointer=f"/surroundings/may_touch/{index}"
                 )
     return {frozenset(known[name] for name in pair) for pair in surroundings.may_touch}
 
 
-def _not_adjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
+def _list_nonadjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, Body]]:
     """Return pairs of bodies that are not neighbours, the one nearer to the base first."""
     shaped = {body.joint for body in bodies}
 
-    def before(joint: int) -> int:
+    def find_predecessor(joint: int) -> int:
         parent = robot.joints[joint].parent
-        return parent if parent in shaped or parent == BASE else before(parent)
+        return parent if parent in shaped or parent == BASE else find_predecessor(parent)
 
-    return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if before(b.joint) != a.joint]
+    return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if find_predecessor(b.joint) != a.joint]
 
 
-def _self_collision_notes(geometry: CollisionGeometry, touching: Sequence[str]) -> list[str]:
+def _note_self_collision(geometry: CollisionGeometry, touching: Sequence[str]) -> list[str]:
     notes = []
     if not any(body.joint != BASE for body in geometry.bodies):
         return ["Self-collision is not checked: the robot's description has no collision geometry."]
     if geometry.bare:
-        notes.append(f"Not checked for self-collision, for want of collision geometry: {listed(geometry.bare)}.")
+        notes.append(f"Not checked for self-collision, for want of collision geometry: {join_names(geometry.bare)}.")
     if touching:
-        notes.append(f"Near each other in most postures, and not checked against each other: {listed(touching)}.")
+        notes.append(f"Near each other in most postures, and not checked against each other: {join_names(touching)}.")
     return notes
 
 
-def _hindrances(
+def _build_clearance_pairs(
     robot: Robot,
     geometry: CollisionGeometry,
     own: Sequence[SolidPair],
     against: Sequence[SolidPair],
     surroundings: Surroundings,
     postures: FloatArray,
-) -> Hindrances:
+) -> ClearancePairs:
     kept_from = {(pair.moving.joint, pair.other.name): pair.clearance for pair in against}
     parts = {
         body.joint: [
-            Part(body.joint, capsule) for capsule in without_contained(tuple(map(enclosing_capsule, body.shapes)))
+            CapsulePart(body.joint, capsule) for capsule in drop_contained(tuple(map(enclose_shape, body.shapes)))
         ]
         for body in geometry.bodies
     }
     capsules = [(b, a) for pair in own for b in parts[pair.moving.joint] for a in parts[pair.other.joint]]
     moving = [part for joint, joint_parts in parts.items() if joint != BASE for part in joint_parts]
-    half_spaces = _attainable_ends(
+    half_spaces = _select_attainable_ends(
         robot,
         [
             (Ball(part.joint, end, part.capsule.radius), half)
-            for half in half_spaces_of(surroundings)
+            for half in list_half_spaces(surroundings)
             for part in moving
             if (part.joint, half.name) in kept_from
             for end in (part.capsule.start, part.capsule.end)
@@ -329,15 +347,15 @@ def _hindrances(
         kept_from,
         postures,
     )
-    planes = _tool_planes(robot, surroundings)
+    planes = _build_tool_planes(robot, surroundings)
     box_balls = [
         (ball, box)
         for box in surroundings.boxes
         for part in moving
         if (part.joint, box.solid_name) in kept_from
-        for ball in balls_along(part)
+        for ball in cover_with_balls(part)
     ]
-    followed = _followed(robot, capsules, surroundings.clearance, postures)
+    followed = _select_followed(robot, capsules, surroundings.clearance, postures)
     clearances = [
         *(surroundings.clearance for _ in followed),
         *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
@@ -345,15 +363,15 @@ def _hindrances(
         *(kept_from[ball.joint, box.solid_name] for ball, box in box_balls),
     ]
     # What is designed for is a little more than what must hold: the arm moves between the samples as well.
-    return Hindrances(
+    return ClearancePairs(
         tuple(followed),
         (*half_spaces, *planes),
-        tuple((ball, block_of(box)) for ball, box in box_balls),
+        tuple((ball, build_block(box)) for ball, box in box_balls),
         np.array(clearances) + np.minimum(_SPARE, 0.1 * np.array(clearances)),
     )
 
 
-def _attainable_ends(
+def _select_attainable_ends(
     robot: Robot,
     ends: Sequence[tuple[Ball, HalfSpace]],
     kept_from: Mapping[tuple[int, str], float],
@@ -368,23 +386,29 @@ def _attainable_ends(
         return []
     clearances = np.array([kept_from[ball.joint, half.name] for ball, half in ends])
     rooms = (
-        Clearances(robot, Hindrances(half_spaces=tuple(ends), clearance=clearances + _SPARE)).evaluate(postures).values
+        ClearanceConstraints(robot, ClearancePairs(half_spaces=tuple(ends), clearance=clearances + _SPARE))
+        .evaluate(postures)
+        .values
     )
     return [end for end, farthest in zip(ends, rooms.max(axis=0), strict=True) if farthest >= 0]
 
 
-def _followed(
-    robot: Robot, capsules: Sequence[tuple[Part, Part]], clearance: float, postures: FloatArray
-) -> list[tuple[Part, Part]]:
+def _select_followed(
+    robot: Robot, capsules: Sequence[tuple[CapsulePart, CapsulePart]], clearance: float, postures: FloatArray
+) -> list[tuple[CapsulePart, CapsulePart]]:
     """Return pairs of capsules that come near each other, but are not so thick that they always are."""
     if not capsules:
         return []
-    rooms = Clearances(robot, Hindrances(pairs=tuple(capsules), clearance=clearance)).evaluate(postures).values
+    rooms = (
+        ClearanceConstraints(robot, ClearancePairs(pairs=tuple(capsules), clearance=clearance))
+        .evaluate(postures)
+        .values
+    )
     useful = (rooms.min(axis=0) < _NEAR) & (np.mean(rooms < 0, axis=0) < _MOSTLY)
     return [pair for pair, is_useful in zip(capsules, useful, strict=True) if is_useful]
 
 
-def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, HalfSpace]]:
+def _build_tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, HalfSpace]]:
     """Return the tool's range as half-spaces for a ball of radius minus the clearance.
 
     The clearance cancels that way: none is kept to the ends of the range.
@@ -392,7 +416,7 @@ def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, H
     tool = surroundings.tool_range
     if tool is None:
         return []
-    ball = Ball(_tool_joint(robot, tool), np.array(tool.point), -surroundings.clearance)
+    ball = Ball(_find_tool_joint(robot, tool), np.array(tool.point), -surroundings.clearance)
     planes = []
     for axis, low, high in zip(np.eye(3), tool.low, tool.high, strict=True):
         if low is not None:
@@ -402,7 +426,7 @@ def _tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[Ball, H
     return planes
 
 
-def _tool_joint(robot: Robot, tool: ToolRange | None) -> int:
+def _find_tool_joint(robot: Robot, tool: ToolRange | None) -> int:
     if tool is None or tool.joint is None:
         return robot.tree.n - 1
     return robot.tree.joint_names.index(tool.joint)

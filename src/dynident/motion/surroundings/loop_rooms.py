@@ -26,7 +26,7 @@ _OPEN = -2.0
 
 
 @dataclass(frozen=True, eq=False)
-class LoopRoom:
+class LoopSlack:
     """At m postures: `values` (m, K) in rad or m, negative where a limit is broken, and their slopes (m, K, n)."""
 
     values: FloatArray
@@ -38,7 +38,7 @@ class LoopRoom:
 
 
 @dataclass(frozen=True, eq=False)
-class RatedFollowers:
+class FollowerRates:
     """Limits of velocity and acceleration (r,) of follower joints, infinite where there is none."""
 
     linkage: Linkage
@@ -48,7 +48,7 @@ class RatedFollowers:
     acceleration: FloatArray
 
     @classmethod
-    def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> RatedFollowers | None:
+    def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> FollowerRates | None:
         """Return those of a robot, tightened by the stated limits; None where there are none."""
         if robot.linkage is None:
             return None
@@ -68,20 +68,20 @@ class RatedFollowers:
         names = tuple(robot.tree.joint_names[place] for place in rates)
         return cls(robot.linkage, tuple(rates), names, velocities, accelerations)
 
-    def largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def find_largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
-        _, speed, acceleration = self.linkage.motion(q, dq, ddq)
+        _, speed, acceleration = self.linkage.compute_motion(q, dq, ddq)
         own = list(self.joints)
         return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
 
-    def kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+    def are_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
         """Return whether a motion of the driven joints keeps all of them."""
-        velocity, acceleration = self.largest(q, dq, ddq)
+        velocity, acceleration = self.find_largest(q, dq, ddq)
         return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
 
 
 @dataclass(frozen=True, eq=False)
-class LoopRooms:
+class LoopConstraints:
     """Limits of the joints of a machine that are not driven.
 
     Parameters
@@ -104,10 +104,10 @@ class LoopRooms:
     low: FloatArray
     high: FloatArray
     largest_condition: float = FAR_FROM_SINGULAR
-    rated: RatedFollowers | None = None
+    rated: FollowerRates | None = None
 
     @classmethod
-    def of(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopRooms | None:
+    def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopConstraints | None:
         """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
         if robot.linkage is None:
             return None
@@ -117,7 +117,7 @@ class LoopRooms:
             ranges = [limits.position for limits in (joint.limits, stated.get(joint.name, Limits())) if limits.position]
             if ranges:
                 position_ranges[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
-        rated = RatedFollowers.of(robot, stated)
+        rated = FollowerRates.from_robot(robot, stated)
         if not position_ranges and rated is None and robot.linkage.closure is None:
             return None
         low, high = np.array(list(position_ranges.values())).reshape(-1, 2).T
@@ -129,23 +129,23 @@ class LoopRooms:
         """Number of rooms K."""
         return 2 * len(self.joints) + (self.linkage.closure is not None)
 
-    def positions(self, q: FloatArray) -> FloatArray:
+    def compute_positions(self, q: FloatArray) -> FloatArray:
         """Return the positions (m, k) of the limited joints."""
-        return self.linkage.positions(q)[:, list(self.joints)]
+        return self.linkage.compute_positions(q)[:, list(self.joints)]
 
-    def conditions(self, q: FloatArray) -> FloatArray:
+    def compute_conditions(self, q: FloatArray) -> FloatArray:
         """Return the condition (m,) of the loops; infinite where they are open, 1 where there are none."""
         closure = self.linkage.closure
-        return np.ones(len(q)) if closure is None else np.exp(closure.nearness(q)[0])
+        return np.ones(len(q)) if closure is None else np.exp(closure.compute_log_condition(q)[0])
 
-    def evaluate(self, q: FloatArray) -> LoopRoom:
+    def evaluate(self, q: FloatArray) -> LoopSlack:
         """Return the rooms at postures q (m, n)."""
-        slopes = self.linkage.rates(q)[:, list(self.joints)]
-        at, spare = self.positions(q), _SPARE * (self.high - self.low)
+        slopes = self.linkage.compute_jacobian(q)[:, list(self.joints)]
+        at, spare = self.compute_positions(q), _SPARE * (self.high - self.low)
         values = [at - (self.low + spare), (self.high - spare) - at]
         ways = [slopes, -slopes]
         if self.linkage.closure is not None:
-            near, way = self.linkage.closure.nearness(q)
+            near, way = self.linkage.closure.compute_log_condition(q)
             # The logarithm makes a smooth room of a condition that grows without limit towards a singular posture.
             room = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
             is_open = ~np.isfinite(room)
@@ -154,18 +154,18 @@ class LoopRooms:
             # Positions of an open loop mean nothing.
             values[:2] = [np.where(is_open[:, None], 0.0, rows) for rows in values[:2]]
             ways[:2] = [np.where(is_open[:, None, None], 0.0, rows) for rows in ways[:2]]
-        return LoopRoom(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
+        return LoopSlack(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
 
-    def least(self, q: FloatArray) -> FloatArray:
+    def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest room (m,) at postures q (m, n)."""
         return np.asarray(self.evaluate(q).values.min(axis=1, initial=np.inf))
 
-    def complaint(self, q: FloatArray) -> str | None:
+    def find_complaint(self, q: FloatArray) -> str | None:
         """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is."""
-        condition = float(self.conditions(q).max())
+        condition = float(self.compute_conditions(q).max())
         if condition > self.largest_condition:
-            return singular_complaint(condition, self.largest_condition)
-        at = self.positions(q)
+            return word_singularity(condition, self.largest_condition)
+        at = self.compute_positions(q)
         for name, low, high, values in zip(self.names, self.low, self.high, at.T, strict=True):
             if values.min() < low or values.max() > high:
                 reached = f"[{values.min():.4g}, {values.max():.4g}]"
@@ -174,14 +174,14 @@ class LoopRooms:
                 )
         return None
 
-    def broken(self, q: FloatArray) -> BoolArray:
+    def find_broken(self, q: FloatArray) -> BoolArray:
         """Return at which of postures q (m, n) a limit is broken: (m,)."""
-        at = self.positions(q)
+        at = self.compute_positions(q)
         outside = ((at < self.low) | (at > self.high)).any(axis=1)
-        return np.asarray(outside | (self.conditions(q) > self.largest_condition))
+        return np.asarray(outside | (self.compute_conditions(q) > self.largest_condition))
 
 
-def singular_complaint(condition: float, largest: float) -> str:
+def word_singularity(condition: float, largest: float) -> str:
     """Say that the loops come too near a posture in which the driven joints do not determine the passive ones."""
     if not np.isfinite(condition):
         return "the closed loops would be open: no position of the passive joints closes them there."

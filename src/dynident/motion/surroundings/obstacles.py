@@ -12,7 +12,7 @@ from dynident.arrays import FloatArray
 from dynident.asking import check_ranges
 from dynident.errors import DynidentError
 from dynident.motion.surroundings.stated import Box, Surroundings, ToolRange, Wall
-from dynident.robot.pointers import pointer
+from dynident.robot.pointers import make_pointer
 from dynident.robot.shapes import Block
 
 __all__ = [
@@ -21,9 +21,9 @@ __all__ = [
     "Surroundings",
     "ToolRange",
     "Wall",
-    "block_of",
+    "build_block",
     "check_surroundings",
-    "half_spaces_of",
+    "list_half_spaces",
 ]
 
 _AT = "/surroundings"
@@ -40,7 +40,7 @@ class HalfSpace:
     offset: float
 
 
-def block_of(box: Box) -> Block:
+def build_block(box: Box) -> Block:
     """Return a box as a shape in the base frame."""
     placement = np.eye(4)
     placement[:3, :3] = Rotation.from_euler("xyz", box.rpy).as_matrix()
@@ -48,7 +48,7 @@ def block_of(box: Box) -> Block:
     return Block(placement, np.array(box.size))
 
 
-def half_spaces_of(surroundings: Surroundings) -> tuple[HalfSpace, ...]:
+def list_half_spaces(surroundings: Surroundings) -> tuple[HalfSpace, ...]:
     """Return floor and walls as half-spaces."""
     half_spaces = (
         [] if surroundings.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), surroundings.floor)]
@@ -70,7 +70,7 @@ def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | 
     """
     check_ranges(surroundings, _AT)
     for index, wall in enumerate(surroundings.walls):
-        at = pointer(index, within=f"{_AT}/walls")
+        at = make_pointer(index, within=f"{_AT}/walls")
         if np.linalg.norm(wall.normal) < _SHORTEST:
             raise DynidentError(
                 f"the normal of wall '{wall.name}' is zero; it must point to the side that is free",

@@ -60,7 +60,7 @@ def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
     )
 
 
-def reach_notes(
+def note_reach(
     robot: Robot, t: FloatArray, q: FloatArray, surroundings: Surroundings, *, floor_assumed: bool = False
 ) -> tuple[str, ...]:
     """Return notes on the reach of a motion where no obstacle was stated; none otherwise.

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 
 
-class Room(Protocol):
+class Slack(Protocol):
     """Slack at m postures: `values` (m, K), negative where a constraint is violated."""
 
     @property
@@ -23,7 +23,7 @@ class Room(Protocol):
         ...
 
 
-class Rooms(Protocol):
+class Constraints(Protocol):
     """Slack of constraints as a function of the posture."""
 
     @property
@@ -31,18 +31,18 @@ class Rooms(Protocol):
         """Number of constraints K."""
         ...
 
-    def evaluate(self, q: FloatArray) -> Room:
+    def evaluate(self, q: FloatArray) -> Slack:
         """Return the slack at postures q (m, n)."""
         ...
 
-    def least(self, q: FloatArray) -> FloatArray:
+    def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest slack (m,) at postures q (m, n)."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class _JoinedRoom:
-    parts: tuple[Room, ...]
+class _JoinedSlack:
+    parts: tuple[Slack, ...]
 
     @property
     def values(self) -> FloatArray:
@@ -57,20 +57,20 @@ class _JoinedRoom:
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedRooms:
+class JoinedConstraints:
     """Several kinds of constraints."""
 
-    parts: tuple[Rooms, ...]
+    parts: tuple[Constraints, ...]
 
     @property
     def count(self) -> int:
         """Number of constraints K."""
         return sum(part.count for part in self.parts)
 
-    def evaluate(self, q: FloatArray) -> Room:
+    def evaluate(self, q: FloatArray) -> Slack:
         """Return the slack at postures q (m, n)."""
-        return _JoinedRoom(tuple(part.evaluate(q) for part in self.parts))
+        return _JoinedSlack(tuple(part.evaluate(q) for part in self.parts))
 
-    def least(self, q: FloatArray) -> FloatArray:
+    def find_least(self, q: FloatArray) -> FloatArray:
         """Return the smallest slack (m,) at postures q (m, n)."""
-        return np.asarray(np.min([part.least(q) for part in self.parts], axis=0))
+        return np.asarray(np.min([part.find_least(q) for part in self.parts], axis=0))

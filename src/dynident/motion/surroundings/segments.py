@@ -15,7 +15,9 @@ _TINY = 1e-12
 _PARALLEL = 1e-9
 
 
-def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> tuple[FloatArray, FloatArray]:
+def find_closest_shares(
+    a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return where on two segments the closest points lie: shares (…) from 0 (start) to 1 (end) of a and of b (3, …).
 
     After Ericson, Real-time collision detection (2005), §5.1.9, for arrays.
@@ -27,36 +29,36 @@ def closest_shares(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: Float
     slanted = aa * bb - ab * ab
     parallel = slanted <= _PARALLEL * aa * bb
     # Of parallel segments many points are the closest: the middle of a is as good a choice as any.
-    s = np.where(parallel, 0.5, _clipped((ab * br - ar * bb) / np.where(parallel, 1.0, slanted)))
-    t = _clipped((ab * s + br) / bb_safe)
+    s = np.where(parallel, 0.5, _clip_shares((ab * br - ar * bb) / np.where(parallel, 1.0, slanted)))
+    t = _clip_shares((ab * s + br) / bb_safe)
     # Clipping t moved the closest point of b, so the one of a has to follow, and then that of b once more.
-    s = _clipped((ab * t - ar) / aa_safe)
-    return s, _clipped((ab * s + br) / bb_safe)
+    s = _clip_shares((ab * t - ar) / aa_safe)
+    return s, _clip_shares((ab * s + br) / bb_safe)
 
 
-def segment_distances(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> FloatArray:
+def compute_segment_distances(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> FloatArray:
     """Return distances (…) of segments from `a` to `a_end` to those from `b` to `b_end`, all (3, …).
 
     The arrays broadcast.
     """
-    s, t = closest_shares(a, a_end, b, b_end)
+    s, t = find_closest_shares(a, a_end, b, b_end)
     between = a + s * (a_end - a) - b - t * (b_end - b)
     return np.asarray(np.sqrt(dot(between, between)))
 
 
-def unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+def normalise(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return lengths (…) and directions (3, …) of vectors; no direction where there is no length."""
     length: FloatArray = np.sqrt(dot(vectors, vectors))
     return length, vectors / np.maximum(length, _TINY)
 
 
-def distance_to_block(points: FloatArray, block: Block) -> tuple[FloatArray, FloatArray]:
+def compute_block_distance(points: FloatArray, block: Block) -> tuple[FloatArray, FloatArray]:
     """Return the signed distance (…) of points (3, …) from a box, negative inside, and its gradient (3, …)."""
     rotation, centre = block.placement[:3, :3], block.placement[:3, 3]
     local = np.tensordot(rotation.T, points, 1)
     local -= (rotation.T @ centre).reshape(3, *[1] * (points.ndim - 1))
     beyond = np.abs(local) - 0.5 * block.size.reshape(3, *[1] * (points.ndim - 1))
-    length, direction = unit(np.maximum(beyond, 0.0))
+    length, direction = normalise(np.maximum(beyond, 0.0))
     deepest = beyond.max(axis=0)
     inside = deepest <= 0.0
     # Inside, the nearest face is the one that is least deep.
@@ -76,6 +78,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def _clipped(shares: FloatArray) -> FloatArray:
+def _clip_shares(shares: FloatArray) -> FloatArray:
     clipped: FloatArray = np.minimum(np.maximum(shares, 0.0), 1.0)
     return clipped

@@ -66,7 +66,7 @@ class BSplineFamily:
         """Frequency of these waves, Hz."""
         return self.waves / self.period
 
-    def lasting(self, period: float) -> BSplineFamily:
+    def with_period(self, period: float) -> BSplineFamily:
         """Return the family of the same paths with another period (s)."""
         return replace(self, period=period)
 

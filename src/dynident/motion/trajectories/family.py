@@ -36,7 +36,7 @@ class Family(Protocol):
     def basis(self, t: FloatArray) -> FloatArray:
         """Return values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
 
-    def lasting(self, period: float) -> Family:
+    def with_period(self, period: float) -> Family:
         """Return the family of the same paths with another period (s)."""
 
 

@@ -56,12 +56,12 @@ class FourierFamily:
         """Frequency of the last harmonic, Hz."""
         return self.harmonics / self.period
 
-    def lasting(self, period: float) -> FourierFamily:
+    def with_period(self, period: float) -> FourierFamily:
         """Return the family of the same paths with another period (s)."""
         return replace(self, period=period)
 
     @cached_property
-    def _free(self) -> tuple[FloatArray, FloatArray]:
+    def _free_amplitudes(self) -> tuple[FloatArray, FloatArray]:
         """Sine and cosine amplitudes (harmonics, harmonics - 1) for unit free coefficients.
 
         The k-th amplitude is measured in 1/k: positions, velocities and accelerations then have similar effects, which
@@ -79,7 +79,7 @@ class FourierFamily:
         # Reduced to one period first: the sine of a large phase loses digits.
         phase = np.outer(np.mod(t, self.period), omega)
         sin, cos = np.sin(phase), np.cos(phase)
-        sine, cosine = self._free
+        sine, cosine = self._free_amplitudes
         values = np.zeros((5, len(t), self.n_coefficients))
         values[0, :, 0] = 1.0
         middle = self.harmonics

@@ -49,7 +49,7 @@ class Rest:
         return Motion(t, zero + self.posture, zero, zero, zero)
 
 
-def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
+def sample_pieces(pieces: Sequence[Piece], rate: float) -> Motion:
     """Sample pieces of motion one after the other.
 
     The duration of each piece is a whole number of sampling periods, so that no sample falls between the grids of two
@@ -69,14 +69,14 @@ def in_sequence(pieces: Sequence[Piece], rate: float) -> Motion:
     parts: list[Motion] = []
     start = 0
     for piece in pieces:
-        steps = steps_of(piece, rate)
+        steps = count_steps(piece, rate)
         # Rounding of the last times must not evaluate a piece beyond its end.
         part = piece.evaluate(np.minimum(np.arange(steps) / rate, piece.duration))
         parts.append(Motion((start + np.arange(steps)) / rate, part.q, part.dq, part.ddq, part.dddq))
         start += steps
     end = pieces[-1].evaluate(np.array([pieces[-1].duration]))
     parts.append(Motion(np.array([start / rate]), end.q, end.dq, end.ddq, end.dddq))
-    return joined(parts)
+    return concatenate_motions(parts)
 
 
 def check_length(pieces: Sequence[Piece], rate: float) -> None:
@@ -90,7 +90,7 @@ def check_length(pieces: Sequence[Piece], rate: float) -> None:
         )
 
 
-def joined(parts: Sequence[Motion]) -> Motion:
+def concatenate_motions(parts: Sequence[Motion]) -> Motion:
     """Concatenate samples into one motion."""
     return Motion(
         t=np.concatenate([part.t for part in parts]),
@@ -101,6 +101,6 @@ def joined(parts: Sequence[Motion]) -> Motion:
     )
 
 
-def steps_of(piece: Piece, rate: float) -> int:
+def count_steps(piece: Piece, rate: float) -> int:
     """Return the number of sampling periods in a piece."""
     return round(piece.duration * rate)

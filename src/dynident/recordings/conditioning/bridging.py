@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.windows import Window, row_edges
+from dynident.recordings.conditioning.windows import Window, find_run_edges
 from dynident.recordings.types import Check, are_readings
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
@@ -25,7 +25,7 @@ class MissingValues:
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = FoundRows()
+        self._found = ChangedRows()
 
     def apply(self, window: Window) -> None:
         """Mark the missing values in a window."""
@@ -34,7 +34,7 @@ class MissingValues:
         for index in np.flatnonzero(missing.any(axis=0)):
             rows = np.flatnonzero(missing[:, index])
             window.values[rows, needed[index]] = np.nan
-            own = window.own_rows(rows)
+            own = window.select_own_rows(rows)
             self._found.add(int(needed[index]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
@@ -47,7 +47,7 @@ class MissingValues:
             f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
             "those are near, and else their rows are left out."
         )
-        return [rows.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
 
 class BridgedGaps:
@@ -57,7 +57,7 @@ class BridgedGaps:
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = FoundRows()
+        self._found = ChangedRows()
         self._n_rows = 0
         self._n_lost = 0
 
@@ -73,7 +73,7 @@ class BridgedGaps:
         for index in np.flatnonzero(missing.any(axis=0)):
             column = int(needed[index])
             bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
-            own = window.own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
+            own = window.select_own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
             self._found.add(column, own, window.t[own - 1 - window.first_row])
         lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
         self._n_lost += int(lost.sum())
@@ -88,7 +88,7 @@ class BridgedGaps:
             f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
         )
         much = self._n_lost > MOST_MISSING * self._n_rows
-        return [rows.check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+        return [rows.make_check(self.name, "error" if much else "warning", detail, self._signals.sources)]
 
 
 def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
@@ -105,7 +105,7 @@ def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bo
         Whether a cubic through two samples on either side is used, else a straight line.
     """
     missing = np.isnan(x)
-    starts, ends = row_edges(missing)
+    starts, ends = find_run_edges(missing)
     present = np.flatnonzero(~missing)
     # Gaps of one length at a time: all of them are then interpolated by one array operation.
     for length in range(1, most + 1):

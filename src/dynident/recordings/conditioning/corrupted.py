@@ -9,12 +9,17 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.recordings.conditioning.course import LONGEST, SAME_VALUES, Course, corrupted_samples
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.course import LONGEST, SAME_VALUES, SignalSeries, find_corrupted_samples
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.steps import TIMES_USUAL, steps_of, times_usual, usual_steps
+from dynident.recordings.conditioning.steps import (
+    TIMES_USUAL,
+    choose_step_threshold,
+    measure_signal_steps,
+    measure_usual_steps,
+)
 from dynident.recordings.conditioning.windows import Window
-from dynident.recordings.conditioning.wraps import TURN, wrapping_columns
+from dynident.recordings.conditioning.wraps import TURN, find_wrapping_columns
 from dynident.recordings.types import Check
 
 LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
@@ -38,7 +43,7 @@ class CorruptedSamples:
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = FoundRows()
+        self._found = ChangedRows()
         # Whatever a signal did before: there and back within two samples no joint is so fast.
         self._impossible = 2.0 * signals.fastest * signals.step
 
@@ -47,29 +52,35 @@ class CorruptedSamples:
         signals = self._signals
         needed = np.flatnonzero(signals.needed)
         values, smooth = window.values[:, needed], signals.smooth[needed]
-        periods = np.where(wrapping_columns(window, signals)[needed], TURN, 0.0)
-        steps = steps_of(values, window.t, window.run, smooth, periods)
-        usual = usual_steps(steps)
+        periods = np.where(find_wrapping_columns(window, signals)[needed], TURN, 0.0)
+        steps = measure_signal_steps(values, window.t, window.run, smooth, periods)
+        usual = measure_usual_steps(steps)
         impossible = np.where(smooth, self._impossible[needed], np.inf)
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
         marks = np.zeros(values.shape, dtype=bool)
         for index in np.flatnonzero(large.any(axis=0)):
             # The full search is slow: only signals with large steps up and down again go through it.
             if _comes_back(steps[:, index], np.flatnonzero(large[:, index])):
-                course = self._course(window, int(needed[index]), steps[:, index], usual[:, index], periods[index])
-                marks[corrupted_samples(course), index] = True
+                course = self._describe_signal(
+                    window, int(needed[index]), steps[:, index], usual[:, index], periods[index]
+                )
+                marks[find_corrupted_samples(course), index] = True
         if not marks.any():
             return
         back = np.sign(steps) * large
         # Other torques that go up and down as well, uncorrupted, show that something has really happened.
-        swings = np.asarray((_near(back < 0.0) & _near(back > 0.0) & ~_near(marks))[:, ~smooth].any(axis=1))
+        swings = np.asarray(
+            (_mark_neighbours(back < 0.0) & _mark_neighbours(back > 0.0) & ~_mark_neighbours(marks))[:, ~smooth].any(
+                axis=1
+            )
+        )
         for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])
             if not smooth[index]:
-                rows = rows[~self._explained(window, column, rows, swings)]
+                rows = rows[~self._find_explained_rows(window, column, rows, swings)]
             window.values[rows, column] = np.nan
-            own = window.own_rows(rows)
+            own = window.select_own_rows(rows)
             self._found.add(column, own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
@@ -85,9 +96,9 @@ class CorruptedSamples:
             "between the neighbours. Look for lost frames of the bus; if they are right as they are, say "
             f'"skip": ["{self.name}"].'
         )
-        return [rows.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
-    def _explained(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
+    def _find_explained_rows(self, window: Window, column: int, rows: IntArray, swings: BoolArray) -> BoolArray:
         """Return which rows of a torque may have been measured after all.
 
         Those are rows without a value that stands in for lost samples, where other torques swing (m,) as well
@@ -97,10 +108,10 @@ class CorruptedSamples:
         x = window.values[:, column].copy()
         values, counts = np.unique(x[rows], return_counts=True)
         stands_in = np.isin(x[rows], [0.0, *values[counts >= SAME_VALUES]])
-        happened = _near(swings[:, None])[rows, 0]
+        happened = _mark_neighbours(swings[:, None])[rows, 0]
         position = self._signals.position.get(column)
         if position is not None:
-            turns, slow = _turns(window.t, window.values[:, position])
+            turns, slow = _find_reversals(window.t, window.values[:, position])
             measured = x.copy()
             measured[rows] = np.nan
             # The jump of friction at a reversal, from some rows before it to some rows behind, without the suspects.
@@ -109,10 +120,12 @@ class CorruptedSamples:
             friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
             present = np.isfinite(measured)
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
-            happened |= _near(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
+            happened |= _mark_neighbours(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)
 
-    def _course(self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float) -> Course:
+    def _describe_signal(
+        self, window: Window, column: int, steps: FloatArray, usual: FloatArray, period: float
+    ) -> SignalSeries:
         """Describe a signal by the smallest counts it comes in, its span, and the tails of its noise."""
         signals = self._signals
         x, smooth = window.values[:, column], bool(signals.smooth[column])
@@ -124,14 +137,14 @@ class CorruptedSamples:
         count = float(np.quantile(changes, 0.01)) if len(changes) else 0.0
         usual = np.maximum(usual, count)
         least = max(LEAST_COUNTS * count, LEAST_SHARE["smooth" if smooth else "rough"] * float(high - low))
-        threshold = np.maximum(times_usual(steps, usual) * usual, least)
+        threshold = np.maximum(choose_step_threshold(steps, usual) * usual, least)
         if smooth:
             impossible = float(self._impossible[column])
             threshold, usual = np.minimum(threshold, impossible), np.minimum(usual, 0.25 * impossible)
-        return Course(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
+        return SignalSeries(window.t, x, window.run, usual, threshold, smooth, signals.step, period)
 
 
-def _turns(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
+def _find_reversals(t: FloatArray, q: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Mark the rows where a joint reverses or starts or stops; and these together with its standstills."""
     turns, slow = np.zeros(len(q), dtype=bool), np.zeros(len(q), dtype=bool)
     finite = np.isfinite(q)
@@ -148,7 +161,7 @@ def _comes_back(steps: FloatArray, large: IntArray) -> bool:
     return bool((turns & (np.diff(large) <= LONGEST + 1)).any())
 
 
-def _near(marks: BoolArray, rows: int = 1) -> BoolArray:
+def _mark_neighbours(marks: BoolArray, rows: int = 1) -> BoolArray:
     """Mark the marked rows (m, c) and their neighbours."""
     result = marks.copy()
     for shift in range(1, rows + 1):

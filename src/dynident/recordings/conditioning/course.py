@@ -13,8 +13,8 @@ import numpy as np
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.bridging import interpolate_between
 from dynident.recordings.conditioning.steps import TIMES_USUAL
-from dynident.recordings.conditioning.windows import row_edges
-from dynident.recordings.conditioning.wraps import fold
+from dynident.recordings.conditioning.windows import find_run_edges
+from dynident.recordings.conditioning.wraps import fold_angles
 
 LONGEST = 12
 """Samples in which a signal comes back to its course. What lasts longer could have happened."""
@@ -43,7 +43,7 @@ SAME_VALUES, SAME_SHARE = 3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SignalSeries:
     """One signal: x (m,) at t (m,), the number of the stretch without a gap (run), and what is usual in it.
 
     `usual` (m,) is its usual step nearby, `threshold` (m,) how far off a sample has to be. A smooth signal is
@@ -60,17 +60,17 @@ class Course:
     step: float
     period: float = 0.0
 
-    def difference(self, a: FloatArray, b: FloatArray) -> FloatArray:
+    def subtract(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return a - b, of wrapping angles the smallest one."""
-        return fold(a - b, self.period)
+        return fold_angles(a - b, self.period)
 
-    def only(self, rows: BoolArray) -> Course:
+    def select_rows(self, rows: BoolArray) -> SignalSeries:
         """Return the same signal with these rows only."""
         parts = {name: getattr(self, name)[rows] for name in ("t", "x", "run", "usual", "threshold")}
         return replace(self, **parts)
 
 
-def corrupted_samples(course: Course) -> IntArray:
+def find_corrupted_samples(course: SignalSeries) -> IntArray:
     """Return the rows of a signal that are off its course, in ascending order.
 
     Parameters
@@ -86,7 +86,7 @@ def corrupted_samples(course: Course) -> IntArray:
     # Without those that are known the course is plainer: others close to them come to light.
     for _ in range(3):
         rows = np.flatnonzero(unmarked)
-        size = _sizes_off_course(course.only(unmarked))
+        size = _measure_deviations(course.select_rows(unmarked))
         if not size.any():
             break
         sizes[rows] = size
@@ -94,13 +94,15 @@ def corrupted_samples(course: Course) -> IntArray:
     if not sizes.any():
         return np.empty(0, dtype=np.int64)
     # Candidates are corrupted only if they are many more than the swings of similar size that remain without them.
-    certain = (sizes > 0.0) & (sizes >= _least_certain(sizes[sizes > 0.0], _swings(course.only(unmarked))))
-    if not course.smooth and len(row_edges(certain)[0]) < FEW:
+    certain = (sizes > 0.0) & (
+        sizes >= _find_least_certain_size(sizes[sizes > 0.0], _measure_swings(course.select_rows(unmarked)))
+    )
+    if not course.smooth and len(find_run_edges(certain)[0]) < FEW:
         certain &= (sizes >= TIMES_FEW * course.threshold / course.usual) | (course.x == 0.0)
-    return np.flatnonzero(certain | _same_again(course, certain))
+    return np.flatnonzero(certain | _mark_repeated_values(course, certain))
 
 
-def _same_again(course: Course, certain: BoolArray) -> BoolArray:
+def _mark_repeated_values(course: SignalSeries, certain: BoolArray) -> BoolArray:
     """Mark samples with the very value of several corrupted ones, such as 0 or the largest count.
 
     Beside a step of the signal itself nothing else tells them.
@@ -114,14 +116,14 @@ def _same_again(course: Course, certain: BoolArray) -> BoolArray:
         if own.sum() > SAME_SHARE * (certain & (course.x == value)).sum():
             again &= ~own
     # Of a row of them the ends are off what is beside them.
-    for start, stop in zip(*row_edges(again), strict=True):
+    for start, stop in zip(*find_run_edges(again), strict=True):
         ends = [(start, start - 1), (stop - 1, stop)]
         steps = [abs(course.x[i] - course.x[k]) / course.usual[i] for i, k in ends if 0 <= k < len(again)]
         again[start:stop] = stop - start <= LONGEST and max(steps, default=0.0) > TIMES_USUAL
     return again
 
 
-def _least_certain(sizes: FloatArray, swings: FloatArray) -> float:
+def _find_least_certain_size(sizes: FloatArray, swings: FloatArray) -> float:
     """Return the size above which a signal has clearly more corrupted samples than swings of its own."""
     descending = np.sort(sizes)[::-1]
     ascending = np.sort(swings)
@@ -131,14 +133,14 @@ def _least_certain(sizes: FloatArray, swings: FloatArray) -> float:
     return float(descending[certain[-1]]) if len(certain) else np.inf
 
 
-def _swings(course: Course) -> FloatArray:
+def _measure_swings(course: SignalSeries) -> FloatArray:
     """Return the sizes, in usual steps, of moves off and back at once, as noise and controllers make them."""
-    steps = _steps(course)
+    steps = _measure_steps(course)
     size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / course.usual[:-1]
     return np.asarray(size[(steps[:-1] * steps[1:] < 0.0) & (size > TIMES_USUAL)])
 
 
-def _sizes_off_course(course: Course) -> FloatArray:
+def _measure_deviations(course: SignalSeries) -> FloatArray:
     """Return by how many usual steps samples are off course, 0 for all others.
 
     They come in blocks, of which the shortest are looked for first.
@@ -147,21 +149,21 @@ def _sizes_off_course(course: Course) -> FloatArray:
     if len(course.x) < 5:
         return sizes
     # A block can only begin with a step that is larger than the threshold.
-    starts = np.flatnonzero(np.abs(_steps(course)) > course.threshold)
+    starts = np.flatnonzero(np.abs(_measure_steps(course)) > course.threshold)
     for length in range(1, (LONGEST if course.smooth else LONGEST_ROUGH) + 1):
         if not len(starts):
             break
-        for start, size in zip(*_blocks(course, starts, length), strict=True):
+        for start, size in zip(*_find_blocks(course, starts, length), strict=True):
             if not sizes[max(0, start - 2) : start + length + 2].any():
                 sizes[start : start + length] = size
         starts = starts[sizes[starts] == 0.0]
     return sizes
 
 
-def _steps(course: Course) -> FloatArray:
+def _measure_steps(course: SignalSeries) -> FloatArray:
     """Return how far each sample is off the sample before it, or off the slope of the two before it."""
     steps = np.zeros(len(course.x))
-    steps[1:] = course.difference(course.x[1:], course.x[:-1])
+    steps[1:] = course.subtract(course.x[1:], course.x[:-1])
     if course.smooth:
         spread = np.maximum(np.diff(course.t), 1e-12)
         slope = steps[1:-1] * np.minimum(spread[1:] / spread[:-1], 10.0)
@@ -170,7 +172,7 @@ def _steps(course: Course) -> FloatArray:
     return steps
 
 
-def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, FloatArray]:
+def _find_blocks(course: SignalSeries, starts: IntArray, length: int) -> tuple[IntArray, FloatArray]:
     """Return the starts (k,) of blocks that are off course, and by how much their samples (k, length) are."""
     t, x, run = course.t, course.x, course.run
     starts = starts[(starts >= 2) & (starts + length + 1 < len(x))]
@@ -182,12 +184,12 @@ def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, Fl
     anchors = starts[:, None] + np.array([-2, -1, length, length + 1])
     at, usual = t[anchors], course.usual[starts]
     origin = x[starts - 1]
-    anchor_values = course.difference(x[anchors], origin[:, None])
+    anchor_values = course.subtract(x[anchors], origin[:, None])
     rows = starts[:, None] + np.arange(length)
-    values, times = course.difference(x[rows], origin[:, None]), t[rows]
+    values, times = course.subtract(x[rows], origin[:, None]), t[rows]
     expected = interpolate_between(at, anchor_values, times, smooth=course.smooth)
     off = values - expected
-    goes_on = _goes_on(course, at, anchor_values, usual, np.abs(off).min(axis=1), length)
+    goes_on = _continues(course, at, anchor_values, usual, np.abs(off).min(axis=1), length)
     least = course.threshold[starts]
     around = np.clip(starts[:, None] + np.arange(-LATE_ROWS, length + LATE_ROWS), 0, len(t) - 1)
     uneven = np.abs(np.diff(t[around], axis=1) - course.step).max(axis=1)
@@ -211,8 +213,8 @@ def _blocks(course: Course, starts: IntArray, length: int) -> tuple[IntArray, Fl
     return starts[is_off_course], size[is_off_course]
 
 
-def _goes_on(
-    course: Course, t: FloatArray, x: FloatArray, usual: FloatArray, off: FloatArray, length: int
+def _continues(
+    course: SignalSeries, t: FloatArray, x: FloatArray, usual: FloatArray, off: FloatArray, length: int
 ) -> BoolArray:
     """Return where two samples (k, 4) on either side of a block belong to one undisturbed course."""
     if course.smooth:

@@ -16,7 +16,7 @@ KEPT_ROWS = 1000
 
 
 @dataclass
-class FoundRows:
+class ChangedRows:
     """Data rows by column, counted from 1; of a column with very many only the first are listed, all are counted.
 
     `first` is the earliest of them: its row, its time in s and its column.
@@ -41,7 +41,7 @@ class FoundRows:
         """Number of samples in all columns together."""
         return sum(self.counts.values())
 
-    def check(self, name: str, status: Status, detail: str, sources: Sequence[str]) -> Check:
+    def make_check(self, name: str, status: Status, detail: str, sources: Sequence[str]) -> Check:
         """Return the check that reports these rows.
 
         Parameters
@@ -64,14 +64,14 @@ class FoundRows:
     def describe(self, sources: Sequence[str]) -> str:
         """Return the columns with their rows in words: "q2 (3, in rows 17, 118 and 240), tau4 (…)"."""
         parts = [
-            f"{sources[column]} ({count} in row{'s' if count > 1 else ''} {_listed(self.rows[column], count)})"
+            f"{sources[column]} ({count} in row{'s' if count > 1 else ''} {_format_rows(self.rows[column], count)})"
             for column, count in sorted(self.counts.items())
         ]
         more = f" and {len(parts) - SHOWN_COLUMNS} more columns" if len(parts) > SHOWN_COLUMNS else ""
         return ", ".join(parts[:SHOWN_COLUMNS]) + more
 
 
-def _listed(rows: Sequence[int], count: int) -> str:
+def _format_rows(rows: Sequence[int], count: int) -> str:
     """Return rows in words, consecutive ones as "17-19"."""
     edges = np.flatnonzero(np.diff(rows) != 1)
     starts, ends = [0, *(edges + 1)], [*edges, len(rows) - 1]

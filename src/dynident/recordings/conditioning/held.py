@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.recordings.conditioning.bridging import bridge
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.windows import Window, row_edges
+from dynident.recordings.conditioning.windows import Window, find_run_edges
 from dynident.recordings.types import Check
 
 LONGEST_HOLD = 0.2
@@ -24,7 +24,7 @@ class HeldSamples:
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = FoundRows()
+        self._found = ChangedRows()
         self._n_changes = 0
         self._n_rows = 0
 
@@ -35,7 +35,7 @@ class HeldSamples:
         same = np.zeros(len(values), dtype=bool)
         # Rows that repeat the stamp, too, are left out elsewhere.
         same[1:] = (values[1:] == values[:-1]).all(axis=1) & (np.diff(window.run) == 0) & (np.diff(window.t) > 0.0)
-        starts, stops = row_edges(same)
+        starts, stops = find_run_edges(same)
         longest = max(2, round(LONGEST_HOLD / self._signals.step))
         short = stops - starts <= longest
         changes = np.count_nonzero(~same)
@@ -52,7 +52,7 @@ class HeldSamples:
             # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
             unbridged = np.isnan(x)
             x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
-        own = window.own_rows(np.flatnonzero(same))
+        own = window.select_own_rows(np.flatnonzero(same))
         self._n_rows += window.own.stop - window.own.start
         self._n_changes += window.own.stop - window.own.start - len(own)
         self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
@@ -69,4 +69,4 @@ class HeldSamples:
             "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
             f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
         )
-        return [rows.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]

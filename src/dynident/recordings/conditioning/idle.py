@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.windows import MARGIN_ROWS, Window, row_edges
+from dynident.recordings.conditioning.windows import MARGIN_ROWS, Window, find_run_edges
 from dynident.recordings.types import Check
 
 SHORTEST = 0.5
@@ -23,7 +23,7 @@ class IdleDrives:
 
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
-        self._found = FoundRows()
+        self._found = ChangedRows()
         self._torques = np.array(sorted(signals.position))
         self._idle_until = -1
 
@@ -35,7 +35,7 @@ class IdleDrives:
             # Nothing is known of these torques but 0: they were not recorded.
             return
         shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
-        for start, stop in zip(*row_edges((torques == 0.0).all(axis=1)), strict=True):
+        for start, stop in zip(*find_run_edges((torques == 0.0).all(axis=1)), strict=True):
             neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
             jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
             # A stretch that began in an earlier window need not jump again at the border of this one.
@@ -45,7 +45,7 @@ class IdleDrives:
             window.values[start:stop, self._torques] = np.nan
             window.unused[start:stop] = True
             self._idle_until = max(self._idle_until, window.first_row + int(stop) - 1)
-            own = window.own_rows(np.arange(start, stop))
+            own = window.select_own_rows(np.arange(start, stop))
             self._found.add(int(self._torques[0]), own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
@@ -58,4 +58,4 @@ class IdleDrives:
             "and jump there: the drives are switched off. These rows are not used, and nothing is filtered across "
             f'them; if the torques are right, say "skip": ["{self.name}"].'
         )
-        return [rows.check(self.name, "warning", detail, self._signals.sources)]
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.windows import Window
 from dynident.recordings.types import Check
@@ -81,9 +81,10 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
         return None
     kinds = (Register(bit, is_magnitude=True), Register(bit, is_magnitude=False))
     # Of the two codings the right one makes the jumps across zero vanish.
-    jumps = _jumps(raw, together, bit)
+    jumps = _count_jumps(raw, together, bit)
     remaining_jumps, register = min(
-        ((_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds), key=lambda pair: pair[0]
+        ((_count_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds),
+        key=lambda pair: pair[0],
     )
     passes = np.diff(raw >= 2.0**bit, axis=0)[together]
     smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
@@ -97,7 +98,7 @@ def _are_counts(raw: FloatArray) -> bool:
     return bool((finite >= -_WHOLE).all() and (np.abs(finite - np.rint(finite)) <= _WHOLE).all())
 
 
-def _jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
+def _count_jumps(values: FloatArray, together: BoolArray, bit: int) -> int:
     """Return the number of changes from row to row by more than half of what a register holds."""
     return int(np.count_nonzero(np.abs(np.diff(values, axis=0)[together]) > 0.5 * 2.0**bit))
 
@@ -110,7 +111,7 @@ class SignedRegisters:
     def __init__(self, signals: Signals) -> None:
         self._signals = signals
         self._registers: dict[str, Register] = {}
-        self._found: dict[str, FoundRows] = {}
+        self._found: dict[str, ChangedRows] = {}
 
     def apply(self, window: Window) -> None:
         """Read the signs in a window; from the first window on in which a register shows itself."""
@@ -129,25 +130,25 @@ class SignedRegisters:
             decoded = register.decode(np.rint(raw))
             changed = decoded != np.rint(raw)
             window.values[:, at] = np.where(changed, decoded * factors + offsets, window.values[:, at])
-            found_rows = self._found.setdefault(kind, FoundRows())
+            found_rows = self._found.setdefault(kind, ChangedRows())
             for place, column in enumerate(columns):
-                own = window.own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
+                own = window.select_own_rows(np.flatnonzero(changed[:, place] & np.isfinite(raw[:, place])))
                 found_rows.add(column, own, window.t[own - 1 - window.first_row])
 
     def checks(self) -> list[Check]:
         """Report which columns are registers, and how they are read."""
         if not self._registers:
             return [Check(self.name, "ok", "No column is a register whose sign was not read.")]
-        return [self._check(kind, register) for kind, register in self._registers.items()]
+        return [self._report_register(kind, register) for kind, register in self._registers.items()]
 
-    def _check(self, kind: str, register: Register) -> Check:
+    def _report_register(self, kind: str, register: Register) -> Check:
         rows, sources = self._found[kind], self._signals.sources
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
             f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {rows.n} samples are read "
             f'so; if they are right as they are, say "skip": ["{self.name}"].'
         )
-        return rows.check(self.name, "warning", detail, sources)
+        return rows.make_check(self.name, "warning", detail, sources)
 
 
 def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatArray, Register | None]:

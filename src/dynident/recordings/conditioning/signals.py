@@ -47,7 +47,7 @@ class Signals:
         """Describe the columns of a layout."""
         kinds = [(kind, joint) for kind in layout.kinds for joint in range(len(getattr(layout, kind)))]
         positions = [kind in ("q", "q_command") for kind, _ in kinds]
-        rates = layout.place("dq").start if layout.dq else None
+        rates = layout.columns_of_kind("dq").start if layout.dq else None
         fastest = np.full(len(kinds), np.inf)
         ranges, velocity = {}, {}
         for column, (kind, joint) in enumerate(kinds):
@@ -72,18 +72,18 @@ class Signals:
             fastest=fastest,
             limits=ranges,
             velocity=velocity,
-            position={layout.place("tau").start + joint: joint for joint in range(len(layout.tau))},
+            position={layout.columns_of_kind("tau").start + joint: joint for joint in range(len(layout.tau))},
             step=base.typical,
             factors=np.array([column.factor for column in layout.columns]),
             offsets=np.array([column.offset for column in layout.columns]),
-            registers={kind: _register_columns(kind, layout) for kind in ("q", "tau")},
+            registers={kind: _find_register_columns(kind, layout) for kind in ("q", "tau")},
         )
 
 
-def _register_columns(kind: str, layout: Layout) -> tuple[int, ...]:
+def _find_register_columns(kind: str, layout: Layout) -> tuple[int, ...]:
     """Return the columns of a kind of signal that are the file's own numbers, but for their unit."""
     # Torques of coupled motors are sums of several columns: no bits are left in them.
     if kind == "tau" and layout.mixing is not None:
         return ()
     silent = layout.without_torque if kind == "tau" else ()
-    return tuple(layout.place(kind).start + j for j in range(len(layout.q)) if j not in silent)
+    return tuple(layout.columns_of_kind(kind).start + j for j in range(len(layout.q)) if j not in silent)

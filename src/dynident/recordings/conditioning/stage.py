@@ -12,7 +12,7 @@ from dynident.recordings.conditioning.held import HeldSamples
 from dynident.recordings.conditioning.idle import IdleDrives
 from dynident.recordings.conditioning.registers import SignedRegisters
 from dynident.recordings.conditioning.signals import Signals
-from dynident.recordings.conditioning.windows import Window, overlapping_windows
+from dynident.recordings.conditioning.windows import Window, cut_into_windows
 from dynident.recordings.conditioning.wraps import WrappedAngles
 from dynident.recordings.raw import RawRows
 from dynident.recordings.timebase import TimeBase
@@ -72,7 +72,7 @@ class Conditioning:
         RawRows
             A needed sample that stays missing is NaN.
         """
-        for window in overlapping_windows(blocks, self._base):
+        for window in cut_into_windows(blocks, self._base):
             for step in self._steps:
                 step.apply(window)
             own = window.own

@@ -6,7 +6,7 @@ import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.windows import CHUNK_ROWS
-from dynident.recordings.conditioning.wraps import fold
+from dynident.recordings.conditioning.wraps import fold_angles
 
 NEAR_CHUNKS = 4
 """Chunks on either side of a chunk in which the usual step of a signal is looked for."""
@@ -21,7 +21,7 @@ Student's t with 5 degrees of freedom, 0.0075 with 3. And how the threshold grow
 among 16,384 rows the largest swings are 3, 11 and 32 usual steps."""
 
 
-def usual_steps(steps: FloatArray) -> FloatArray:
+def measure_usual_steps(steps: FloatArray) -> FloatArray:
     """Return the usual size of the steps of signals near each row.
 
     It is the upper quartile of a chunk, and the median of the steps that are not zero where few are not (counts of an
@@ -55,7 +55,9 @@ def usual_steps(steps: FloatArray) -> FloatArray:
     return np.repeat(near, CHUNK_ROWS, axis=0)[:m]
 
 
-def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray, periods: FloatArray) -> FloatArray:
+def measure_signal_steps(
+    values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray, periods: FloatArray
+) -> FloatArray:
     """Return how far each row is off the row before it, and smooth signals off the line through the two rows before.
 
     Parameters
@@ -79,7 +81,7 @@ def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray
         return first
     first[1:] = np.diff(values, axis=0)
     for column in np.flatnonzero(periods):
-        first[:, column] = fold(first[:, column], float(periods[column]))
+        first[:, column] = fold_angles(first[:, column], float(periods[column]))
     first[1:][np.diff(run) != 0] = np.nan
     result = first
     if smooth.any():
@@ -95,7 +97,7 @@ def steps_of(values: FloatArray, t: FloatArray, run: IntArray, smooth: BoolArray
     return result
 
 
-def times_usual(steps: FloatArray, usual: FloatArray) -> float:
+def choose_step_threshold(steps: FloatArray, usual: FloatArray) -> float:
     """Return how many usual steps a sample of a signal has to be off to count as corrupted.
 
     A swing goes up and down again, or the other way round, as a single corrupted sample does; signals that often swing

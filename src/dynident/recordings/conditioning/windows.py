@@ -35,13 +35,13 @@ class Window:
     run: IntArray
     unused: BoolArray
 
-    def own_rows(self, rows: IntArray) -> IntArray:
+    def select_own_rows(self, rows: IntArray) -> IntArray:
         """Return those of the given rows that this window decides on, as data rows counted from 1."""
         inside = rows[(rows >= self.own.start) & (rows < self.own.stop)]
         return np.asarray(inside + self.first_row + 1)
 
 
-def overlapping_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[Window]:
+def cut_into_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[Window]:
     """Cut rows that come in blocks of any size into windows of one size.
 
     Parameters
@@ -63,29 +63,31 @@ def overlapping_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[W
         end += len(block.t)
         # A window is complete once the margin behind its own rows is there, too.
         while end >= next_row + WINDOW_ROWS + MARGIN_ROWS:
-            joined = _join(waiting)
+            joined = _join_blocks(waiting)
             stop = next_row + WINDOW_ROWS
-            yield _window(_part(joined, first_row, first_row, stop + MARGIN_ROWS), first_row, next_row, stop, base)
-            waiting = [_part(joined, first_row, stop - MARGIN_ROWS, end)]
+            yield _make_window(
+                _cut_rows(joined, first_row, first_row, stop + MARGIN_ROWS), first_row, next_row, stop, base
+            )
+            waiting = [_cut_rows(joined, first_row, stop - MARGIN_ROWS, end)]
             first_row, next_row = stop - MARGIN_ROWS, stop
     if end > next_row:
-        yield _window(_join(waiting), first_row, next_row, end, base)
+        yield _make_window(_join_blocks(waiting), first_row, next_row, end, base)
 
 
-def _join(blocks: list[RawRows]) -> RawRows:
+def _join_blocks(blocks: list[RawRows]) -> RawRows:
     if len(blocks) == 1:
         return blocks[0]
     return RawRows(blocks[0].first_row, *(np.concatenate(parts) for parts in list(zip(*blocks, strict=True))[1:]))
 
 
-def _part(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
+def _cut_rows(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
     part = slice(start - first_row, stop - first_row)
     return RawRows(start, rows.t[part], rows.segment[part], rows.values[part])
 
 
-def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:
+def _make_window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:
     steps = np.diff(rows.t)
-    breaks = (steps > base.gap) | (steps < 0.0) | (np.diff(rows.segment) != 0)
+    breaks = (steps > base.longest_step) | (steps < 0.0) | (np.diff(rows.segment) != 0)
     run = np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
     unused = np.zeros(len(rows.t), dtype=bool)
     # A copy: what is read may be a view of the file's own memory, or be looked at again by the next window.
@@ -93,7 +95,7 @@ def _window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase
     return Window(first_row, rows.t, rows.segment, values, slice(start - first_row, stop - first_row), run, unused)
 
 
-def row_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
+def find_run_edges(marks: BoolArray) -> tuple[IndexArray, IndexArray]:
     """Return where runs of true marks begin, and the first row behind each."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(np.int8), [0]])))
     return edges[::2], edges[1::2]

@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 
 from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.recordings.conditioning.findings import FoundRows
+from dynident.recordings.conditioning.findings import ChangedRows
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.windows import Window
 from dynident.recordings.types import Check
@@ -24,12 +24,12 @@ INSIDE_SHARE = 0.95
 """Share of the values that have to stand inside one turn; the others may be corrupted."""
 
 
-def fold(difference: FloatArray, period: float = TURN) -> FloatArray:
+def fold_angles(difference: FloatArray, period: float = TURN) -> FloatArray:
     """Return differences of angles within half a period; unchanged if the period is 0."""
     return np.asarray(difference - period * np.round(difference / period)) if period else difference
 
 
-def wrapping_columns(window: Window, signals: Signals) -> BoolArray:
+def find_wrapping_columns(window: Window, signals: Signals) -> BoolArray:
     """Return which columns jump by a turn from one end of it to the other, as only wrapped angles do.
 
     Parameters
@@ -50,7 +50,7 @@ def wrapping_columns(window: Window, signals: Signals) -> BoolArray:
         if not len(jumps):
             continue
         # A wrap is a jump that is slow without its turn; a joint that really jumps, or a corrupted sample, is not.
-        remainder = np.abs(fold(steps[jumps]))
+        remainder = np.abs(fold_angles(steps[jumps]))
         elapsed = np.maximum(window.t[jumps + 1] - window.t[jumps], signals.step)
         slow = jumps[remainder <= signals.fastest[column] * elapsed]
         finite = x[np.isfinite(x)]
@@ -73,13 +73,13 @@ class WrappedAngles:
         self._wrapping = np.zeros(len(signals.sources), dtype=bool)
         self._turns: dict[int, tuple[int, float]] = {}
         self._shift: dict[int, float] | None = None
-        self._found = FoundRows()
+        self._found = ChangedRows()
 
     def apply(self, window: Window) -> None:
         """Make the angles of a window continuous with those before it."""
-        self._wrapping |= wrapping_columns(window, self._signals)
+        self._wrapping |= find_wrapping_columns(window, self._signals)
         if self._shift is None:
-            self._shift = self._whole_turns_off(window) if self._wrapping.any() else {}
+            self._shift = self._find_whole_turns(window) if self._wrapping.any() else {}
         for column in np.flatnonzero(self._wrapping | np.isin(np.arange(len(self._wrapping)), list(self._shift))):
             self._unwrap(window, int(column))
 
@@ -93,9 +93,9 @@ class WrappedAngles:
             shifted = ", ".join(sources[column] for column in self._shift)
             parts.append(f"A whole turn is added to or taken from {shifted}, so that the joint is inside its limits.")
         parts.append(f'If they are right as they are, say "skip": ["{self.name}"].')
-        return [self._found.check(self.name, "warning", " ".join(parts), sources)]
+        return [self._found.make_check(self.name, "warning", " ".join(parts), sources)]
 
-    def _whole_turns_off(self, window: Window) -> dict[int, float]:
+    def _find_whole_turns(self, window: Window) -> dict[int, float]:
         """Return the columns that are inside their limits one turn farther on, with that turn (±2 pi)."""
         shift = {}
         for column, (low, high) in self._signals.limits.items():
@@ -114,7 +114,7 @@ class WrappedAngles:
         if not len(rows):
             return
         x = window.values[rows, column]
-        remainder = np.diff(x) - self._expected(window, column, rows)
+        remainder = np.diff(x) - self._predict_steps(window, column, rows)
         turns = np.concatenate([[0.0], -np.round(remainder / TURN)])
         # Every segment is counted from its own beginning.
         begins = np.concatenate([[False], np.diff(window.segment[rows]) != 0])
@@ -122,12 +122,14 @@ class WrappedAngles:
         total = np.cumsum(turns)
         for start in np.flatnonzero(begins):
             total[start:] -= total[start]
-        self._go_on(window, column, rows, total, begins)
+        self._continue_turns(window, column, rows, total, begins)
         window.values[rows, column] = x + TURN * total + (self._shift or {}).get(column, 0.0)
-        own = window.own_rows(rows[1:][np.diff(total) != 0.0])
+        own = window.select_own_rows(rows[1:][np.diff(total) != 0.0])
         self._found.add(column, own, window.t[own - 1 - window.first_row])
 
-    def _go_on(self, window: Window, column: int, rows: IntArray, total: FloatArray, begins: BoolArray) -> None:
+    def _continue_turns(
+        self, window: Window, column: int, rows: IntArray, total: FloatArray, begins: BoolArray
+    ) -> None:
         """Continue the count of turns (m,) from the window before, and remember it for the next one."""
         row, before = self._turns.get(column, (-1, 0.0))
         here = int(np.searchsorted(rows, row - window.first_row))
@@ -138,7 +140,7 @@ class WrappedAngles:
         if last >= 0:
             self._turns[column] = window.first_row + int(rows[last]), float(total[last])
 
-    def _expected(self, window: Window, column: int, rows: IntArray) -> FloatArray:
+    def _predict_steps(self, window: Window, column: int, rows: IntArray) -> FloatArray:
         """Return how far an angle goes between known rows by its logged velocity; 0 without one."""
         velocity = self._signals.velocity.get(column)
         if velocity is None:

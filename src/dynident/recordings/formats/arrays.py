@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from dynident.arrays import FloatArray
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.file_limits import TITLE, check_columns, rows_of_block
+from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -33,7 +33,7 @@ class StoredArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Placed:
+class _ArrayColumn:
     stored: StoredArray
     axis: int
     index: int
@@ -43,7 +43,7 @@ class ArrayFileSource(FileSource):
     """The arrays of a file as columns: an array q of m x 6 is q1 … q6, whichever way it lies."""
 
     def __init__(self, arrays: Sequence[StoredArray]) -> None:
-        self._places: dict[str, _Placed] = {}
+        self._places: dict[str, _ArrayColumn] = {}
         arrays = [
             array
             for array in arrays
@@ -51,9 +51,9 @@ class ArrayFileSource(FileSource):
         ]
         if not arrays:
             raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
-        self._length = _length(arrays)
+        self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
-        prefix = _prefix([array.name for array in arrays])
+        prefix = _find_prefix([array.name for array in arrays])
         arrays = [array for array in arrays if self._length in array.shape]
         check_columns(sum(math.prod(array.shape) // self._length for array in arrays))
         for array in arrays:
@@ -63,12 +63,12 @@ class ArrayFileSource(FileSource):
             joint = "_" if name[-1].isdigit() else ""
             for index in range(width):
                 column = name if width == 1 else f"{name}{joint}{index + 1}"
-                self._places[column] = _Placed(array, axis, index)
+                self._places[column] = _ArrayColumn(array, axis, index)
         super().__init__(list(self._places))
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         # Arrays of several columns are read once for each block, not once for each column.
-        step = rows_of_block(len(self._places))
+        step = choose_block_rows(len(self._places))
         for first in range(0, self._length, step):
             last = min(first + step, self._length)
             blocks: dict[int, FloatArray] = {}
@@ -77,12 +77,12 @@ class ArrayFileSource(FileSource):
                 place = self._places[column]
                 whole = blocks.get(id(place.stored))
                 if whole is None:
-                    whole = blocks[id(place.stored)] = _rows(place, first, last)
+                    whole = blocks[id(place.stored)] = _read_rows(place, first, last)
                 values.append(from_numbers(np.asarray(whole[:, place.index], dtype=np.float64)))
             yield pa.RecordBatch.from_arrays(values, names=columns)
 
 
-def _rows(place: _Placed, first: int, last: int) -> FloatArray:
+def _read_rows(place: _ArrayColumn, first: int, last: int) -> FloatArray:
     """Read the rows of an array, and say which array it is if that fails."""
     try:
         return place.stored.read(first, last, place.axis).reshape(last - first, -1)
@@ -94,7 +94,7 @@ def _rows(place: _Placed, first: int, last: int) -> FloatArray:
         ) from error
 
 
-def _length(arrays: Sequence[StoredArray]) -> int:
+def _find_length(arrays: Sequence[StoredArray]) -> int:
     """Return the number of rows: the length that most columns share, and of these the largest.
 
     It is the longer side of one array at the least: a recording has more rows than signals.
@@ -109,7 +109,7 @@ def _length(arrays: Sequence[StoredArray]) -> int:
     return max(shared, key=lambda size: (shared[size], size))
 
 
-def _prefix(names: Sequence[str]) -> str:
+def _find_prefix(names: Sequence[str]) -> str:
     """Return the group that all arrays are in, which says nothing."""
     if len(names) < 2:
         return ""

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import batch_of
-from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, rows_of_block
-from dynident.recordings.formats.messages import Samples, samples_of
-from dynident.recordings.joining import JoinedRows, Series, TimeJoin
+from dynident.recordings.arrow import batch_from_arrays
+from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, choose_block_rows
+from dynident.recordings.formats.messages import TopicSamples, read_topic_samples
+from dynident.recordings.joining import JoinedSamples, SampleSeries, TimeJoin
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -35,18 +35,18 @@ class BagSource(FileSource):
     def __init__(self, path: Path, name: str) -> None:
         self._path, self._format = path, name
         # What was looked at is not unpacked again by the first who reads.
-        self._ahead: Iterator[Samples] | None = None
-        self._topics, self._main, self._start, self._steps = self._look()
+        self._ahead: Iterator[TopicSamples] | None = None
+        self._topics, self._main, self._start, self._steps = self._scan_beginning()
         columns = [f"{topic}/{field}" for topic, fields in self._topics.items() for field in fields]
         super().__init__(["t", *columns])
-        self._block_samples = min(BLOCK_SAMPLES, rows_of_block(len(columns)))
+        self._block_samples = min(BLOCK_SAMPLES, choose_block_rows(len(columns)))
 
-    def _look(self) -> tuple[dict[str, tuple[str, ...]], str, float, dict[str, float]]:
+    def _scan_beginning(self) -> tuple[dict[str, tuple[str, ...]], str, float, dict[str, float]]:
         """Read the beginning: topics with their columns, the main topic, the time of the first sample, usual steps."""
         fields: dict[str, dict[str, None]] = {}
         parts: dict[str, list[FloatArray]] = {}
-        stream = samples_of(self._path, self._format)
-        blocks: list[Samples] = []
+        stream = read_topic_samples(self._path, self._format)
+        blocks: list[TopicSamples] = []
         rows = values = 0
         while rows < _LOOKED_AT and values < _LOOKED_AT_VALUES and (samples := next(stream, None)):
             blocks.append(samples)
@@ -63,11 +63,11 @@ class BagSource(FileSource):
                 title=TITLE,
             )
 
-        def worth(topic: str) -> tuple[bool, int]:
+        def rank_topic(topic: str) -> tuple[bool, int]:
             return any(name.startswith("position") for name in fields[topic]), len(times[topic])
 
         # The topic with most positions gives the rows: they are then used as they are, not interpolated.
-        main = max(fields, key=worth)
+        main = max(fields, key=rank_topic)
         steps = {
             topic: float(np.median(np.diff(stamps))) if len(stamps) > 1 else 1.0 for topic, stamps in times.items()
         }
@@ -75,28 +75,28 @@ class BagSource(FileSource):
         return topics, main, float(min(stamps.min() for stamps in times.values())), steps
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        series = {topic: Series(names, self._steps[topic]) for topic, names in self._topics.items()}
+        series = {topic: SampleSeries(names, self._steps[topic]) for topic, names in self._topics.items()}
         join = TimeJoin(series, self._main, self._block_samples)
-        stream, self._ahead = self._ahead or samples_of(self._path, self._format), None
+        stream, self._ahead = self._ahead or read_topic_samples(self._path, self._format), None
         for samples in stream:
             if samples.topic not in series:
                 continue
             join.add(samples.topic, samples.times - self._start, samples.names, samples.values)
             # Only a sample of the main topic can complete a block of rows.
             if join.is_full and samples.topic == self._main:
-                yield from self._batch(join.rows(), columns)
-        yield from self._batch(join.rows(last=True), columns)
+                yield from self._make_batch(join.rows(), columns)
+        yield from self._make_batch(join.rows(last=True), columns)
 
-    def _batch(self, joined: JoinedRows, columns: list[str]) -> Iterator[pa.RecordBatch]:
+    def _make_batch(self, joined: JoinedSamples, columns: list[str]) -> Iterator[pa.RecordBatch]:
         if not len(joined.times):
             return
         values = {"t": joined.times}
         for topic, names in self._topics.items():
             values |= {f"{topic}/{name}": joined.values[topic][:, index] for index, name in enumerate(names)}
-        yield batch_of(values, columns)
+        yield batch_from_arrays(values, columns)
 
 
-def bag_source(path: Path, name: str) -> BagSource:
+def open_bag(path: Path, name: str) -> BagSource:
     """Open a bag or an MCAP file.
 
     Parameters

@@ -10,7 +10,7 @@ from typing import IO
 import pyarrow as pa
 
 from dynident.recordings.file_limits import MOST_TEXT, TITLE, UnpackedSize
-from dynident.recordings.formats.streams import MadeStream
+from dynident.recordings.formats.streams import ProducedStream
 from dynident.recordings.types import RecordingError
 
 _COMPRESSIONS = ((b"\x1f\x8b", "gzip"), (b"\x28\xb5\x2f\xfd", "zstd"), (b"BZh", "bz2"), (b"\x04\x22\x4d\x18", "lz4"))
@@ -30,7 +30,7 @@ class TextContent:
 
     def __init__(self, path: Path, member: Callable[[], IO[bytes]] | None = None) -> None:
         self._path, self._member = path, member
-        self.compression = None if member is not None else compression_of(path)
+        self.compression = None if member is not None else detect_compression(path)
 
     @property
     def plain_path(self) -> Path | None:
@@ -43,22 +43,22 @@ class TextContent:
             return self._member()
         if self.compression is None:
             return self._path.open("rb")
-        return io.BufferedReader(_Unpacking(self._path, self.compression), 1 << 20)
+        return io.BufferedReader(_DecompressedStream(self._path, self.compression), 1 << 20)
 
-    def start(self, size: int) -> bytes:
+    def read_start(self, size: int) -> bytes:
         """Return the first bytes."""
         with self.open() as file:
             return file.read(size)
 
 
-def compression_of(path: Path) -> str | None:
+def detect_compression(path: Path) -> str | None:
     """Return the compression of a file by its first bytes; None if there is none."""
     with path.open("rb") as file:
         start = file.read(4)
     return next((name for first, name in _COMPRESSIONS if start.startswith(first)), None)
 
 
-class _Unpacking(MadeStream):
+class _DecompressedStream(ProducedStream):
     """Decompresses a file, and counts the bytes."""
 
     def __init__(self, path: Path, compression: str) -> None:

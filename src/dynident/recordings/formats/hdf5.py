@@ -12,7 +12,7 @@ import numpy as np
 from dynident.arrays import FloatArray
 from dynident.recordings.file_limits import DEEPEST, MOST_OBJECTS, TITLE, check_columns, check_unpacked
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.formats.hdf5_storage import check_storage
+from dynident.recordings.formats.hdf5_storage import check_hdf5_storage
 from dynident.recordings.types import RecordingError
 
 _NUMBERS = "fiub"
@@ -20,7 +20,7 @@ _BROKEN = (OSError, RuntimeError, TypeError, ValueError, KeyError, NotImplemente
 """What h5py raises of files that are damaged, or hold types that NumPy has not."""
 
 
-def hdf5_source(path: Path) -> ArrayFileSource:
+def open_hdf5(path: Path) -> ArrayFileSource:
     """Open an HDF5 file; its data sets, in groups or not, are read in parts.
 
     Nothing outside of the file is read: data sets that keep their numbers in other files, and links to other files,
@@ -43,15 +43,15 @@ def hdf5_source(path: Path) -> ArrayFileSource:
 
     try:
         file = h5py.File(path, "r")
-        datasets = dict(_datasets(file))
+        datasets = dict(_find_datasets(file))
         check_columns(len(datasets))
         size = path.stat().st_size
         # Sizes as the file states them, before a byte of data is read.
         check_unpacked(sum(math.prod(item.shape) * item.dtype.itemsize for item in datasets.values()), size)
         arrays: list[StoredArray] = []
         for name, item in datasets.items():
-            check_storage(name, item, size)
-            arrays += _arrays(name, item)
+            check_hdf5_storage(name, item, size)
+            arrays += _list_arrays(name, item)
     except RecordingError:
         raise
     except _BROKEN as error:
@@ -59,7 +59,7 @@ def hdf5_source(path: Path) -> ArrayFileSource:
     return ArrayFileSource(arrays)
 
 
-def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
+def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
     """Yield the data sets of numbers, or of records with some, with their paths; each object once."""
     import h5py
 
@@ -114,15 +114,15 @@ def _has_numbers(item: Any) -> bool:
     return item.dtype.kind in _NUMBERS
 
 
-def _arrays(name: str, item: Any) -> list[StoredArray]:
+def _list_arrays(name: str, item: Any) -> list[StoredArray]:
     if not item.dtype.names:
-        return [_whole(name, item)]
+        return [_whole_array(name, item)]
     # Texts and nested records of a table are no signals.
     fields = [field for field in item.dtype.names if item.dtype[field].base.kind in _NUMBERS]
-    return [_field(name, field, item) for field in fields]
+    return [_field_array(name, field, item) for field in fields]
 
 
-def _whole(name: str, item: Any) -> StoredArray:
+def _whole_array(name: str, item: Any) -> StoredArray:
     # Columns of one row, as MATLAB keeps a vector, are vectors.
     flat = item.ndim == 2 and 1 in item.shape
 
@@ -136,7 +136,7 @@ def _whole(name: str, item: Any) -> StoredArray:
     return StoredArray(name, (max(item.shape),) if flat else tuple(item.shape), read)
 
 
-def _field(name: str, field: str, item: Any) -> StoredArray:
+def _field_array(name: str, field: str, item: Any) -> StoredArray:
     inner = item.dtype[field].shape
 
     def read(first: int, last: int, axis: int) -> FloatArray:

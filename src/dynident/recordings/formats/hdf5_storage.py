@@ -24,7 +24,7 @@ _GROWTH = {_GZIP: 1032, _LZF: 90}
 """Times that a byte may become under each compression (deflate: 258 bytes from 2 bits; LZF: 264 from 3)."""
 
 
-def check_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
+def check_hdf5_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     """Refuse a data set whose numbers are not in its file, or are stored in a way that could harm its reader.
 
     Parameters
@@ -42,14 +42,14 @@ def check_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     """
     properties = item.id.get_create_plist()
     if properties.get_external_count() or item.external:
-        raise _elsewhere(name, "external storage")
+        raise _external_data_error(name, "external storage")
     if item.is_virtual:
-        raise _elsewhere(name, "a virtual data set")
+        raise _external_data_error(name, "a virtual data set")
     filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
     unknown = [code for code in filters if code not in _FILTERS]
     if unknown or len(set(filters)) < len(filters):
         which = f"the filter {unknown[0]}" if unknown else "one filter twice"
-        raise _unusable(
+        raise _unusable_data_error(
             name, f"is stored with {which}; known are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)"
         )
     if item.chunks is None:
@@ -70,7 +70,7 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
     suspects: list[Any] = []
     wrong: list[Any] = []
 
-    def look(info: Any) -> bool | None:
+    def inspect_chunk(info: Any) -> bool | None:
         nonlocal number
         number += 1
         fits = least <= info.size <= largest and info.byte_offset + info.size <= file_size
@@ -82,10 +82,10 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
             suspects.append(info)
         return None
 
-    item.id.chunk_iter(look)
+    item.id.chunk_iter(inspect_chunk)
     if wrong:
         info = wrong[0]
-        raise _unusable(
+        raise _unusable_data_error(
             name,
             f"is damaged: a chunk is said to be {info.size} bytes at byte {info.byte_offset} of {file_size}, where "
             f"{largest} are the most",
@@ -104,14 +104,16 @@ def _check_compressed(name: str, item: Any, filters: list[int], info: Any, chunk
     if last == _SZIP:
         unpacked = int.from_bytes(data[:4], "little")
     elif last == _GZIP:
-        unpacked = _inflated_size(data, chunk + _FLETCHER_BYTES + 1)
+        unpacked = _count_inflated_bytes(data, chunk + _FLETCHER_BYTES + 1)
     elif last == _LZF:
         unpacked = len(data) * _GROWTH[_LZF]
     if unpacked > (4 * LARGEST_CHUNK if last == _LZF else chunk + _FLETCHER_BYTES):
-        raise _unusable(name, f"has a chunk that unpacks to more than the {chunk} bytes that it is said to hold")
+        raise _unusable_data_error(
+            name, f"has a chunk that unpacks to more than the {chunk} bytes that it is said to hold"
+        )
 
 
-def _inflated_size(data: bytes, most: int) -> int:
+def _count_inflated_bytes(data: bytes, most: int) -> int:
     """Return the number of bytes, up to `most`, that a stream of deflate unpacks to."""
     inflate: Callable[[bytes, int], bytes]
     stream = zlib.decompressobj()
@@ -128,7 +130,7 @@ def _inflated_size(data: bytes, most: int) -> int:
     return size
 
 
-def _elsewhere(name: str, how: str) -> RecordingError:
+def _external_data_error(name: str, how: str) -> RecordingError:
     return RecordingError(
         f"{name} keeps its data in another file ({how}); write it into this file (h5repack -l {name}:CONTI in.h5 "
         "out.h5).",
@@ -137,5 +139,5 @@ def _elsewhere(name: str, how: str) -> RecordingError:
     )
 
 
-def _unusable(name: str, reason: str) -> RecordingError:
+def _unusable_data_error(name: str, reason: str) -> RecordingError:
     return RecordingError(f"{name} {reason}.", pointer=name, title=TITLE)

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray
-from dynident.encoding import encodable
+from dynident.encoding import escape_surrogates
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import (
     DEEPEST,
@@ -25,11 +25,11 @@ from dynident.recordings.file_limits import (
     MOST_COLUMNS,
     TITLE,
     check_columns,
-    rows_of_block,
+    choose_block_rows,
 )
 from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, StoredArray
 from dynident.recordings.formats.contents import TextContent
-from dynident.recordings.lists import counted_names
+from dynident.recordings.lists import make_counted_names
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -59,8 +59,8 @@ class RecordSource(FileSource):
         head: list[dict[str, Value]] = []
         columns: dict[str, None] = {}
         values = 0
-        for record in _records(content):
-            head.append(_flat(record))
+        for record in _read_records(content):
+            head.append(_flatten_record(record))
             columns |= dict.fromkeys(head[-1])
             check_columns(len(columns))
             values += len(head[-1])
@@ -77,21 +77,21 @@ class RecordSource(FileSource):
         self.has_gaps = any(len(row) < len(columns) or None in row.values() for row in head)
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        size = min(_BLOCK_ROWS, rows_of_block(len(columns)))
-        rows = (_flat(record) for record in _records(self._content))
+        size = min(_BLOCK_ROWS, choose_block_rows(len(columns)))
+        rows = (_flatten_record(record) for record in _read_records(self._content))
         while part := list(itertools.islice(rows, size)):
-            arrays = [self._column([row.get(name) for row in part], name) for name in columns]
+            arrays = [self._make_column([row.get(name) for row in part], name) for name in columns]
             yield pa.RecordBatch.from_arrays(arrays, names=columns)
 
-    def _column(self, values: Sequence[Value], name: str) -> pa.Array:
+    def _make_column(self, values: Sequence[Value], name: str) -> pa.Array:
         if name in self.texts:
-            return pa.array([None if value is None else encodable(str(value)) for value in values], pa.string())
+            return pa.array([None if value is None else escape_surrogates(str(value)) for value in values], pa.string())
         return from_numbers(
             np.array([value if isinstance(value, float) else np.nan for value in values], dtype=np.float64)
         )
 
 
-def json_source(content: TextContent) -> FileSource:
+def open_json(content: TextContent) -> FileSource:
     """Open a file of JSON.
 
     Parameters
@@ -108,17 +108,17 @@ def json_source(content: TextContent) -> FileSource:
     RecordingError
         For what is no JSON, or holds no records.
     """
-    records = list(itertools.islice(_objects(content), 2))
+    records = list(itertools.islice(_read_objects(content), 2))
     if len(records) == 1 and isinstance(records[0], dict):
-        arrays = list(_arrays(records[0], "", 0))
+        arrays = list(_find_arrays(records[0], "", 0))
         if arrays:
             return ArrayFileSource(arrays)
     return RecordSource(content)
 
 
-def _records(content: TextContent) -> Iterator[object]:
+def _read_records(content: TextContent) -> Iterator[object]:
     """Yield the records one by one; those of a single object are the longest array of objects in it."""
-    objects = _objects(content)
+    objects = _read_objects(content)
     first, second = next(objects, None), next(objects, None)
     if second is None and isinstance(first, dict):
         inner = [value for value in first.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
@@ -129,7 +129,7 @@ def _records(content: TextContent) -> Iterator[object]:
     yield from objects
 
 
-def _objects(content: TextContent) -> Iterator[object]:
+def _read_objects(content: TextContent) -> Iterator[object]:
     """Yield the values that stand one behind another; one that the end of the file cuts off is left out."""
     decoder = json.JSONDecoder()
     decode = codecs.getincrementaldecoder("utf-8-sig")(errors="replace").decode
@@ -181,47 +181,47 @@ def _is_cut_off(error: Exception, text: str) -> bool:
     return is_open or error.pos >= len(text.rstrip()) - _LONGEST_WORD
 
 
-def _flat(record: object) -> dict[str, Value]:
+def _flatten_record(record: object) -> dict[str, Value]:
     """Return the values of a record by the path to them."""
     values: dict[str, Value] = {}
-    _collect(record, "", values, 0)
+    _collect_values(record, "", values, 0)
     return values
 
 
-def _collect(value: object, name: str, values: dict[str, Value], depth: int) -> None:
+def _collect_values(value: object, name: str, values: dict[str, Value], depth: int) -> None:
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
     if isinstance(value, dict):
         for key, inner in value.items():
-            _collect(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
+            _collect_values(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
     elif isinstance(value, list):
         if len(values) + len(value) > MOST_COLUMNS:
             check_columns(len(values) + len(value))
-        for own, inner in zip(_names_of_items(name or "column", value), value, strict=True):
-            _collect(inner, own, values, depth + 1)
+        for own, inner in zip(_name_items(name or "column", value), value, strict=True):
+            _collect_values(inner, own, values, depth + 1)
     elif isinstance(value, str) or value is None:
         values[name or "column"] = value
     else:
-        values[name or "column"] = _number(value)
+        values[name or "column"] = _to_number(value)
 
 
-def _names_of_items(name: str, items: Sequence[object]) -> Sequence[str]:
+def _name_items(name: str, items: Sequence[object]) -> Sequence[str]:
     """Return names for the items of an array: their own (keys such as "name"), else numbers."""
     for key in _NAMES:
         labels = [item.get(key) if isinstance(item, dict) else None for item in items]
         if labels and all(isinstance(label, str) for label in labels) and len(set(labels)) == len(labels):
             return [f"{name}.{label}" for label in labels]
-    return counted_names(name, len(items))
+    return make_counted_names(name, len(items))
 
 
-def _number(value: Any) -> float:
+def _to_number(value: Any) -> float:
     try:
         return float(value)
     except OverflowError:
         return np.nan
 
 
-def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
+def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
     """Yield the arrays of numbers in an object that holds one for every signal."""
     if depth > DEEPEST:
         raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
@@ -230,14 +230,14 @@ def _arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredA
         if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdigit, inner)):
             inner = list(inner.values())  # by the number of the row, as pandas writes it
         if isinstance(inner, dict):
-            yield from _arrays(inner, own, depth + 1)
+            yield from _find_arrays(inner, own, depth + 1)
         elif isinstance(inner, list) and _has_rows(inner):
             try:
                 values = np.array(inner, dtype=np.float64)
             except (TypeError, ValueError, OverflowError):
                 continue
             if 1 <= values.ndim <= 2:
-                yield StoredArray(own, values.shape, _reader(values))
+                yield StoredArray(own, values.shape, _make_reader(values))
 
 
 def _has_rows(values: list[Any]) -> bool:
@@ -247,7 +247,7 @@ def _has_rows(values: list[Any]) -> bool:
     return max(len(values), inner) >= FEWEST_ROWS and not isinstance(first, (dict, str))
 
 
-def _reader(values: FloatArray) -> Any:
+def _make_reader(values: FloatArray) -> Any:
     def read(first: int, last: int, axis: int) -> FloatArray:
         return values[first:last] if axis == 0 else values[:, first:last].T
 

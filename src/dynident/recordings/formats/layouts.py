@@ -65,12 +65,12 @@ class Layout:
         whole = whole[alike]
         times = np.zeros(len(whole))
         if self.stamp is not None:
-            seconds, nanoseconds = (_numbers(whole, np.array([place]), "<u4")[:, 0] for place in self.stamp)
+            seconds, nanoseconds = (_extract_numbers(whole, np.array([place]), "<u4")[:, 0] for place in self.stamp)
             times = seconds + nanoseconds * 1e-9
-        return alike, times, _numbers(whole, self.places, "<f8").astype(np.float64)
+        return alike, times, _extract_numbers(whole, self.places, "<f8").astype(np.float64)
 
 
-def _numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArray:
+def _extract_numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArray:
     """Return the numbers (m, c) of a kind at places of bytes (m, size)."""
     width = np.dtype(kind).itemsize
     chunks = whole[:, places[:, None] + np.arange(width)]
@@ -84,7 +84,7 @@ class Message(Protocol):
     __msgtype__: ClassVar[str]
 
 
-def learned(
+def learn_layout(
     data: bytes,
     message: MessageT,
     fields: Callable[[str], Fielddefs],
@@ -110,7 +110,7 @@ def learned(
     Layout or None
         None if its numbers are not found again, as of types that are rare.
     """
-    marked = [_Marks(fields, which).marked(message) for which in (0, 1)]
+    marked = [_NumberMarker(fields, which).mark_message(message) for which in (0, 1)]
     first, second = (np.frombuffer(written(copy), dtype=np.uint8) for copy in marked)
     own = np.frombuffer(data, dtype=np.uint8)
     if not len(first) == len(second) == len(own):
@@ -131,28 +131,30 @@ def learned(
     return Layout(own, common, tuple(names), np.array(places), where)
 
 
-class _Marks:
+class _NumberMarker:
     """Replaces the numbers of a message by marks: each a number of its own, in two versions no byte alike."""
 
     def __init__(self, fields: Callable[[str], Fielddefs], which: int) -> None:
         self._fields, self._which, self._count = fields, which, 0
 
-    def marked(self, message: MessageT) -> MessageT:
+    def mark_message(self, message: MessageT) -> MessageT:
         kinds = dict(self._fields(message.__msgtype__))
-        return replace(message, **{name: self._value(getattr(message, name), kind) for name, kind in kinds.items()})
+        return replace(
+            message, **{name: self._mark_value(getattr(message, name), kind) for name, kind in kinds.items()}
+        )
 
-    def _value(self, value: Any, kind: Any) -> Any:
+    def _mark_value(self, value: Any, kind: Any) -> Any:
         node, of = kind
         if node.name == "NAME":
-            return self.marked(value)
+            return self.mark_message(value)
         if node.name == "BASE":
-            return self._number(value, of[0])
+            return self._mark_number(value, of[0])
         inner = of[0]
         if isinstance(value, np.ndarray):
-            return np.array([self._number(element, inner[1][0]) for element in value], dtype=value.dtype)
-        return [self._value(element, inner) for element in value]
+            return np.array([self._mark_number(element, inner[1][0]) for element in value], dtype=value.dtype)
+        return [self._mark_value(element, inner) for element in value]
 
-    def _number(self, value: Any, kind: str) -> Any:
+    def _mark_number(self, value: Any, kind: str) -> Any:
         """Return the mark in place of a number; strings stay, which all messages share."""
         if kind in ("string", "wstring"):
             return value

@@ -17,7 +17,7 @@ import numpy as np
 
 from dynident.recordings.file_limits import DEEPEST, TITLE, check_columns, check_unpacked
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.formats.stored import Place, UnpackedFile
+from dynident.recordings.formats.stored import ArrayPlace, UnpackedParts
 from dynident.recordings.types import RecordingError
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -39,7 +39,7 @@ class _Element:
     following: int
 
 
-def matlab_source(path: Path) -> ArrayFileSource:
+def open_matlab(path: Path) -> ArrayFileSource:
     """Open a MAT file; a field of a structure is called structure.field.
 
     Parameters
@@ -56,39 +56,41 @@ def matlab_source(path: Path) -> ArrayFileSource:
         For a file that cannot be read.
     """
     try:
-        return ArrayFileSource(list(_arrays(path.open("rb"))))
+        return ArrayFileSource(list(_read_arrays(path.open("rb"))))
     except RecordingError:
         raise
     except (ValueError, OSError, zlib.error) as error:
         raise RecordingError(f"The file cannot be read as MAT: {error}", title=TITLE) from error
 
 
-def _arrays(file: IO[bytes]) -> Iterator[StoredArray]:
+def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
     size = file.seek(0, 2)
     file.seek(_HEADER - 2)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
     if order is None:
         raise ValueError("its header does not say the order of bytes")
-    reader = _Reader(file, order, size)
-    elements = list(_variables(reader, size))
-    sizes = {element.start: _unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED}
+    reader = _MatrixReader(file, order, size)
+    elements = list(_read_elements(reader, size))
+    sizes = {
+        element.start: _read_unpacked_size(file, element, order) for element in elements if element.code == _COMPRESSED
+    }
     # All compressed parts together are checked before the first is unpacked to disk.
     check_unpacked(sum(sizes.values()), size)
-    unpacked = UnpackedFile(sum(sizes.values())) if sizes else None
+    unpacked = UnpackedParts(sum(sizes.values())) if sizes else None
     for element in elements:
         if element.start not in sizes or unpacked is None:
-            yield from reader.matrix(element)
+            yield from reader.read_matrix(element)
             continue
-        start, end = unpacked.append(_inflated(file, element), sizes[element.start])
-        inner = _Reader(unpacked.file, order, end)
-        yield from inner.matrix(inner.element(start))
+        start, end = unpacked.append(_make_inflater(file, element), sizes[element.start])
+        inner = _MatrixReader(unpacked.file, order, end)
+        yield from inner.read_matrix(inner.read_element(start))
 
 
-def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
+def _read_elements(reader: _MatrixReader, size: int) -> Iterator[_Element]:
     """Yield the elements of the file, one behind another."""
     at, number = _HEADER, 0
     while at + 8 <= size:
-        element = reader.element(at)
+        element = reader.read_element(at)
         number += 1
         check_columns(number)
         yield element
@@ -96,9 +98,9 @@ def _variables(reader: _Reader, size: int) -> Iterator[_Element]:
         at = element.start + element.size if element.code == _COMPRESSED else element.following
 
 
-def _unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
+def _read_unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
     """Return the bytes that a compressed part unpacks to: it begins with a code and the size of what follows."""
-    next_bytes = _inflated(file, element)
+    next_bytes = _make_inflater(file, element)
     head = b""
     while len(head) < 8 and (part := next_bytes(8 - len(head))):
         head += part
@@ -109,7 +111,7 @@ def _unpacked_size(file: IO[bytes], element: _Element, order: str) -> int:
     return 8 if code >> 16 else 8 + int(size)
 
 
-def _inflated(file: IO[bytes], element: _Element) -> Callable[[int], bytes]:
+def _make_inflater(file: IO[bytes], element: _Element) -> Callable[[int], bytes]:
     """Return a function that gives the next bytes of a compressed part, at most as many as are requested."""
     inflate, at = zlib.decompressobj(), element.start
 
@@ -130,15 +132,15 @@ def _inflated(file: IO[bytes], element: _Element) -> Callable[[int], bytes]:
     return read
 
 
-class _Reader:
+class _MatrixReader:
     """Finds the numbers of matrices in a file of `size` bytes, whose order of bytes is `order`."""
 
     def __init__(self, file: IO[bytes], order: str, size: int) -> None:
         self._file, self._order, self._size = file, order, size
 
-    def element(self, at: int) -> _Element:
+    def read_element(self, at: int) -> _Element:
         """Return the element that begins at a byte; a small one holds its data beside its code."""
-        code, size = self._numbers(at, "u4", 2)
+        code, size = self._read_numbers(at, "u4", 2)
         if small := code >> 16:
             element = _Element(code & 0xFFFF, at + 4, small, at + 8)
         else:
@@ -148,27 +150,27 @@ class _Reader:
             raise ValueError(f"the part from byte {at} on ends too early")
         return element
 
-    def matrix(self, element: _Element, name: str | None = None, depth: int = 0) -> Iterator[StoredArray]:
+    def read_matrix(self, element: _Element, name: str | None = None, depth: int = 0) -> Iterator[StoredArray]:
         """Yield the arrays of a matrix: itself, or those of the fields of a structure."""
         if element.code != _MATRIX or not element.size:
             return
         if depth > DEEPEST:
             raise ValueError(f"it holds structures more than {DEEPEST} deep")
-        flags = self.element(element.start)
-        shape_at = self.element(flags.following)
-        own_name = self.element(shape_at.following)
-        (flag,) = self._numbers(flags.start, "u4", 1)
+        flags = self.read_element(element.start)
+        shape_at = self.read_element(flags.following)
+        own_name = self.read_element(shape_at.following)
+        (flag,) = self._read_numbers(flags.start, "u4", 1)
         kind = flag & 0xFF
-        shape = self._numbers(shape_at.start, "i4", shape_at.size // 4)
-        name = name or self._read(own_name.start, own_name.size).decode("latin-1")
+        shape = self._read_numbers(shape_at.start, "i4", shape_at.size // 4)
+        name = name or self._read_bytes(own_name.start, own_name.size).decode("latin-1")
         if not name:
             return  # what MATLAB keeps for objects beside the variables
         if kind in _NUMERIC and not flag & _COMPLEX:
-            yield from self._array(name, shape, self.element(own_name.following))
+            yield from self._read_array(name, shape, self.read_element(own_name.following))
         elif kind == _STRUCTURE and math.prod(shape) == 1:
-            yield from self._fields(name, own_name.following, depth + 1)
+            yield from self._read_fields(name, own_name.following, depth + 1)
 
-    def _array(self, name: str, shape: tuple[int, ...], numbers: _Element) -> Iterator[StoredArray]:
+    def _read_array(self, name: str, shape: tuple[int, ...], numbers: _Element) -> Iterator[StoredArray]:
         kind = np.dtype(self._order + _KINDS[numbers.code]) if numbers.code in _KINDS else None
         shape = tuple(size for size in shape if size != 1)
         if kind is None or not shape:
@@ -176,27 +178,27 @@ class _Reader:
         # What a header says is checked against the bytes that are there: nothing is allocated by it.
         if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:
             raise ValueError(f"{name} has not as many numbers as its size says")
-        yield Place(self._file, numbers.start, kind, shape, by_columns=True).array(name)
+        yield ArrayPlace(self._file, numbers.start, kind, shape, by_columns=True).to_array(name)
 
-    def _fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
-        longest = self.element(at)
-        names = self.element(longest.following)
-        width = self._numbers(longest.start, "i4", 1)[0]
+    def _read_fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
+        longest = self.read_element(at)
+        names = self.read_element(longest.following)
+        width = self._read_numbers(longest.start, "i4", 1)[0]
         if width < 1:
             raise ValueError(f"the names of the fields of {name} have no length")
-        text = self._read(names.start, names.size)
+        text = self._read_bytes(names.start, names.size)
         at = names.following
         for first in range(0, names.size, width):
-            field = self.element(at)
+            field = self.read_element(at)
             own = text[first : first + width].split(b"\0")[0].decode("latin-1")
-            yield from self.matrix(field, f"{name}.{own}", depth)
+            yield from self.read_matrix(field, f"{name}.{own}", depth)
             at = field.following
 
-    def _numbers(self, at: int, kind: str, count: int) -> tuple[int, ...]:
+    def _read_numbers(self, at: int, kind: str, count: int) -> tuple[int, ...]:
         kinds = np.dtype(self._order + kind)
-        return tuple(np.frombuffer(self._read(at, kinds.itemsize * count), dtype=kinds).tolist())
+        return tuple(np.frombuffer(self._read_bytes(at, kinds.itemsize * count), dtype=kinds).tolist())
 
-    def _read(self, at: int, size: int) -> bytes:
+    def _read_bytes(self, at: int, size: int) -> bytes:
         self._file.seek(at)
         data = self._file.read(size)
         if len(data) < size:

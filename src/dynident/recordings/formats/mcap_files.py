@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from dynident.recordings.file_limits import UnpackedSize, check_chunk
-from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, plain_type
-from dynident.recordings.formats.stored import KnownLength
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.formats.stored import BoundedFile
 
 _FOOTER = 9 + 8 + 8 + 4
 _MAGIC = 8
@@ -22,13 +22,13 @@ _AHEAD = 10_000
 """Messages within which those of a file without an index are put in order."""
 
 
-def mcap_messages(path: Path) -> Iterator[PackedMessage]:
+def read_mcap_messages(path: Path) -> Iterator[PackedMessage]:
     """Yield the messages that hold signals of joints, by their time."""
     with path.open("rb") as opened:
-        file = _McapFile(KnownLength(opened))
-        for schema, channel, message in file.messages():
+        file = _McapFile(BoundedFile(opened))
+        for schema, channel, message in file.read_messages():
             text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
-            yield PackedMessage(channel.topic, plain_type(schema.name), text, message.log_time, message.data)
+            yield PackedMessage(channel.topic, normalise_type(schema.name), text, message.log_time, message.data)
 
 
 @dataclass
@@ -56,20 +56,20 @@ class _Registry:
         schema = None if channel is None else self.schemas.get(channel.schema_id)
         if channel is None or schema is None or channel.message_encoding != "cdr":
             return None
-        return (schema, channel, message) if plain_type(schema.name) in KNOWN else None
+        return (schema, channel, message) if normalise_type(schema.name) in KNOWN else None
 
 
 class _McapFile:
-    def __init__(self, file: KnownLength) -> None:
+    def __init__(self, file: BoundedFile) -> None:
         self._file = file
         self._unpacked = UnpackedSize(file.size)
 
-    def messages(self) -> Iterator[tuple[Any, Any, Any]]:
+    def read_messages(self) -> Iterator[tuple[Any, Any, Any]]:
         """Yield schema, channel and message of the messages that hold signals of joints."""
-        summary = self._summary()
-        return self._unindexed() if summary is None or not summary.chunks else self._indexed(summary)
+        summary = self._read_summary()
+        return self._read_in_order() if summary is None or not summary.chunks else self._read_by_index(summary)
 
-    def _summary(self) -> _Registry | None:
+    def _read_summary(self) -> _Registry | None:
         """Return what the end of the file says of all of it; None if it says nothing."""
         from mcap.records import Chunk, Footer
         from mcap.stream_reader import StreamReader
@@ -89,7 +89,7 @@ class _McapFile:
             summary.add(record)
         return summary
 
-    def _indexed(self, summary: _Registry) -> Iterator[tuple[Any, Any, Any]]:
+    def _read_by_index(self, summary: _Registry) -> Iterator[tuple[Any, Any, Any]]:
         """Yield the known messages by their time, chunk by chunk.
 
         The package's own reader puts every message into a heap, which takes longer than to unpack it, and those of
@@ -102,7 +102,7 @@ class _McapFile:
         known_channels = {
             key
             for key, channel in summary.channels.items()
-            if channel.schema_id in summary.schemas and plain_type(summary.schemas[channel.schema_id].name) in KNOWN
+            if channel.schema_id in summary.schemas and normalise_type(summary.schemas[channel.schema_id].name) in KNOWN
         }
         chunks = sorted(summary.chunks, key=lambda index: (index.message_start_time, index.chunk_start_offset))
         # A file without indices of messages does not say which channels are in a chunk.
@@ -127,7 +127,7 @@ class _McapFile:
             yield from filter(None, map(summary.find, messages[:until]))
             del messages[:until]
 
-    def _unindexed(self) -> Iterator[tuple[Any, Any, Any]]:
+    def _read_in_order(self) -> Iterator[tuple[Any, Any, Any]]:
         """Yield the known messages as they stand in the file, put in order among their neighbours."""
         from mcap.records import Chunk, Message
         from mcap.stream_reader import StreamReader

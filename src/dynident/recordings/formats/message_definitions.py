@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dynident.recordings.file_limits import DEEPEST, LARGEST_DEFINITION, MOST_COLUMNS
-from dynident.recordings.formats.packed_messages import plain_type
+from dynident.recordings.formats.packed_messages import normalise_type
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _BETWEEN = "=" * 80 + "\n"
 
 
-def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdict:
+def parse_definition(definition: str, type_name: str, known: Typesdict) -> Typesdict:
     """Parse the types of a definition that are not known yet.
 
     Parameters
@@ -46,21 +46,21 @@ def defined_types(definition: str, type_name: str, known: Typesdict) -> Typesdic
     parsed = get_types_from_msg(first, type_name)
     for other in others:
         head, _, text = other.partition("\n")
-        parsed |= get_types_from_msg(text, plain_type(head.removeprefix("MSG: ").strip()))
+        parsed |= get_types_from_msg(text, normalise_type(head.removeprefix("MSG: ").strip()))
     # Constants say nothing of how a message is stored.
     types: Typesdict = {name: ([], fields) for name, (_, fields) in parsed.items() if name not in known}
-    _Sizes({**known, **types}).of_type(type_name, ())
+    _TypeSizes({**known, **types}).measure_type(type_name, ())
     return types
 
 
-class _Sizes:
+class _TypeSizes:
     """Counts the numbers in a message of a type, without those in sequences."""
 
     def __init__(self, types: Typesdict) -> None:
         self._types = types
         self._sizes: dict[str, int] = {}
 
-    def of_type(self, name: str, within: tuple[str, ...]) -> int:
+    def measure_type(self, name: str, within: tuple[str, ...]) -> int:
         if name in within or len(within) > DEEPEST:
             raise ValueError(f"the type {name} holds itself, or types more than {DEEPEST} deep")
         if name not in self._types:
@@ -68,17 +68,17 @@ class _Sizes:
         if name not in self._sizes:
             fields = self._types[name][1]
             # An array of an empty type costs, too: every type counts as one number at least.
-            size = max(1, sum(self._of_field(kind, (*within, name)) for _, kind in fields))
+            size = max(1, sum(self._measure_field(kind, (*within, name)) for _, kind in fields))
             if size > MOST_COLUMNS:
                 raise ValueError(f"the type {name} holds {size} numbers; at most {MOST_COLUMNS} are read")
             self._sizes[name] = size
         return self._sizes[name]
 
-    def _of_field(self, kind: Any, within: tuple[str, ...]) -> int:
+    def _measure_field(self, kind: Any, within: tuple[str, ...]) -> int:
         node, inner = kind
         if node.name == "BASE":
             return 1
         if node.name == "NAME":
-            return self.of_type(inner, within)
-        element = self._of_field(inner[0], within)
+            return self.measure_type(inner, within)
+        element = self._measure_field(inner[0], within)
         return element * max(int(inner[1]), 1) if node.name == "ARRAY" else element

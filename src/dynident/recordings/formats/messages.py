@@ -12,9 +12,9 @@ import numpy as np
 
 from dynident.arrays import FloatArray, IntArray
 from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE, check_columns
-from dynident.recordings.formats.layouts import Content, Layout, learned
-from dynident.recordings.formats.mcap_files import mcap_messages
-from dynident.recordings.formats.message_definitions import defined_types
+from dynident.recordings.formats.layouts import Content, Layout, learn_layout
+from dynident.recordings.formats.mcap_files import read_mcap_messages
+from dynident.recordings.formats.message_definitions import parse_definition
 from dynident.recordings.formats.packed_messages import (
     ARRAYS,
     DYNAMIC_STATES,
@@ -23,8 +23,8 @@ from dynident.recordings.formats.packed_messages import (
     WRENCHES,
     PackedMessage,
 )
-from dynident.recordings.formats.ros1_bags import ros1_messages
-from dynident.recordings.formats.ros2_bags import ros2_messages
+from dynident.recordings.formats.ros1_bags import read_ros1_messages
+from dynident.recordings.formats.ros2_bags import read_ros2_messages
 from dynident.recordings.types import RecordingError
 
 _JOINT_FIELDS = ("position", "velocity", "effort")
@@ -39,7 +39,7 @@ _MOST_LAYOUTS, _MOST_NAMES = 256, 1000
 with more are made to fill a memory, or are read one message after another."""
 
 
-class Samples(NamedTuple):
+class TopicSamples(NamedTuple):
     """Samples of one topic: times (m,) in s, and values (m, c) by field and joint; NaN if a message lacks one."""
 
     topic: str
@@ -48,7 +48,7 @@ class Samples(NamedTuple):
     values: FloatArray
 
 
-def samples_of(path: Path, name: str) -> Iterator[Samples]:
+def read_topic_samples(path: Path, name: str) -> Iterator[TopicSamples]:
     """Read the messages that hold signals of joints, topic by topic in parts, otherwise in the order of the file.
 
     Parameters
@@ -65,15 +65,15 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
     RecordingError
         For a file that cannot be read.
     """
-    read_messages = {"rosbag": ros1_messages, "rosbag2": ros2_messages, "mcap": mcap_messages}[name]
-    unpack = _Unpacker(ros1=name == "rosbag")
+    read_messages = {"rosbag": read_ros1_messages, "rosbag2": read_ros2_messages, "mcap": read_mcap_messages}[name]
+    unpack = _MessageUnpacker(ros1=name == "rosbag")
     undefined: dict[str, None] = {}
     any_read = False
     try:
-        for together in _together(read_messages(path)):
+        for together in _group_messages(read_messages(path)):
             topics: dict[str, list[PackedMessage]] = {}
             for packed in together:
-                if unpack.knows(packed):
+                if unpack.is_known(packed):
                     topics.setdefault(packed.topic, []).append(packed)
                 else:
                     undefined[packed.type] = None
@@ -91,7 +91,7 @@ def samples_of(path: Path, name: str) -> Iterator[Samples]:
         )
 
 
-def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]]:
+def _group_messages(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]]:
     """Yield the messages in lists, none of many messages or many bytes."""
     part: list[PackedMessage] = []
     size = 0
@@ -113,7 +113,7 @@ def _together(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMessage]
         yield part
 
 
-class _Unpacker:
+class _MessageUnpacker:
     """Unpacks messages, with the types that the file defines and those that ROS brings."""
 
     def __init__(self, *, ros1: bool) -> None:
@@ -124,11 +124,11 @@ class _Unpacker:
         self._pack = self._store.serialize_ros1 if ros1 else self._store.serialize_cdr
         self._layouts: dict[tuple[str, int], Layout | None] = {}
 
-    def knows(self, packed: PackedMessage) -> bool:
+    def is_known(self, packed: PackedMessage) -> bool:
         """Return whether ROS or the file defines the type of a message."""
         return bool(packed.definition) or packed.type in self._store.types
 
-    def __call__(self, messages: Sequence[PackedMessage]) -> Samples:
+    def __call__(self, messages: Sequence[PackedMessage]) -> TopicSamples:
         """Unpack messages of one topic."""
         parts: list[tuple[IntArray, FloatArray, tuple[str, ...], FloatArray]] = []
         sizes = np.array([len(message.data) for message in messages])
@@ -137,13 +137,13 @@ class _Unpacker:
         for size in dict.fromkeys(sizes.tolist()):
             at = np.flatnonzero(sizes == size)
             group = [messages[int(k)] for k in at]
-            layout = self._layout_of(group[0])
+            layout = self._find_layout(group[0])
             if layout is not None:
                 alike, times, values = layout.read([message.data for message in group])
                 parts.append((at[alike], times, layout.names, values))
                 at = at[~alike]
             for k in at.tolist():
-                names, numbers, stamp = _read(messages[k].type, self._message(messages[k]))
+                names, numbers, stamp = _read_message(messages[k].type, self._unpack_message(messages[k]))
                 time = 0.0 if stamp is None else stamp[0] + stamp[1] * 1e-9
                 parts.append((np.array([k]), np.array([time]), tuple(names), np.asarray(numbers, dtype=np.float64)))
         columns = {name: place for place, name in enumerate(dict.fromkeys(name for part in parts for name in part[2]))}
@@ -154,36 +154,36 @@ class _Unpacker:
             # A stamp that nobody filled in is 0.
             stamps[at] = np.where(times == 0.0, stamps[at], times)
             has_values[at] = bool(names)
-        return Samples(messages[0].topic.strip("/"), stamps[has_values], tuple(columns), whole[has_values])
+        return TopicSamples(messages[0].topic.strip("/"), stamps[has_values], tuple(columns), whole[has_values])
 
-    def _layout_of(self, packed: PackedMessage) -> Layout | None:
+    def _find_layout(self, packed: PackedMessage) -> Layout | None:
         """Return the layout of messages of this topic and length; None if each has to be unpacked."""
         key = (packed.topic, len(packed.data))
         if key not in self._layouts:
-            message = self._message(packed)
+            message = self._unpack_message(packed)
             # Stays so if nothing can be learned: no message of this kind is tried twice.
             self._layouts[key] = None
-            if len(self._layouts) > _MOST_LAYOUTS or len(_read(packed.type, message)[0]) > _MOST_NAMES:
+            if len(self._layouts) > _MOST_LAYOUTS or len(_read_message(packed.type, message)[0]) > _MOST_NAMES:
                 return None
             with suppress(Exception):  # what can be unpacked and not packed again is unpacked one by one
-                self._layouts[key] = learned(
+                self._layouts[key] = learn_layout(
                     packed.data,
                     message,
                     lambda kind: self._store.get_msgdef(kind).fields,
                     lambda content: bytes(self._pack(content, packed.type)),
-                    lambda content: _read(packed.type, content),
+                    lambda content: _read_message(packed.type, content),
                 )
         return self._layouts[key]
 
-    def _message(self, packed: PackedMessage) -> Any:
+    def _unpack_message(self, packed: PackedMessage) -> Any:
         if packed.type not in self._store.types and packed.definition:
-            self._store.register(defined_types(packed.definition, packed.type, self._store.fielddefs))
+            self._store.register(parse_definition(packed.definition, packed.type, self._store.fielddefs))
         return self._unpack(packed.data, packed.type)
 
 
-def _read(kind: str, message: Any) -> Content:
+def _read_message(kind: str, message: Any) -> Content:
     """Return names and values of a message, and its stamp, if it has one."""
-    names, values = _content(kind, message)
+    names, values = _read_content(kind, message)
     header = getattr(message, "header", None)
     if header is not None:
         return names, values, (header.stamp.sec, header.stamp.nanosec)
@@ -193,9 +193,9 @@ def _read(kind: str, message: Any) -> Content:
     return names, values, None
 
 
-def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
+def _read_content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | FloatArray]:
     if kind == JOINT_STATES:
-        return _of_joints(message.name, message)
+        return _read_joint_state(message.name, message)
     if kind in WRENCHES:
         wrench = getattr(message, "wrench", message)
         parts = [
@@ -207,7 +207,7 @@ def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | 
     if kind in ARRAYS:
         # Not every version of a message has all fields.
         numbers = [getattr(message, field, np.empty(0)) for field in ARRAYS[kind]]
-        return _counted(kind, tuple(len(part) for part in numbers)), np.concatenate(numbers)
+        return _name_counted_columns(kind, tuple(len(part) for part in numbers)), np.concatenate(numbers)
     if kind == FRANKA_ROBOT:
         for part, ours in _FRANKA_PARTS.items():
             state = getattr(message, part)
@@ -232,21 +232,21 @@ def _content(kind: str, message: Any) -> tuple[Sequence[str], Sequence[float] | 
     return names, values
 
 
-def _of_joints(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
+def _read_joint_state(joints: Any, message: Any) -> tuple[Sequence[str], FloatArray]:
     fields = [(field, values) for field in _JOINT_FIELDS if len(values := getattr(message, field))]
     # A field may be left empty; it is never shorter otherwise.
     counts = tuple((field, min(len(joints), len(values))) for field, values in fields)
     values = [values[:count] for (_, values), (_, count) in zip(fields, counts, strict=True)]
-    return _names_of(tuple(joints), counts), np.concatenate(values) if values else np.empty(0)
+    return _name_joint_columns(tuple(joints), counts), np.concatenate(values) if values else np.empty(0)
 
 
 @lru_cache(maxsize=64)
-def _names_of(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
+def _name_joint_columns(joints: tuple[str, ...], counts: tuple[tuple[str, int], ...]) -> tuple[str, ...]:
     """Return the column names; the same object for all messages of a topic, which are many."""
     return tuple(f"{field}_{joint}" for field, count in counts for joint in joints[:count])
 
 
 @lru_cache(maxsize=64)
-def _counted(kind: str, counts: tuple[int, ...]) -> tuple[str, ...]:
+def _name_counted_columns(kind: str, counts: tuple[int, ...]) -> tuple[str, ...]:
     fields = zip(ARRAYS[kind].values(), counts, strict=True)
     return tuple(f"{field}_{joint + 1}" for field, count in fields for joint in range(count))

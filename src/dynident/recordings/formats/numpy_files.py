@@ -12,7 +12,7 @@ from numpy.lib import format as numpy_format
 
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.formats.stored import KnownLength, Place, UnpackedFile
+from dynident.recordings.formats.stored import ArrayPlace, BoundedFile, UnpackedParts
 from dynident.recordings.types import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}
@@ -24,7 +24,7 @@ _BROKEN = (
 """What NumPy's and Python's readers raise of headers and archives that are damaged; a deep header is a MemoryError."""
 
 
-def numpy_source(path: Path, name: str) -> ArrayFileSource:
+def open_numpy(path: Path, name: str) -> ArrayFileSource:
     """Open a .npy file or a .npz archive.
 
     Parameters
@@ -43,24 +43,24 @@ def numpy_source(path: Path, name: str) -> ArrayFileSource:
         For a file that NumPy did not write, or whose only arrays are of Python objects.
     """
     try:
-        return ArrayFileSource(_archived(path) if name == "npz" else _single(path))
+        return ArrayFileSource(_read_archive(path) if name == "npz" else _read_single(path))
     except RecordingError:
         raise
     except _BROKEN as error:
         raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
 
 
-def _single(path: Path) -> list[StoredArray]:
+def _read_single(path: Path) -> list[StoredArray]:
     file = path.open("rb")
-    place = _place(file, 0, path.stat().st_size)
+    place = _locate_array(file, 0, path.stat().st_size)
     if place is None:
         return []
     if place.kind.names and len(place.shape) == 1:
-        return [place.array(field, field) for field in place.kind.names if place.kind[field].base.kind in _NUMBERS]
-    return [] if place.kind.names else [place.array("column")]
+        return [place.to_array(field, field) for field in place.kind.names if place.kind[field].base.kind in _NUMBERS]
+    return [] if place.kind.names else [place.to_array("column")]
 
 
-def _archived(path: Path) -> list[StoredArray]:
+def _read_archive(path: Path) -> list[StoredArray]:
     arrays = []
     file = path.open("rb")
     with ZipFile(path) as archive:
@@ -70,33 +70,33 @@ def _archived(path: Path) -> list[StoredArray]:
         # No more than this is unpacked of a member, whatever it holds.
         size = sum(member.file_size for member in compressed)
         check_unpacked(size, path.stat().st_size)
-        unpacked = UnpackedFile(size) if compressed else None
+        unpacked = UnpackedParts(size) if compressed else None
         for member in members:
             if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
                 raise ValueError(f"{member.filename} is compressed in a way that NumPy does not write")
             with archive.open(member) as stream:
                 if member.compress_type == ZIP_STORED or unpacked is None:
                     # The archive was opened at it, and stands where it begins.
-                    start = _start_of(file, member)
-                    place = _place(file, start, start + member.file_size)
+                    start = _find_start(file, member)
+                    place = _locate_array(file, start, start + member.file_size)
                 else:
-                    place = _place(unpacked.file, *unpacked.append(stream.read, member.file_size))
+                    place = _locate_array(unpacked.file, *unpacked.append(stream.read, member.file_size))
             if place is not None and not place.kind.names:
-                arrays.append(place.array(member.filename.removesuffix(".npy")))
+                arrays.append(place.to_array(member.filename.removesuffix(".npy")))
     return arrays
 
 
-def _start_of(file: IO[bytes], member: ZipInfo) -> int:
+def _find_start(file: IO[bytes], member: ZipInfo) -> int:
     """Return the first byte of a member of an archive: behind its header, with two parts of any length."""
     file.seek(member.header_offset + 26)
     lengths = file.read(4)
     return member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little")
 
 
-def _place(file: IO[bytes], start: int, end: int) -> Place | None:
+def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
     """Return where an array lies whose description begins at `start`; None for one of other things than numbers."""
     file.seek(start)
-    bounded: Any = KnownLength(file)
+    bounded: Any = BoundedFile(file)
     version = numpy_format.read_magic(bounded)
     if version not in _HEADERS:
         raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not known")
@@ -107,7 +107,7 @@ def _place(file: IO[bytes], start: int, end: int) -> Place | None:
         return None
     if any(size < 0 for size in shape):
         raise ValueError(f"its shape is {shape}")
-    place = Place(file, file.tell(), kind, shape, by_columns)
+    place = ArrayPlace(file, file.tell(), kind, shape, by_columns)
     if place.end > min(end, bounded.size):
         raise ValueError(f"its last numbers are missing: the shape is {shape}")
     return place

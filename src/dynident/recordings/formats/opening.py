@@ -5,19 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import get_args
 
-from dynident.encoding import encodable
-from dynident.recordings.cells import with_words
+from dynident.encoding import escape_surrogates
+from dynident.recordings.cells import read_word_cells
 from dynident.recordings.formats import json_records
 from dynident.recordings.formats.contents import TextContent
-from dynident.recordings.formats.several import has_arrays, joined_source
+from dynident.recordings.formats.several import has_arrays, open_joined_files
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
-from dynident.recordings.formats.telegrams import START, telegram_source
-from dynident.recordings.names import parts_of
+from dynident.recordings.formats.telegrams import START, open_telegrams
+from dynident.recordings.names import split_path
 from dynident.recordings.raw import FileSource
-from dynident.recordings.sparse import with_joined_rows
-from dynident.recordings.stamps import with_stamps
+from dynident.recordings.sparse import join_sparse_rows
+from dynident.recordings.stamps import join_split_stamps
 from dynident.recordings.stated import Format
-from dynident.recordings.stated_rate import with_rate
+from dynident.recordings.stated_rate import add_stated_time
 from dynident.recordings.types import RecordingError
 
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -64,11 +64,11 @@ def format_of(path: Path) -> str:
     RecordingError
         For an empty file, or one of a format that is known and not read.
     """
-    parts = parts_of(path)
+    parts = split_path(path)
     if len(parts) > 1:
         return format_of(parts[0])
     content = TextContent(path)
-    start = content.start(_LOOKED_AT)
+    start = content.read_start(_LOOKED_AT)
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
     detected = next((name for first, name in _STARTS if start.startswith(first)), None)
@@ -116,19 +116,19 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
     RecordingError
         If the file is empty, or not what it is said to be, or its name is no text.
     """
-    if encodable(str(path)) != str(path):
+    if escape_surrogates(str(path)) != str(path):
         raise RecordingError(
-            f"The file's name {encodable(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
+            f"The file's name {escape_surrogates(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
         )
     # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
     # rows of several series; the stated rate last, which replaces any time.
-    return with_rate(with_joined_rows(with_stamps(with_words(_open_source(path, file_format)))), rate)
+    return add_stated_time(join_sparse_rows(join_split_stamps(read_word_cells(_open_source(path, file_format)))), rate)
 
 
 def _open_source(path: Path, file_format: str | None) -> FileSource:
-    parts = parts_of(path)
+    parts = split_path(path)
     if len(parts) > 1:
-        return _join(path, parts)
+        return _join_files(path, parts)
     detected = format_of(path)
     if file_format == "parquet" and detected == "csv":
         return ParquetFileSource(path)  # which says what is wrong with it
@@ -143,11 +143,11 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
     if detected in ("csv", "jsonl"):
         return open_text(TextContent(path))
     if detected == "zip":
-        return _join(path, parts)
+        return _join_files(path, parts)
     return _open_foreign(path, detected)
 
 
-def _join(path: Path, parts: list[Path]) -> FileSource:
+def _join_files(path: Path, parts: list[Path]) -> FileSource:
     """Open the files of a recording in several files, or those in an archive."""
     for part in parts:
         name = format_of(part)
@@ -155,7 +155,9 @@ def _join(path: Path, parts: list[Path]) -> FileSource:
             raise RecordingError(
                 f"{part.name} is {name}; only files of text, CSV or JSON, are joined.", title="Unreadable file"
             )
-    return joined_source(path, parts, lambda content: with_joined_rows(with_stamps(with_words(open_text(content)))))
+    return open_joined_files(
+        path, parts, lambda content: join_sparse_rows(join_split_stamps(read_word_cells(open_text(content))))
+    )
 
 
 def open_text(content: TextContent) -> FileSource:
@@ -166,8 +168,8 @@ def open_text(content: TextContent) -> FileSource:
     RecordingError
         If it cannot be read.
     """
-    is_json = json_records.START.search(content.start(_LOOKED_AT))
-    return json_records.json_source(content) if is_json else CsvFileSource(content)
+    is_json = json_records.START.search(content.read_start(_LOOKED_AT))
+    return json_records.open_json(content) if is_json else CsvFileSource(content)
 
 
 def _open_foreign(path: Path, name: str) -> FileSource:
@@ -180,22 +182,22 @@ def _open_foreign(path: Path, name: str) -> FileSource:
     """
     try:
         if name in ("npy", "npz"):
-            from dynident.recordings.formats.numpy_files import numpy_source
+            from dynident.recordings.formats.numpy_files import open_numpy
 
-            return numpy_source(path, name)
+            return open_numpy(path, name)
         if name == "mat":
-            from dynident.recordings.formats.matlab import matlab_source
+            from dynident.recordings.formats.matlab import open_matlab
 
-            return matlab_source(path)
+            return open_matlab(path)
         if name == "hdf5":
-            from dynident.recordings.formats.hdf5 import hdf5_source
+            from dynident.recordings.formats.hdf5 import open_hdf5
 
-            return hdf5_source(path)
+            return open_hdf5(path)
         if name == "rsi":
-            return telegram_source(path)
-        from dynident.recordings.formats.bags import bag_source
+            return open_telegrams(path)
+        from dynident.recordings.formats.bags import open_bag
 
-        return bag_source(path, name)
+        return open_bag(path, name)
     except ModuleNotFoundError as missing:
         raise RecordingError(
             f"Files of the format {name} are read with the package {missing.name}, which is not installed: "

@@ -45,6 +45,6 @@ class PackedMessage(NamedTuple):
     data: bytes
 
 
-def plain_type(type_name: str) -> str:
+def normalise_type(type_name: str) -> str:
     """Return the type's name as ROS 2 writes it: sensor_msgs/JointState of ROS 1 is sensor_msgs/msg/JointState."""
     return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)

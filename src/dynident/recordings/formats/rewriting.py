@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import IO
 
 from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE
-from dynident.recordings.formats.streams import MadeStream
+from dynident.recordings.formats.streams import ProducedStream
 from dynident.recordings.types import RecordingError
 
 _READ_BYTES = 1 << 18
@@ -24,7 +24,7 @@ _TRIES = 64
 """Ends of lines that are tried for one at which all lists are closed."""
 
 
-def close_lists(lines: list[str]) -> list[str]:
+def join_open_lists(lines: list[str]) -> list[str]:
     """Join lines between which a list in brackets goes on."""
     whole: list[str] = []
     for line in lines:
@@ -42,16 +42,16 @@ def has_lists(lines: list[str]) -> bool:
 
 def flatten_lists(text: str) -> str:
     """Return the text with the items of lists in cells of their own."""
-    return _LIST.sub(lambda cell: _replace(cell, lambda items, mark: mark.join(items)), text)
+    return _LIST.sub(lambda cell: _rewrite_cell(cell, lambda items, mark: mark.join(items)), text)
 
 
-def lengths_of_lists(line: str, delimiter: str) -> list[int]:
+def count_list_items(line: str, delimiter: str) -> list[int]:
     """Return the number of items of every cell of a row; 1 for a cell that is no list."""
-    marked = _LIST.sub(lambda cell: _replace(cell, lambda items, _: f"{_MARK}{max(len(items), 1)}"), line)
+    marked = _LIST.sub(lambda cell: _rewrite_cell(cell, lambda items, _: f"{_MARK}{max(len(items), 1)}"), line)
     return [int(cell.strip()[1:]) if cell.strip().startswith(_MARK) else 1 for cell in marked.split(delimiter)]
 
 
-def _replace(cell: re.Match[str], write: Callable[[list[str], str], str]) -> str:
+def _rewrite_cell(cell: re.Match[str], write: Callable[[list[str], str], str]) -> str:
     before = cell["before"]
     items = [item.strip("'\" ") for item in _BETWEEN.split(cell["items"].strip())]
     if items and not items[-1]:
@@ -64,7 +64,7 @@ def squeeze_spaces(text: str) -> str:
     return re.sub(r"(?m)^[ ]+|[ ]+(?=\r?$)", "", re.sub(r"[ \t]+", " ", text))
 
 
-class RewrittenText(MadeStream):
+class RewrittenText(ProducedStream):
     """A stream of text in UTF-8, made of one whose lines are rewritten.
 
     Parameters
@@ -95,7 +95,7 @@ class RewrittenText(MadeStream):
         self._at_end = not part
         text = self._waiting + self._decode(part, final=self._at_end)
         # Only whole lines are rewritten: a pattern must not be cut by the border of a block.
-        end = len(text) if self._at_end else _whole_lines(text)
+        end = len(text) if self._at_end else _find_whole_lines(text)
         if not end and len(text) > LARGEST_MESSAGE:
             raise RecordingError("A line of the file does not end, or a list in it is not closed.", title=TITLE)
         lines, self._waiting = text[:end], text[end:]
@@ -109,7 +109,7 @@ class RewrittenText(MadeStream):
         super().close()
 
 
-def _whole_lines(text: str) -> int:
+def _find_whole_lines(text: str) -> int:
     """Return the length of the leading lines that end, and in which every list is closed."""
     end = len(text)
     for _ in range(_TRIES):

@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from dynident.recordings.file_limits import LARGEST_CHUNK, UnpackedSize, check_chunk
-from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, plain_type
-from dynident.recordings.formats.stored import KnownLength
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.formats.stored import BoundedFile
 
 
-def ros1_messages(path: Path) -> Iterator[PackedMessage]:
+def read_ros1_messages(path: Path) -> Iterator[PackedMessage]:
     """Yield the messages that hold signals of joints, by their time."""
-    with _reader(path) as reader:
-        connections = [candidate for candidate in reader.connections if plain_type(candidate.msgtype) in KNOWN]
+    with _open_reader(path) as reader:
+        connections = [candidate for candidate in reader.connections if normalise_type(candidate.msgtype) in KNOWN]
         if not connections:
             return
         for connection, stamp, data in reader.messages(connections=connections):
             text = connection.msgdef.data
-            yield PackedMessage(connection.topic, plain_type(connection.msgtype), text, stamp, bytes(data))
+            yield PackedMessage(connection.topic, normalise_type(connection.msgtype), text, stamp, bytes(data))
 
 
 class _BoundedPath:
@@ -33,12 +33,12 @@ class _BoundedPath:
         """Whether there is such a file."""
         return self._path.exists()
 
-    def open(self, mode: str) -> KnownLength:
+    def open(self, mode: str) -> BoundedFile:
         """Open it for reading bytes, whatever the mode."""
-        return KnownLength(self._path.open("rb"))
+        return BoundedFile(self._path.open("rb"))
 
 
-def _reader(path: Path) -> Any:
+def _open_reader(path: Path) -> Any:
     """Return the package's reader, changed so that chunks stand in the file once each and unpack within limits."""
     from lz4.frame import decompress as decompress_lz4
     from rosbags.rosbag1 import Reader

@@ -29,7 +29,7 @@ _STEPS = 100_000
 _NEEDED = {"topics": ("id", "name", "type"), "messages": ("topic_id", "timestamp", "data")}
 
 
-def ros2_messages(path: Path) -> Iterator[PackedMessage]:
+def read_ros2_messages(path: Path) -> Iterator[PackedMessage]:
     """Yield the messages that hold signals of joints, by their time.
 
     Raises
@@ -38,9 +38,9 @@ def ros2_messages(path: Path) -> Iterator[PackedMessage]:
         The file holds anything but tables and indices, or is damaged.
     """
     with closing(_Bag(path)) as bag:
-        texts = bag.definitions()
-        topics = {key: (name, kind, texts.get(kind, "")) for key, (name, kind) in bag.topics().items()}
-        for key, stamp, data in bag.messages(list(topics)):
+        texts = bag.read_definitions()
+        topics = {key: (name, kind, texts.get(kind, "")) for key, (name, kind) in bag.read_topics().items()}
+        for key, stamp, data in bag.read_messages(list(topics)):
             if not isinstance(data, bytes):
                 raise ValueError(f"a message of {topics[key][0]} is not stored as bytes")
             yield PackedMessage(*topics[key], stamp, data)
@@ -59,8 +59,8 @@ class _Bag:
         self._base.set_progress_handler(lambda: time.monotonic() > self._deadline, _STEPS)
         try:
             for setting in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "temp_store=MEMORY"):
-                self._rows(f"PRAGMA {setting}")
-            self._tables = self._checked_tables()
+                self._fetch_rows(f"PRAGMA {setting}")
+            self._tables = self._check_tables()
         except BaseException:
             self._base.close()
             raise
@@ -69,10 +69,10 @@ class _Bag:
         """Close the file."""
         self._base.close()
 
-    def _rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        return list(chain.from_iterable(self._blocks(query, values)))
+    def _fetch_rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
+        return list(chain.from_iterable(self._fetch_blocks(query, values)))
 
-    def _blocks(self, query: str, values: tuple[object, ...] = ()) -> Iterator[list[tuple[Any, ...]]]:
+    def _fetch_blocks(self, query: str, values: tuple[object, ...] = ()) -> Iterator[list[tuple[Any, ...]]]:
         """Yield the rows of a query in blocks; a single wait of `_LONGEST_WAIT` ends it."""
         self._deadline = time.monotonic() + _LONGEST_WAIT
         cursor = self._base.execute(query, values)
@@ -82,9 +82,9 @@ class _Bag:
             yield rows
             self._deadline = time.monotonic() + _LONGEST_WAIT
 
-    def _checked_tables(self) -> set[str]:
+    def _check_tables(self) -> set[str]:
         tables = set()
-        for kind, name, root, text in self._rows("SELECT type, name, rootpage, sql FROM sqlite_master"):
+        for kind, name, root, text in self._fetch_rows("SELECT type, name, rootpage, sql FROM sqlite_master"):
             virtual = kind == "table" and (not root or "virtual" in str(text).casefold().split()[1:2])
             if kind not in ("table", "index") or virtual:
                 raise RecordingError(
@@ -99,39 +99,39 @@ class _Bag:
             if table not in tables:
                 raise RecordingError(f"The bag has no table {table}: it is no bag of ROS 2.", title=TITLE)
             # The last value says whether a column is computed from others.
-            stored = {row[1]: row[6] for row in self._rows(f"PRAGMA table_xinfo({table})")}
+            stored = {row[1]: row[6] for row in self._fetch_rows(f"PRAGMA table_xinfo({table})")}
             for column in columns:
                 if stored.get(column, 1):
                     detail = f"The table {table} of the bag has no stored column {column}: it is no bag of ROS 2."
                     raise RecordingError(detail, title=TITLE)
         return tables
 
-    def topics(self) -> dict[object, tuple[str, str]]:
+    def read_topics(self) -> dict[object, tuple[str, str]]:
         """Return name and type of the topics that hold signals of joints, by their keys."""
-        rows = self._rows("SELECT id, name, type FROM topics")
+        rows = self._fetch_rows("SELECT id, name, type FROM topics")
         check_columns(len(rows))
         return {key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)}
 
-    def definitions(self) -> dict[str, str]:
+    def read_definitions(self) -> dict[str, str]:
         """Return the texts that define types, if the bag has them."""
         if "message_definitions" not in self._tables:
             return {}
-        rows = self._rows("SELECT topic_type, encoded_message_definition FROM message_definitions")
+        rows = self._fetch_rows("SELECT topic_type, encoded_message_definition FROM message_definitions")
         return {kind: text for kind, text in rows if isinstance(kind, str) and isinstance(text, str)}
 
-    def messages(self, topics: list[object]) -> Iterator[tuple[Any, ...]]:
+    def read_messages(self, topics: list[object]) -> Iterator[tuple[Any, ...]]:
         """Yield topic, time and data of the messages of some topics, by their time."""
-        every = self._rows_by_time(topics)
+        every = self._sort_rows_by_time(topics)
         for first in range(0, len(every), _ROWS_AT_ONCE):
             keys = every[first : first + _ROWS_AT_ONCE]
             # By row numbers, which are found at once: sorting whole messages by time would need room for all of them
             # on disk.
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE rowid IN ({','.join('?' * len(keys))})"
-            rows = self._rows(query, tuple(np.sort(keys).tolist()))
+            rows = self._fetch_rows(query, tuple(np.sort(keys).tolist()))
             # They come by their numbers.
             yield from (rows[place] for place in np.argsort(np.argsort(keys)).tolist())
 
-    def _rows_by_time(self, topics: list[object]) -> IntArray:
+    def _sort_rows_by_time(self, topics: list[object]) -> IntArray:
         """Return the row numbers of the messages of some topics, by their time: sorted here, in 16 bytes a row.
 
         Raises
@@ -143,7 +143,7 @@ class _Bag:
         last, held = -(2**63), 0
         parts: list[IntArray] = [np.empty((0, 2), dtype=np.int64)]
         query = "SELECT rowid, topic_id, timestamp, length(data) FROM messages NOT INDEXED ORDER BY rowid"
-        for rows in self._blocks(query):
+        for rows in self._fetch_blocks(query):
             try:
                 block = np.array(rows, dtype=np.int64)
             except (TypeError, ValueError, OverflowError):

@@ -14,16 +14,16 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.arrays import FloatArray
-from dynident.recordings.arrow import batch_of
-from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, rows_of_block
+from dynident.recordings.arrow import batch_from_arrays
+from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.formats.contents import TextContent
-from dynident.recordings.formats.streams import MadeStream
-from dynident.recordings.joining import JoinedRows, Series, TimeJoin
-from dynident.recordings.lists import counted_names
+from dynident.recordings.formats.streams import ProducedStream
+from dynident.recordings.joining import JoinedSamples, SampleSeries, TimeJoin
+from dynident.recordings.lists import make_counted_names
 from dynident.recordings.packing import MOST_FILES
-from dynident.recordings.raw import FileSource, floats_of
+from dynident.recordings.raw import FileSource, to_float_column
 from dynident.recordings.types import RecordingError
-from dynident.recordings.written_times import is_called_time
+from dynident.recordings.written_times import is_time_name
 
 _LOOKED_AT = 1000
 _WORKBOOK = "[Content_Types].xml"
@@ -34,7 +34,7 @@ Named = tuple[str, FileSource]
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _FilePart:
     """One file: its column of time with that column's name, its other columns by their names, its usual step."""
 
     name: str
@@ -44,16 +44,16 @@ class _Part:
     columns: dict[str, str]
     step: float
 
-    def blocks(self, columns: Sequence[str]) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def read_blocks(self, columns: Sequence[str]) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield times (m,), and values (m, c) of the named columns."""
         own = [self.columns[name] for name in columns]
         probe = self.time or (own or list(self.columns.values()))[0]
         first = 0
         for batch in self.source.batches(list(dict.fromkeys([probe, *own]))):
-            t = floats_of(batch, probe, first)
+            t = to_float_column(batch, probe, first)
             values = np.empty((len(t), len(own)))
             for place, column in enumerate(own):
-                values[:, place] = floats_of(batch, column, first)
+                values[:, place] = to_float_column(batch, column, first)
             yield t, values
             first += len(t)
 
@@ -66,7 +66,7 @@ class JoinedFiles(FileSource):
             raise RecordingError(
                 f"The recording is in {len(files)} files; at most {MOST_FILES} are joined.", title=TITLE
             )
-        self._parts = _parts(files)
+        self._parts = _make_parts(files)
         self._places = {name: part for part in self._parts for name in part.columns}
         timed = [part for part in self._parts if part.time is not None]
         self._by_time = len(timed) == len(self._parts)
@@ -89,16 +89,16 @@ class JoinedFiles(FileSource):
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         yield from self._read_at_times(columns) if self._by_time else self._read_rows(columns)
 
-    def _wanted(self, columns: list[str]) -> list[tuple[_Part, list[str]]]:
+    def _select_files(self, columns: list[str]) -> list[tuple[_FilePart, list[str]]]:
         """Return the files that are read, with the requested columns of each; the main file always."""
         columns_of = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
         return [(part, own) for part, own in columns_of if own or part is self._main]
 
     def _read_at_times(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        parts = self._wanted(columns)
-        size = rows_of_block(len(columns))
-        join = TimeJoin({part.name: Series(own, part.step) for part, own in parts}, self._main.name, size)
-        streams = {part.name: part.blocks(own) for part, own in parts}
+        parts = self._select_files(columns)
+        size = choose_block_rows(len(columns))
+        join = TimeJoin({part.name: SampleSeries(own, part.step) for part, own in parts}, self._main.name, size)
+        streams = {part.name: part.read_blocks(own) for part, own in parts}
         names = {part.name: own for part, own in parts}
         latest = dict.fromkeys(streams, -np.inf)
         while streams:
@@ -114,20 +114,22 @@ class JoinedFiles(FileSource):
                 join.add(behind, t[has_time], names[behind], values[has_time])
                 latest[behind] = float(t[has_time][-1])
             if join.is_full:
-                yield from self._batch(join.rows(), names, columns)
-        yield from self._batch(join.rows(last=True), names, columns)
+                yield from self._make_batch(join.rows(), names, columns)
+        yield from self._make_batch(join.rows(last=True), names, columns)
 
-    def _batch(self, joined: JoinedRows, names: dict[str, list[str]], columns: list[str]) -> Iterator[pa.RecordBatch]:
+    def _make_batch(
+        self, joined: JoinedSamples, names: dict[str, list[str]], columns: list[str]
+    ) -> Iterator[pa.RecordBatch]:
         if not len(joined.times):
             return
         values = {self._time: joined.times}
         for part, own in names.items():
             values |= {column: joined.values[part][:, place] for place, column in enumerate(own)}
-        yield batch_of(values, columns)
+        yield batch_from_arrays(values, columns)
 
     def _read_rows(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
-        parts = self._wanted(columns)
-        streams = [part.blocks(own) for part, own in parts]
+        parts = self._select_files(columns)
+        streams = [part.read_blocks(own) for part, own in parts]
         waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in parts]
         n_rows = 0
         while True:
@@ -152,17 +154,17 @@ class JoinedFiles(FileSource):
                 values |= {name: table[:count, place] for place, name in enumerate(own)}
                 if part is self._main and part.time is not None:
                     values[self._time] = t[:count]
-            yield batch_of(values, columns)
+            yield batch_from_arrays(values, columns)
             waiting = [(t[count:], table[count:]) for t, table in waiting]
             n_rows += count
 
 
-def _parts(files: Sequence[Named]) -> list[_Part]:
+def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
     """Return the files with unique column names: one that several files have gets the file's name in front."""
-    own = [_own_names(name, source) for name, source in files]
-    times = [next(filter(is_called_time, names), None) for names in own]
+    own = [_name_columns(name, source) for name, source in files]
+    times = [next(filter(is_time_name, names), None) for names in own]
     called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
-    parts: list[_Part] = []
+    parts: list[_FilePart] = []
     for names, time, (file, source) in zip(own, times, files, strict=True):
         stem = PurePosixPath(file).stem
         columns = {
@@ -174,32 +176,32 @@ def _parts(files: Sequence[Named]) -> list[_Part]:
         twice = next((name for part in parts for name in part.columns if name in columns), None)
         if twice is not None:
             raise RecordingError(f"Column {twice} stands twice, in files of the same name.", pointer=twice, title=TITLE)
-        parts.append(_Part(file, source, own_time, time or "", columns, _step_of(source, own_time)))
+        parts.append(_FilePart(file, source, own_time, time or "", columns, _measure_step(source, own_time)))
     check_columns(sum(len(part.columns) for part in parts))
     return parts
 
 
-def _own_names(file: str, source: FileSource) -> dict[str, str]:
+def _name_columns(file: str, source: FileSource) -> dict[str, str]:
     """Return the file's columns by their names; a file without a line of names is called after itself."""
-    if source.names != list(counted_names("column", len(source.names))):
+    if source.names != list(make_counted_names("column", len(source.names))):
         return {name: name for name in source.names}
     stem = PurePosixPath(file).stem
-    called = (stem,) if len(source.names) == 1 else counted_names(stem, len(source.names))
+    called = (stem,) if len(source.names) == 1 else make_counted_names(stem, len(source.names))
     return dict(zip(called, source.names, strict=True))
 
 
-def _step_of(source: FileSource, time: str | None) -> float:
+def _measure_step(source: FileSource, time: str | None) -> float:
     """Return the usual step of a file's time."""
     if time is None:
         return 0.0
     batch = next(iter(source.batches([time])), None)
-    t = np.empty(0) if batch is None else floats_of(batch, time, 0)[:_LOOKED_AT]
+    t = np.empty(0) if batch is None else to_float_column(batch, time, 0)[:_LOOKED_AT]
     steps = np.diff(t)
     steps = steps[np.isfinite(steps) & (steps > 0)]
     return float(np.median(steps)) if len(steps) else 1.0
 
 
-def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:
+def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:
     """Open the files of a recording, or those in an archive (.zip) if `path` is the only one.
 
     Parameters
@@ -222,12 +224,12 @@ def joined_source(path: Path, paths: Sequence[Path], open_text: Callable[[TextCo
     if len(paths) > 1:
         return JoinedFiles([(file.name, open_text(TextContent(file))) for file in paths])
     try:
-        members = _members(path)
+        members = _list_members(path)
     except RecordingError:
         raise
     except _BROKEN as error:
         raise RecordingError(f"The archive cannot be read: {error}", title=TITLE) from error
-    sources = [(name, open_text(TextContent(path, _opener(path, name)))) for name in members]
+    sources = [(name, open_text(TextContent(path, _make_opener(path, name)))) for name in members]
     return sources[0][1] if len(sources) == 1 else JoinedFiles(sources)
 
 
@@ -243,7 +245,7 @@ def has_arrays(path: Path) -> bool:
     return not names or any(name.endswith(".npy") for name in names)
 
 
-def _members(path: Path) -> list[str]:
+def _list_members(path: Path) -> list[str]:
     with ZipFile(path) as archive:
         members = [
             member
@@ -261,11 +263,11 @@ def _members(path: Path) -> list[str]:
     return [member.filename for member in members]
 
 
-def _opener(path: Path, name: str) -> Callable[[], IO[bytes]]:
-    return lambda: io.BufferedReader(_Member(path, name), 1 << 18)
+def _make_opener(path: Path, name: str) -> Callable[[], IO[bytes]]:
+    return lambda: io.BufferedReader(_ArchiveMember(path, name), 1 << 18)
 
 
-class _Member(MadeStream):
+class _ArchiveMember(ProducedStream):
     """A file in an archive; no more of it is unpacked than the archive says."""
 
     def __init__(self, path: Path, name: str) -> None:
@@ -275,9 +277,9 @@ class _Member(MadeStream):
             self._archive = ZipFile(path)
             self._file = self._archive.open(name)
         except _BROKEN as error:
-            raise self._broken(error) from error
+            raise self._broken_member_error(error) from error
 
-    def _broken(self, error: Exception) -> RecordingError:
+    def _broken_member_error(self, error: Exception) -> RecordingError:
         return RecordingError(f"{self._name} in the archive cannot be read: {error}", title=TITLE)
 
     def read_part(self, size: int) -> bytes:
@@ -285,7 +287,7 @@ class _Member(MadeStream):
         try:
             return self._file.read(size)
         except _BROKEN as error:
-            raise self._broken(error) from error
+            raise self._broken_member_error(error) from error
 
     def close(self) -> None:
         """Close the archive."""

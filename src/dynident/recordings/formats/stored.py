@@ -20,7 +20,7 @@ _AT_ONCE = 2**20
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ArrayPlace:
     """Where an array lies: the file, the first byte, how numbers are stored, and which axis runs first."""
 
     file: IO[bytes]
@@ -34,36 +34,36 @@ class Place:
         """The first byte behind the array."""
         return self.start + self.kind.itemsize * math.prod(self.shape)
 
-    def array(self, name: str, field: str | None = None) -> StoredArray:
+    def to_array(self, name: str, field: str | None = None) -> StoredArray:
         """Return the array under a name; `field` is one of its records', if it holds some."""
         inner = () if field is None else self.kind[field].shape
         shape = (*self.shape, *inner)
 
         def read(first: int, last: int, axis: int) -> FloatArray:
             if axis < len(self.shape):
-                values = self._rows(first, last, axis)
+                values = self._read_rows(first, last, axis)
                 return np.asarray(values if field is None else values[field], dtype=np.float64)
             # The rows run within the records, of which there are fewer than rows.
-            records = self._rows(0, self.shape[0], 0)
+            records = self._read_rows(0, self.shape[0], 0)
             return np.array(records[field][:, first:last].T, dtype=np.float64)
 
         return StoredArray(name, shape, read)
 
-    def _rows(self, first: int, last: int, axis: int) -> np.ndarray[Any, Any]:
+    def _read_rows(self, first: int, last: int, axis: int) -> np.ndarray[Any, Any]:
         """Return the part from `first` to `last` along an axis, which becomes the first axis."""
         lines = self.shape[::-1] if self.by_columns else self.shape
         width = math.prod(lines[1:])
         # Along the slow axis the rows are contiguous; along the other one each line is read in a piece of its own.
         if axis == (len(self.shape) - 1 if self.by_columns else 0):
-            return self._numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
-        return np.stack([self._numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
+            return self._read_numbers(first * width, (last - first) * width).reshape(last - first, *lines[1:])
+        return np.stack([self._read_numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
 
-    def _numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
+    def _read_numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
         data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
         return np.frombuffer(data, dtype=self.kind, count=count)
 
 
-class KnownLength:
+class BoundedFile:
     """A file that is never asked for more bytes than it has left: Python would allocate whatever is requested.
 
     Parameters
@@ -105,7 +105,7 @@ class KnownLength:
         self._file.close()
 
 
-class UnpackedFile:
+class UnpackedParts:
     """The decompressed parts of a file, one behind another in a temporary file, where parts of them can be read.
 
     Parameters

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
 
-class MadeStream(io.RawIOBase):
+class ProducedStream(io.RawIOBase):
     """A readable stream; a subclass produces the next bytes."""
 
     @abstractmethod

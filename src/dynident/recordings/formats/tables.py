@@ -12,12 +12,12 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
-from dynident.recordings.arrow import numbers_of_text, streamed_parquet
-from dynident.recordings.dialects import Dialect, csv_dialect, dialect_bytes
-from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, rows_of_block
+from dynident.recordings.arrow import open_parquet_stream, parse_numbers
+from dynident.recordings.dialects import Dialect, detect_dialect, dialect_bytes
+from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.formats.contents import TextContent
 from dynident.recordings.formats.rewriting import RewrittenText
-from dynident.recordings.lists import list_columns, places_of, spread, spread_names, stored_name
+from dynident.recordings.lists import expand_lists, expand_names, find_stored_name, list_columns, name_list_places
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -37,22 +37,22 @@ class ParquetFileSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            with streamed_parquet(path) as file:
+            with open_parquet_stream(path) as file:
                 _check_parquet(file.metadata, path.stat().st_size)
                 schema = file.schema_arrow
                 self.has_gaps = _has_nulls(file.metadata)
-            self._lists = places_of(path, list_columns(path, schema))
-            super().__init__(spread_names(schema, self._lists))
+            self._lists = name_list_places(path, list_columns(path, schema))
+            super().__init__(expand_names(schema, self._lists))
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         try:
-            with streamed_parquet(self._path) as file:
-                stored = list(dict.fromkeys(stored_name(name, self._lists) for name in columns))
-                rows = rows_of_block(len(self.names))
+            with open_parquet_stream(self._path) as file:
+                stored = list(dict.fromkeys(find_stored_name(name, self._lists) for name in columns))
+                rows = choose_block_rows(len(self.names))
                 for batch in file.iter_batches(rows, columns=stored, use_threads=False):
-                    yield spread(batch, columns, self._lists) if self._lists else batch
+                    yield expand_lists(batch, columns, self._lists) if self._lists else batch
         except _BROKEN_PARQUET as error:
             raise RecordingError(f"The file cannot be read as Parquet: {error}", title=TITLE) from error
 
@@ -83,14 +83,14 @@ class CsvFileSource(FileSource):
 
     def __init__(self, content: TextContent) -> None:
         self._content = content
-        self._dialect = csv_dialect(content.start(dialect_bytes))
+        self._dialect = detect_dialect(content.read_start(dialect_bytes))
         check_columns(len(self._dialect.names))
         super().__init__(self._dialect.names, self._dialect.units)
         self.texts = dict(self._dialect.texts)
         self.has_gaps = self._dialect.has_gaps
         self._worded: set[str] = set()
 
-    def _opened(self) -> str | IO[bytes]:
+    def _open_text(self) -> str | IO[bytes]:
         """Return what pyarrow reads: the path if its lines are plain, which is fastest, else a stream."""
         dialect, plain = self._dialect, self._content.plain_path
         if dialect.rewrite or dialect.encoding != "utf-8":
@@ -103,7 +103,7 @@ class CsvFileSource(FileSource):
         while True:
             try:
                 n_skipped = n_given
-                for batch in self._parsed(columns):
+                for batch in self._parse_batches(columns):
                     new = batch.slice(min(n_skipped, batch.num_rows))
                     n_skipped -= batch.num_rows - new.num_rows
                     if new.num_rows:
@@ -111,18 +111,18 @@ class CsvFileSource(FileSource):
                         yield new
                 return
             except pa.ArrowInvalid as error:
-                column = _column_of_words(str(error), self._dialect)
+                column = _find_word_column(str(error), self._dialect)
                 if column is None or column in self._worded:
-                    raise _csv_error(str(error), self._dialect) from error
+                    raise _make_csv_error(str(error), self._dialect) from error
                 # Read again: words among the numbers of a column are cells without one.
                 self._worded.add(column)
 
-    def _parsed(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+    def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         with pacsv.open_csv(
-            self._opened(),
+            self._open_text(),
             read_options=pacsv.ReadOptions(
                 column_names=list(dialect.names),
                 skip_rows=dialect.lines_before_data,
@@ -138,19 +138,19 @@ class CsvFileSource(FileSource):
             ),
         ) as reader:
             for batch in reader:
-                yield self._with_numbers(batch) if self._worded.intersection(columns) else batch
+                yield self._parse_word_columns(batch) if self._worded.intersection(columns) else batch
 
-    def _with_numbers(self, batch: pa.RecordBatch) -> pa.RecordBatch:
+    def _parse_word_columns(self, batch: pa.RecordBatch) -> pa.RecordBatch:
         """Return the batch with numbers in columns with words; a word is a missing value."""
         arrays = []
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if name in self._worded:
-                column = numbers_of_text(column, self._dialect.decimal_point)
+                column = parse_numbers(column, self._dialect.decimal_point)
             arrays.append(column)
         return pa.RecordBatch.from_arrays(arrays, names=batch.schema.names)
 
 
-def _column_of_words(message: str, dialect: Dialect) -> str | None:
+def _find_word_column(message: str, dialect: Dialect) -> str | None:
     """Return the column in which pyarrow found something else than a number; None for any other error."""
     column = re.search(r"CSV column #(\d+)", message)
     if column is None or "invalid value" not in message:
@@ -158,7 +158,7 @@ def _column_of_words(message: str, dialect: Dialect) -> str | None:
     return dialect.names[int(column.group(1))]
 
 
-def _csv_error(message: str, dialect: Dialect) -> RecordingError:
+def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
     """Return pyarrow's error in the user's terms: the column by name, the row of data."""
     row = re.search(r"Row #(\d+)", message)
     column = re.search(r"CSV column #(\d+)", message)

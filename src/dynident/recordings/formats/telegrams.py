@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from dynident.recordings.arrow import from_numbers
-from dynident.recordings.file_limits import TITLE, check_columns, rows_of_block
+from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.raw import FileSource
 from dynident.recordings.types import RecordingError
 
@@ -40,8 +40,8 @@ class TelegramSource(FileSource):
     def __init__(self, path: Path) -> None:
         self._path = path
         names: dict[str, None] = {}
-        for number, telegram in enumerate(_telegrams(path)):
-            names.update(dict.fromkeys(_numbers(telegram, number)))
+        for number, telegram in enumerate(_read_telegrams(path)):
+            names.update(dict.fromkeys(_parse_numbers(telegram, number)))
             check_columns(len(names))
             if number + 1 == _LOOKED_AT:
                 break
@@ -51,23 +51,23 @@ class TelegramSource(FileSource):
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         rows: list[list[float]] = []
-        most = min(_BLOCK_ROWS, rows_of_block(len(columns)))
-        for number, telegram in enumerate(_telegrams(self._path)):
-            values = _numbers(telegram, number)
+        most = min(_BLOCK_ROWS, choose_block_rows(len(columns)))
+        for number, telegram in enumerate(_read_telegrams(self._path)):
+            values = _parse_numbers(telegram, number)
             rows.append([values.get(name, np.nan) for name in columns])
             if len(rows) == most:
-                yield _batch(rows, columns)
+                yield _make_batch(rows, columns)
                 rows = []
         if rows:
-            yield _batch(rows, columns)
+            yield _make_batch(rows, columns)
 
 
-def _batch(rows: list[list[float]], columns: list[str]) -> pa.RecordBatch:
+def _make_batch(rows: list[list[float]], columns: list[str]) -> pa.RecordBatch:
     table = np.array(rows, dtype=np.float64)
     return pa.RecordBatch.from_arrays([from_numbers(table[:, k].copy()) for k in range(len(columns))], names=columns)
 
 
-def _telegrams(path: Path) -> Iterator[bytes]:
+def _read_telegrams(path: Path) -> Iterator[bytes]:
     """Yield the telegrams of a file of any size one by one; one that the end cuts off is left out."""
     waiting = b""
     with path.open("rb") as file:
@@ -82,7 +82,7 @@ def _telegrams(path: Path) -> Iterator[bytes]:
             waiting = waiting[-_LONGEST_BYTES:]
 
 
-def _numbers(telegram: bytes, number: int) -> dict[str, float]:
+def _parse_numbers(telegram: bytes, number: int) -> dict[str, float]:
     try:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
@@ -99,7 +99,7 @@ def _numbers(telegram: bytes, number: int) -> dict[str, float]:
     return values
 
 
-def telegram_source(path: Path) -> TelegramSource:
+def open_telegrams(path: Path) -> TelegramSource:
     """Open a log of telegrams.
 
     Raises

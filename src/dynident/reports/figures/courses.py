@@ -9,15 +9,15 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from dynident.diagnosis.series import Course, Series
-from dynident.effects import EffectChoice, effect_by_id
-from dynident.reports.figures.svg import MEASURED, PREDICTED, Margins, panel_title, panels, to_svg
+from dynident.diagnosis.series import ParameterTrack, Series
+from dynident.effects import EffectChoice, get_effect
+from dynident.reports.figures.svg import MEASURED, PREDICTED, Margins, make_panels, set_panel_title, to_svg
 
-_FEW = 2
+_MAX_DRAWN_PARAMETERS = 2
 """Effects with at most so many parameters a joint are drawn with all of them."""
 
 
-def courses_figure(series: Series) -> Markup:
+def draw_parameter_tracks(series: Series) -> Markup:
     """Draw the parameters that may vary: a row for each parameter, a column for each joint, changes in colour.
 
     Of an effect with more parameters, such as a mass, only the one is drawn that states how large the change is.
@@ -34,19 +34,21 @@ def courses_figure(series: Series) -> Markup:
     """
     main_parameters = {change.change.main.parameter for change in series.changes}
     varying = [course for course in series.courses if course.joint and course.varies]
-    drawn = [course for course in varying if _is_small(course.effect) or course.parameter in main_parameters]
-    rows = list(dict.fromkeys(_kind(course) for course in drawn))
+    drawn = [course for course in varying if _has_few_parameters(course.effect) or course.parameter in main_parameters]
+    rows = list(dict.fromkeys(_get_row_key(course) for course in drawn))
     joints = list(dict.fromkeys(course.joint for course in drawn))
     if not drawn:
         return Markup("")
-    figure, grid = panels(len(rows), len(joints), 1.5, margins=Margins(left=0.55, bottom=0.62), gap=0.42)
+    figure, grid = make_panels(len(rows), len(joints), 1.5, margins=Margins(left=0.55, bottom=0.62), gap=0.42)
     # Not every joint has every parameter. Panels without one stay invisible.
     for axes in chain.from_iterable(grid):
         axes.set_visible(False)
     for course in drawn:
-        axes = grid[rows.index(_kind(course))][joints.index(course.joint)]
+        axes = grid[rows.index(_get_row_key(course))][joints.index(course.joint)]
         axes.set_visible(True)
-        _draw(axes, course, [change.since for change in series.changes if _is_of(course, change.change.choice)])
+        _draw_track(
+            axes, course, [change.since for change in series.changes if _concerns(course, change.change.choice)]
+        )
     for k in range(len(joints)):
         visible = [row[k] for row in grid if row[k].get_visible()]
         _name_days(visible[-1], series.days)
@@ -55,20 +57,20 @@ def courses_figure(series: Series) -> Markup:
     )
 
 
-def _is_small(effect: str) -> bool:
-    return len(effect_by_id(effect).parameters) <= _FEW
+def _has_few_parameters(effect: str) -> bool:
+    return len(get_effect(effect).parameters) <= _MAX_DRAWN_PARAMETERS
 
 
-def _kind(course: Course) -> tuple[str, str]:
+def _get_row_key(course: ParameterTrack) -> tuple[str, str]:
     """Return effect and parameter without the joint's number, by which parameters share a row."""
     return course.effect, course.parameter.rstrip("0123456789")
 
 
-def _is_of(course: Course, choice: EffectChoice) -> bool:
+def _concerns(course: ParameterTrack, choice: EffectChoice) -> bool:
     return choice.effect == course.effect and course.joint in choice.joints
 
 
-def _draw(axes: Axes, course: Course, since: Sequence[int]) -> None:
+def _draw_track(axes: Axes, course: ParameterTrack, since: Sequence[int]) -> None:
     days = np.arange(len(course.values))
     # A day whose motion does not determine the parameter has no value.
     determined = np.isfinite(course.values)
@@ -85,7 +87,7 @@ def _draw(axes: Axes, course: Course, since: Sequence[int]) -> None:
     axes.set_xlim(-0.6, len(days) - 0.4)
     axes.set_xticks(days, [""] * len(days))
     unit = "" if course.unit == "-" else f" ({course.unit})"
-    panel_title(axes, f"{course.parameter}{unit}")
+    set_panel_title(axes, f"{course.parameter}{unit}")
 
 
 def _name_days(axes: Axes, names: Sequence[str]) -> None:

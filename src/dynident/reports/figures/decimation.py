@@ -12,9 +12,9 @@ from dynident.arrays import BoolArray, FloatArray
 from dynident.diagnosis import Comparison
 
 # A step in time above so many usual steps is a gap, in which no line is drawn.
-_GAP = 1.5
+_GAP_RATIO = 1.5
 # Between segments that are set one after another, a share of the whole time.
-_PAUSE = 0.02
+_PAUSE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class TimeAxis:
         """The text at the axis."""
         return "time, runs one after another (s)" if self.shifted else "time (s)"
 
-    def only(self, rows: BoolArray) -> TimeAxis:
+    def restrict(self, rows: BoolArray) -> TimeAxis:
         """Return the axis with its stretches cut down to some of the rows.
 
         Parameters
@@ -60,7 +60,7 @@ class TimeAxis:
         return replace(self, stretches=tuple(pieces))
 
 
-def time_axis(comparison: Comparison) -> TimeAxis:
+def build_time_axis(comparison: Comparison) -> TimeAxis:
     """Return the time axis of a comparison's samples.
 
     Parameters
@@ -76,11 +76,11 @@ def time_axis(comparison: Comparison) -> TimeAxis:
     # Decimated segments may differ in their step; the median step within segments is the usual one.
     forward = steps[(steps > 0) & (np.diff(comparison.segment) == 0)]
     usual_step = float(np.median(forward)) if len(forward) else 0.0
-    broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP * usual_step)
+    broken = (np.diff(comparison.segment) != 0) | (steps <= 0) | (steps > _GAP_RATIO * usual_step)
     borders = [0, *(np.flatnonzero(broken) + 1).tolist(), len(t)]
     stretches = tuple(slice(first, last) for first, last in pairwise(borders) if last > first)
     shifted = False
-    pause = _PAUSE * sum(float(t[part][-1] - t[part][0]) for part in stretches)
+    pause = _PAUSE_SHARE * sum(float(t[part][-1] - t[part][0]) for part in stretches)
     for before, after in pairwise(stretches):
         # Only what would lie on top of the stretch before it is moved, together with all that follows.
         if t[after.start] <= t[before.stop - 1]:
@@ -89,7 +89,7 @@ def time_axis(comparison: Comparison) -> TimeAxis:
     return TimeAxis(t, stretches, shifted)
 
 
-def thinned(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
+def thin_series(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray, FloatArray]:
     """Thin out a series to some points, with the extremes of every part of it and NaN between stretches.
 
     Parameters
@@ -103,11 +103,11 @@ def thinned(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatArray
     -------
     t, values : arrays of the same length
     """
-    t, thin_values = thinned_together(axis, points, values)
+    t, thin_values = thin_series_together(axis, points, values)
     return t, thin_values
 
 
-def thinned_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[FloatArray, ...]:
+def thin_series_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[FloatArray, ...]:
     """Thin out several series at common times, with the extremes of each.
 
     Parameters
@@ -127,7 +127,7 @@ def thinned_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[
     for part in axis.stretches:
         length = part.stop - part.start
         bins = max(1, round(0.5 * points * length / total))
-        rows = part.start + np.unique(np.concatenate([extremes(values[part], bins) for values in series]))
+        rows = part.start + np.unique(np.concatenate([find_extremes(values[part], bins) for values in series]))
         for k, values in enumerate((axis.t, *series)):
             # A NaN breaks the line between stretches; its time has to be a number.
             if parts[k]:
@@ -136,7 +136,7 @@ def thinned_together(axis: TimeAxis, points: int, *series: FloatArray) -> tuple[
     return tuple(np.concatenate(part) if part else np.empty(0) for part in parts)
 
 
-def extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:
+def find_extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:
     """Return the indices of the first, last, least and largest values of equal parts of a series.
 
     Parameters

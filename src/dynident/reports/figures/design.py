@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from dynident.arrays import FloatArray
 from dynident.excitation import Design
-from dynident.reports.figures.decimation import extremes
-from dynident.reports.figures.svg import Margins, panel_title, panels, shortened, to_svg
+from dynident.reports.figures.decimation import find_extremes
+from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg
 from dynident.robot import Robot
 from dynident.robot.kinematics import tool_path
 
@@ -24,7 +24,7 @@ _PATH_POINTS = 3000
 _LIMIT: dict[str, Any] = {"color": "#4d4d4d", "linewidth": 0.7, "linestyle": (0, (4, 3)), "zorder": 1}
 
 
-def design_figure(design: Design, robot: Robot) -> Markup:
+def draw_design(design: Design, robot: Robot) -> Markup:
     """Draw a designed trajectory.
 
     The upper row has positions, velocities and accelerations as shares of their limits, with the exciting part on
@@ -40,21 +40,23 @@ def design_figure(design: Design, robot: Robot) -> Markup:
     Markup
         An inline SVG.
     """
-    figure, grid = panels(2, 3, 2.4, margins=Margins(top=0.1, bottom=0.75), gap=0.5)
-    position, velocity, acceleration = _shares(design)
+    figure, grid = make_panels(2, 3, 2.4, margins=Margins(top=0.1, bottom=0.75), gap=0.5)
+    position, velocity, acceleration = _compute_limit_shares(design)
     for axes, values, name in zip(
         grid[0], (position, velocity, acceleration), ("position", "velocity", "acceleration"), strict=True
     ):
-        _over_time(axes, design, values)
-        panel_title(axes, f"{name}, share of limit, over time (s)")
-    drawn_rows = _taken(_inside(design))
-    _phases(grid[1][0], _parted(position[drawn_rows], drawn_rows), _parted(velocity[drawn_rows], drawn_rows))
-    _tool(grid[1][1], grid[1][2], _parted(tool_path(robot, design.q[drawn_rows]), drawn_rows))
+        _draw_over_time(axes, design, values)
+        set_panel_title(axes, f"{name}, share of limit, over time (s)")
+    drawn_rows = _select_rows(_find_exciting_rows(design))
+    _draw_velocity_over_position(
+        grid[1][0], _insert_gaps(position[drawn_rows], drawn_rows), _insert_gaps(velocity[drawn_rows], drawn_rows)
+    )
+    _draw_tool_path(grid[1][1], grid[1][2], _insert_gaps(tool_path(robot, design.q[drawn_rows]), drawn_rows))
     legend = figure.legend(
         grid[0][0].get_lines()[: len(design.joint_names)],
-        [shortened(name) for name in design.joint_names],
+        [shorten_name(name) for name in design.joint_names],
         loc="lower left",
-        ncols=min(7, max(1, 110 // max(len(shortened(name)) + 6 for name in design.joint_names))),
+        ncols=min(7, max(1, 110 // max(len(shorten_name(name)) + 6 for name in design.joint_names))),
         fontsize=8,
         frameon=False,
         borderaxespad=0.1,
@@ -71,7 +73,7 @@ def design_figure(design: Design, robot: Robot) -> Markup:
     )
 
 
-def _shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compute_limit_shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return q, q̇ and q̈ (N, n) as shares of the limits of the design: ±1 touches a limit."""
     bound = {(margin.joint, margin.limit): margin.bound for margin in design.margins}
     low, high, velocity, acceleration = (
@@ -82,7 +84,7 @@ def _shares(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
     return (design.q - middle) / half, design.dq / velocity, design.ddq / acceleration
 
 
-def _inside(design: Design) -> NDArray[np.bool_]:
+def _find_exciting_rows(design: Design) -> NDArray[np.bool_]:
     """Return which samples (N,) belong to the exciting part, or to a test motion of a set."""
     if design.runs:
         return design.segments > 0
@@ -91,13 +93,13 @@ def _inside(design: Design) -> NDArray[np.bool_]:
     return inside
 
 
-def _taken(inside: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _select_rows(inside: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the indices of the samples to draw, spread evenly over the exciting part."""
     every = max(1, int(inside.sum()) // _PATH_POINTS)
     return np.flatnonzero(inside)[::every]
 
 
-def _parted(values: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+def _insert_gaps(values: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     """Return values (m, c) with a row of NaN wherever samples were left out between two of them."""
     gaps = np.diff(rows)
     ends = 1 + np.flatnonzero(gaps > 1.5 * np.median(gaps))
@@ -105,15 +107,15 @@ def _parted(values: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     return with_gaps
 
 
-def _line(joint: int) -> dict[str, Any]:
+def _get_line_style(joint: int) -> dict[str, Any]:
     return {"color": _COLOURS[joint % len(_COLOURS)], "linestyle": _STYLES[joint // len(_COLOURS) % len(_STYLES)]}
 
 
-def _over_time(axes: Axes, design: Design, values: FloatArray) -> None:
+def _draw_over_time(axes: Axes, design: Design, values: FloatArray) -> None:
     for joint, name in enumerate(design.joint_names):
-        rows = extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
-        axes.plot(design.t[rows], values[rows, joint], linewidth=1.0, label=name, **_line(joint))
-    inside = _inside(design)
+        rows = find_extremes(np.ascontiguousarray(values[:, joint]), _POINTS // 2)
+        axes.plot(design.t[rows], values[rows, joint], linewidth=1.0, label=name, **_get_line_style(joint))
+    inside = _find_exciting_rows(design)
     # The True at both ends makes edges come in pairs: the start and the end of every part that does not excite.
     edges = np.flatnonzero(np.diff(np.concatenate([[True], inside, [True]]).astype(int)))
     for start, end in zip(edges[::2], edges[1::2], strict=True):
@@ -126,18 +128,18 @@ def _over_time(axes: Axes, design: Design, values: FloatArray) -> None:
     axes.set_ylim(-1.1, 1.1)
 
 
-def _phases(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
+def _draw_velocity_over_position(axes: Axes, position: FloatArray, velocity: FloatArray) -> None:
     """Draw velocity over position: where no curve passes, friction and gravity are only extrapolated."""
     for joint in range(position.shape[1]):
-        axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **_line(joint))
+        axes.plot(position[:, joint], velocity[:, joint], linewidth=0.6, alpha=0.8, **_get_line_style(joint))
     axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], **_LIMIT)
     axes.set_xlim(-1.1, 1.1)
     axes.set_ylim(-1.1, 1.1)
     axes.set_xlabel("position (share of limit)", fontsize=8)
-    panel_title(axes, "velocity over position")
+    set_panel_title(axes, "velocity over position")
 
 
-def _tool(from_above: Axes, from_side: Axes, path: FloatArray) -> None:
+def _draw_tool_path(from_above: Axes, from_side: Axes, path: FloatArray) -> None:
     """Draw the path (m, 3) of the last joint's origin in the base frame."""
     for axes, across, title, label in ((from_above, 1, "tool from above (m)", "x, upward y"),
                                        (from_side, 2, "tool from the side (m)", "x, upward z")):  # fmt: skip
@@ -145,4 +147,4 @@ def _tool(from_above: Axes, from_side: Axes, path: FloatArray) -> None:
         axes.plot(0.0, 0.0, "+", color="#4d4d4d", markersize=7)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(label, fontsize=8)
-        panel_title(axes, title)
+        set_panel_title(axes, title)

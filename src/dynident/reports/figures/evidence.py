@@ -9,16 +9,16 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from dynident.diagnosis import Evidence
-from dynident.effects import effect_by_id
-from dynident.reports.figures.svg import BAND, PREDICTED, RESIDUAL, panel_title, panels, shortened, to_svg
-from dynident.reports.numbers import percent
+from dynident.effects import get_effect
+from dynident.reports.figures.svg import BAND, PREDICTED, RESIDUAL, make_panels, set_panel_title, shorten_name, to_svg
+from dynident.reports.numbers import format_percent
 from dynident.robot import Robot
 
-_ROW, _LABELLED = 2.1, 0.44
-_ACROSS = 2
+_EVIDENCE_HEIGHT, _LABEL_HEIGHT = 2.1, 0.44
+_EVIDENCE_COLUMNS = 2
 
 
-def evidence_figure(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
+def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
     """Draw the evidence for effects, one panel for each effect and joint.
 
     Parameters
@@ -32,17 +32,19 @@ def evidence_figure(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
     Markup
         An inline SVG.
     """
-    columns = min(_ACROSS, len(panel_data))
+    columns = min(_EVIDENCE_COLUMNS, len(panel_data))
     rows = -(-len(panel_data) // columns)
-    figure, grid = panels(rows, columns, _ROW + (0.25 if rows > 1 else 0.0), below=_LABELLED)
+    figure, grid = make_panels(rows, columns, _EVIDENCE_HEIGHT + (0.25 if rows > 1 else 0.0), below=_LABEL_HEIGHT)
     all_axes = list(chain.from_iterable(grid))
     for axes, evidence in zip(all_axes, panel_data, strict=False):
-        _panel(axes, evidence, robot.tree.joints[robot.tree.joint_names.index(evidence.joint)].effort_unit)
+        _draw_evidence_panel(
+            axes, evidence, robot.tree.joints[robot.tree.joint_names.index(evidence.joint)].effort_unit
+        )
     for axes in all_axes[len(panel_data) :]:
         axes.set_axis_off()
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
-        f"{effect_by_id(panel.effect).title} on {panel.joint} explains {percent(panel.explained, 2)} of its squares"
+        f"{get_effect(panel.effect).title} on {panel.joint} explains {format_percent(panel.explained, 2)} of its squares"
         for panel in panel_data
     ]
     return to_svg(
@@ -50,7 +52,7 @@ def evidence_figure(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
     )
 
 
-def _panel(axes: Axes, evidence: Evidence, effort: str) -> None:
+def _draw_evidence_panel(axes: Axes, evidence: Evidence, effort: str) -> None:
     axes.fill_between(
         evidence.x,
         evidence.residual - evidence.spread,
@@ -66,5 +68,7 @@ def _panel(axes: Axes, evidence: Evidence, effort: str) -> None:
     axes.plot(evidence.x, evidence.fitted, color=PREDICTED, linewidth=1.4, label="what the effect explains")
     axes.axhline(0, color="#777777", linewidth=0.6)
     axes.set_xlabel(f"{evidence.variable} ({evidence.unit})", fontsize=8)
-    title = effect_by_id(evidence.effect).title
-    panel_title(axes, f"{shortened(evidence.joint)} ({effort}), {title}: explains {percent(evidence.explained, 2)}")
+    title = get_effect(evidence.effect).title
+    set_panel_title(
+        axes, f"{shorten_name(evidence.joint)} ({effort}), {title}: explains {format_percent(evidence.explained, 2)}"
+    )

@@ -10,12 +10,21 @@ from matplotlib.axes import Axes
 
 from dynident.arrays import FloatArray
 from dynident.identification import Identification
-from dynident.reports.figures.svg import FIT, FLOOR, HELD_OUT, RUNGS, panel_title, panels, shortened, to_svg
+from dynident.reports.figures.svg import (
+    FIT,
+    FLOOR,
+    HELD_OUT,
+    STEP_COLOURS,
+    make_panels,
+    set_panel_title,
+    shorten_name,
+    to_svg,
+)
 
 _NEAR_THE_AXIS = 0.12
 
 
-def models_figure(models: Sequence[Identification], floor: FloatArray | None = None) -> Markup:
+def draw_models(models: Sequence[Identification], floor: FloatArray | None = None) -> Markup:
     """Draw the errors of a ladder of models, held-out ones where every model has them.
 
     Parameters
@@ -32,7 +41,7 @@ def models_figure(models: Sequence[Identification], floor: FloatArray | None = N
     """
     held_out_errors = [model.held_out for model in models if model.held_out is not None]
     held_out = held_out_errors if len(held_out_errors) == len(models) else None
-    return ladder_figure(
+    return draw_ladder(
         [model.fit.relative_total for model in models],
         [item.relative_total for item in held_out] if held_out else None,
         [item.relative for item in held_out or [model.fit for model in models]],
@@ -41,7 +50,7 @@ def models_figure(models: Sequence[Identification], floor: FloatArray | None = N
     )
 
 
-def ladder_figure(
+def draw_ladder(
     fits: Sequence[float],
     held_out: Sequence[float] | None,
     per_joint: Sequence[FloatArray],
@@ -67,11 +76,11 @@ def ladder_figure(
     Markup
         An inline SVG.
     """
-    gap = max(0.6, 0.065 * max(len(shortened(name)) for name in joint_names) + 0.15)
-    figure, grid = panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
+    gap = max(0.6, 0.065 * max(len(shorten_name(name)) for name in joint_names) + 0.15)
+    figure, grid = make_panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
     left, right = grid[0]
-    _totals(left, fits, held_out)
-    _joints(right, per_joint, floor, joint_names, "fit" if held_out is None else "held out")
+    _draw_totals(left, fits, held_out)
+    _draw_joints(right, per_joint, floor, joint_names, "fit" if held_out is None else "held out")
     totals = held_out if held_out is not None else fits
     kind = "held-out" if held_out is not None else "fit"
     return to_svg(
@@ -81,7 +90,7 @@ def ladder_figure(
     )
 
 
-def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None) -> None:
+def _draw_totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None) -> None:
     steps = np.arange(len(fits))
     lines = [("fit", fits, FIT, "o")]
     if held_out is not None:
@@ -100,11 +109,11 @@ def _totals(axes: Axes, fits: Sequence[float], held_out: Sequence[float] | None)
     axes.set_xticks(steps, [f"model {k + 1}" for k in steps])
     axes.set_xlim(-0.4, len(fits) - 0.6)
     axes.set_ylim(0, top)
-    panel_title(axes, "relative error, all joints (%)")
+    set_panel_title(axes, "relative error, all joints (%)")
     axes.legend(fontsize=8, frameon=False, loc="lower left")
 
 
-def _joints(
+def _draw_joints(
     axes: Axes, per_joint: Sequence[FloatArray], floor: FloatArray | None, joint_names: Sequence[str], kind: str
 ) -> None:
     places = np.arange(len(joint_names))[::-1]
@@ -112,15 +121,15 @@ def _joints(
     axes.hlines(places, values.min(axis=0), values.max(axis=0), color="#cccccc", linewidth=2.5, zorder=1)
     for k, rung in enumerate(values):
         last = k == len(values) - 1
-        colour = HELD_OUT if last else RUNGS[k % 4]
+        colour = HELD_OUT if last else STEP_COLOURS[k % 4]
         axes.scatter(rung, places, s=42 if last else 30, color=colour, zorder=3, label=f"model {k + 1}")
     if floor is not None:
         axes.scatter(100 * floor, places, s=90, marker="|", color=FLOOR, linewidths=2.2, zorder=4, label="noise floor")
-    axes.set_yticks(places, [shortened(name) for name in joint_names], parse_math=False)
+    axes.set_yticks(places, [shorten_name(name) for name in joint_names], parse_math=False)
     axes.set_ylim(-0.6, len(joint_names) - 0.4)
     axes.set_xlim(left=0)
     axes.set_xlabel("relative error (%)", fontsize=8)
-    panel_title(axes, f"relative error per joint (%), {kind}")
+    set_panel_title(axes, f"relative error per joint (%), {kind}")
     if len(values) > 1 or floor is not None:
         # With a single model, the legend's only entry would look like another joint.
         axes.legend(fontsize=8, frameon=False, loc="best")

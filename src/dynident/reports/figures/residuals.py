@@ -11,17 +11,17 @@ from matplotlib.colors import LogNorm
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis import Comparison
-from dynident.reports.figures.svg import PREDICTED, panel_title, panels, to_svg
+from dynident.reports.figures.svg import PREDICTED, make_panels, set_panel_title, to_svg
 
-_ROW = 1.55
+_DENSITY_HEIGHT = 1.55
 # Most cells of the density and most parts of the mean line; fewer where there are few rows, so that each has enough.
-_ACROSS, _MEANS = 90, 40
-_ROWS_A_COLUMN, _ROWS_A_MEAN = 30, 25
-_FEWEST = 8
+_MAX_CELLS, _MAX_MEANS = 90, 40
+_ROWS_PER_CELL, _ROWS_PER_MEAN = 30, 25
+_MIN_SAMPLES = 8
 _TICKS = 6
 
 
-def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) -> Markup:
+def draw_residuals(comparisons: Sequence[Comparison], joints: Sequence[int]) -> Markup:
     """Draw the density of the residual over three signals, of all recordings together, with its mean.
 
     Parameters
@@ -36,7 +36,7 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
     Markup
         An inline SVG.
     """
-    figure, grid = panels(len(joints), 3, _ROW)
+    figure, grid = make_panels(len(joints), 3, _DENSITY_HEIGHT)
     first = comparisons[0]
     for row, joint in enumerate(joints):
         residual = np.concatenate([c.residual[:, joint] for c in comparisons])
@@ -47,10 +47,10 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
             ("load torque", first.units[joint], [c.load[:, joint] for c in comparisons]),
         )
         for column, (name, unit, parts) in enumerate(signals):
-            _density(grid[row][column], np.concatenate(parts), residual)
+            _draw_density(grid[row][column], np.concatenate(parts), residual)
             if row == len(joints) - 1:
                 grid[row][column].set_xlabel(f"{name} ({unit})", fontsize=8)
-        panel_title(grid[row][0], f"{first.joint_names[joint]}, residual ({first.units[joint]})")
+        set_panel_title(grid[row][0], f"{first.joint_names[joint]}, residual ({first.units[joint]})")
     names = ", ".join(first.joint_names[j] for j in joints)
     return to_svg(
         figure,
@@ -59,11 +59,11 @@ def residual_figure(comparisons: Sequence[Comparison], joints: Sequence[int]) ->
     )
 
 
-def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
-    low, high = _range(x)
+def _draw_density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
+    low, high = _find_range(x)
     # A few outliers must not shrink the rest to a line: they are drawn at the edge.
     reach = max(float(np.quantile(np.abs(y), 0.998)) * 1.15, 1e-12)
-    across = int(np.clip(len(x) / _ROWS_A_COLUMN, 24, _ACROSS))
+    across = int(np.clip(len(x) / _ROWS_PER_CELL, 24, _MAX_CELLS))
     cells = (across, across // 2)
     counts, _, _ = np.histogram2d(x, np.clip(y, -reach, reach), cells, ((low, high), (-reach, reach)))
     if counts.max() > 0:
@@ -80,14 +80,14 @@ def _density(axes: Axes, x: FloatArray, y: FloatArray) -> None:
             zorder=1,
         )
     axes.axhline(0, color="#777777", linewidth=0.6, zorder=2)
-    centres, means = _means(x, y, low, high)
+    centres, means = _compute_means(x, y, low, high)
     axes.plot(centres, means, color=PREDICTED, linewidth=1.4, zorder=3)
     axes.set_xlim(low, high)
     axes.set_ylim(-reach, reach)
     axes.locator_params(axis="x", nbins=_TICKS)
 
 
-def _range(x: FloatArray) -> tuple[float, float]:
+def _find_range(x: FloatArray) -> tuple[float, float]:
     """Return the range of the horizontal axis."""
     low, high = float(x.min()), float(x.max())
     if high - low < 1e-9 * max(1.0, abs(low)):
@@ -96,11 +96,11 @@ def _range(x: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def _means(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+def _compute_means(x: FloatArray, y: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """Return the centres of equal parts of x and the mean of y in each, NaN where there are too few samples."""
-    n = int(np.clip(len(x) / _ROWS_A_MEAN, _FEWEST, _MEANS))
+    n = int(np.clip(len(x) / _ROWS_PER_MEAN, _MIN_SAMPLES, _MAX_MEANS))
     which = np.clip(((x - low) / (high - low) * n).astype(np.intp), 0, n - 1)
     counts = np.bincount(which, minlength=n)
     sums = np.bincount(which, weights=y, minlength=n)
-    means = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1), np.nan)
+    means = np.where(counts >= _MIN_SAMPLES, sums / np.maximum(counts, 1), np.nan)
     return low + (np.arange(n) + 0.5) * (high - low) / n, means

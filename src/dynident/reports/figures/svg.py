@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
-from dynident.encoding import without_control_characters
+from dynident.encoding import replace_control_characters
 
 AxesGrid = list[list[Axes]]
 """Rows of axes."""
@@ -28,7 +28,7 @@ AxesGrid = list[list[Axes]]
 MEASURED, PREDICTED, RESIDUAL, BAND = "#4d4d4d", "#d55e00", "#0072b2", "#56b4e9"
 AT_REST, STANDING = "#f0b27a", "#ececec"
 FIT, HELD_OUT, FLOOR, GOOD, MUTED = "#56b4e9", "#d55e00", "#009e73", "#009e73", "#9a9a9a"
-RUNGS = ("#9a9a9a", "#56b4e9", "#0072b2", "#e69f00", "#d55e00", "#cc79a7")
+STEP_COLOURS = ("#9a9a9a", "#56b4e9", "#0072b2", "#e69f00", "#d55e00", "#cc79a7")
 
 WIDTH = 10.6
 _TITLE_HEIGHT, _TICKS_HEIGHT = 0.27, 0.24
@@ -48,7 +48,7 @@ class Margins:
     bottom: float = 0.5
 
 
-def panels(
+def make_panels(
     rows: int,
     columns: int,
     height: float,
@@ -95,11 +95,11 @@ def panels(
         for column in range(columns):
             box = (starts[column] / WIDTH, low / total, spans[column] / WIDTH, panel / total)
             grid[row].append(figure.add_axes(box))
-            _plain(grid[row][column])
+            _style_axes(grid[row][column])
     return figure, grid
 
 
-def _plain(axes: Axes) -> None:
+def _style_axes(axes: Axes) -> None:
     """Remove what is not data from a panel, and set its ticks and grid."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#999999")
@@ -108,12 +108,12 @@ def _plain(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def panel_title(axes: Axes, text: str) -> None:
+def set_panel_title(axes: Axes, text: str) -> None:
     """Write a title over a panel; names of joints in it are taken literally, not as formulas."""
     axes.set_title(text, fontsize=8.5, loc="left", pad=4, color="#333333", parse_math=False)
 
 
-def shortened(name: str) -> str:
+def shorten_name(name: str) -> str:
     """Return a name cut to what fits beside a panel."""
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
@@ -131,10 +131,10 @@ def to_svg(figure: Figure, description: str) -> Markup:
     -------
     Markup
     """
-    return _inline(_drawn(figure, "none"), description)
+    return _to_inline_svg(_render_svg(figure, "none"), description)
 
 
-def drawn_formula(formula: str, size: float = 11.0) -> Markup | None:
+def draw_formula(formula: str, size: float = 11.0) -> Markup | None:
     """Draw a LaTeX formula.
 
     Parameters
@@ -161,10 +161,12 @@ def drawn_formula(formula: str, size: float = 11.0) -> Markup | None:
     figure = Figure(figsize=(wide / 72, high / 72))
     figure.patch.set_visible(False)
     figure.text(pad / wide, (float(depth) + pad) / high, f"${formula}$", fontproperties=font)
-    return _inline(_drawn(figure, "path"), formula, f' class="formula" style="width:{wide:.1f}pt;height:{high:.1f}pt"')
+    return _to_inline_svg(
+        _render_svg(figure, "path"), formula, f' class="formula" style="width:{wide:.1f}pt;height:{high:.1f}pt"'
+    )
 
 
-def _drawn(figure: Figure, text_as: Literal["none", "path"]) -> str:
+def _render_svg(figure: Figure, text_as: Literal["none", "path"]) -> str:
     file = io.StringIO()
     with _drawing, mpl.rc_context({"svg.fonttype": text_as, "svg.hashsalt": "dynident"}):
         # The salt makes the ids in the file the same each time. Figure.savefig would draw everything twice.
@@ -172,7 +174,7 @@ def _drawn(figure: Figure, text_as: Literal["none", "path"]) -> str:
     return file.getvalue()
 
 
-def _inline(text: str, description: str, attributes: str = "") -> Markup:
+def _to_inline_svg(text: str, description: str, attributes: str = "") -> Markup:
     """Return an SVG file as an element with a description, without fixed size, needless decimals and list of fonts."""
     body = text[text.index("<svg") :]
     head, rest = body.split(">", 1)
@@ -184,11 +186,11 @@ def _inline(text: str, description: str, attributes: str = "") -> Markup:
     )
     rest = re.sub(r"\s*<metadata>.*?</metadata>", "", rest, flags=re.DOTALL)
     # Two decimals of a point are finer than any screen or printer, and halve the size of the file.
-    rest = re.sub(r' d="([^"]*)"', lambda match: f' d="{_rounded(match[1])}"', rest)
+    rest = re.sub(r' d="([^"]*)"', lambda match: f' d="{_round_path(match[1])}"', rest)
     rest = re.sub(r"font: ([^;\"]*?px) [^;\"]*", r"font: \1 sans-serif", rest)
     rest = re.sub(r"\n\s*", "\n", rest)
-    return Markup(without_control_characters(opening + rest))
+    return Markup(replace_control_characters(opening + rest))
 
 
-def _rounded(path: str) -> str:
+def _round_path(path: str) -> str:
     return re.sub(r"(\.\d{2})\d+", r"\1", path).replace(" \n", "").replace("\n", " ")

@@ -40,21 +40,21 @@ class Element:
         """The CSS classes of the element."""
         return frozenset(self.attributes.get("class", "").split())
 
-    def all(self, *names: str) -> Iterator[Element]:
+    def find_all(self, *names: str) -> Iterator[Element]:
         """Yield all descendants of these names in the order of the page, but none inside of another of them."""
         for child in self.children:
             if isinstance(child, Element):
                 if child.name in names:
                     yield child
                 else:
-                    yield from child.all(*names)
+                    yield from child.find_all(*names)
 
-    def first(self, *names: str) -> Element | None:
+    def find_first(self, *names: str) -> Element | None:
         """Return the first of the elements that `all` yields; None where there is none."""
-        return next(self.all(*names), None)
+        return next(self.find_all(*names), None)
 
 
-def parsed(page: str) -> Element:
+def parse_page(page: str) -> Element:
     """Parse a page.
 
     Parameters
@@ -70,12 +70,12 @@ def parsed(page: str) -> Element:
     # Each drawing is replaced by an empty element with its number before parsing, and put back by the builder.
     drawings: list[str] = []
 
-    def place(drawing: re.Match[str]) -> str:
+    def put_placeholder(drawing: re.Match[str]) -> str:
         drawings.append(drawing[0])
         return f"<{_PLACE} id={len(drawings) - 1}>"
 
     builder = _Builder(drawings)
-    builder.feed(_DRAWING.sub(place, page))
+    builder.feed(_DRAWING.sub(put_placeholder, page))
     builder.close()
     return builder.root
 

@@ -10,11 +10,11 @@ import matplotlib
 import typst
 
 from dynident.encoding import encode_text
-from dynident.reports.printing.elements import parsed
-from dynident.reports.printing.typesetting import typeset
+from dynident.reports.printing.elements import parse_page
+from dynident.reports.printing.typesetting import typeset_page
 
 
-def pdf_of(page: str) -> bytes:
+def render_pdf(page: str) -> bytes:
     """Typeset a report that `html_report` wrote on numbered A4 pages, as PDF.
 
     Folded parts of the page are left out. The fonts are those that come with matplotlib, and the date stands in the
@@ -30,15 +30,15 @@ def pdf_of(page: str) -> bytes:
     bytes
         The file.
     """
-    source = f"{_preamble()}\n{typeset(parsed(page))}\n"
-    return typst.compile(encode_text(source), font_paths=_fonts(), format="pdf")
+    source = f"{_read_preamble()}\n{typeset_page(parse_page(page))}\n"
+    return typst.compile(encode_text(source), font_paths=_load_fonts(), format="pdf")
 
 
 @lru_cache(maxsize=1)
-def _preamble() -> str:
+def _read_preamble() -> str:
     return files("dynident.reports").joinpath("templates", "report.typ").read_text(encoding="utf-8")
 
 
 @lru_cache(maxsize=1)
-def _fonts() -> typst.Fonts:
+def _load_fonts() -> typst.Fonts:
     return typst.Fonts(include_system_fonts=False, font_paths=[Path(matplotlib.get_data_path()) / "fonts" / "ttf"])

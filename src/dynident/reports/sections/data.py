@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from dynident.identification import Identification
 from dynident.recordings import Check, Preprocessing, phase_shares
-from dynident.reports.numbers import counted, number
-from dynident.reports.run import ReportedRun
+from dynident.reports.numbers import format_count, format_number
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
-from dynident.reports.words import standing_text
+from dynident.reports.words import format_standstill_shares
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class DataContent:
         return [row for row in self.checks if row.check.status == "ok"]
 
 
-def data_section(identification: Identification, runs: Sequence[ReportedRun]) -> Section:
+def build_data_section(identification: Identification, runs: Sequence[ReportedRecording]) -> Section:
     """Return the section on the data that the model was identified from and tried on.
 
     Parameters
@@ -72,35 +72,35 @@ def data_section(identification: Identification, runs: Sequence[ReportedRun]) ->
     """
     preprocessing = identification.preprocessing
     content = DataContent(
-        tuple(_recording(run) for run in runs),
-        tuple(CheckRow(run.name, check, _place(check)) for run in runs for check in run.checks),
-        _filters(preprocessing),
+        tuple(_build_recording_row(run) for run in runs),
+        tuple(CheckRow(run.name, check, _format_place(check)) for run in runs for check in run.checks),
+        _list_filters(preprocessing),
         preprocessing.reasons,
         identification.choices.preprocessing is None,
     )
     return Section("data", "The data", "data", content)
 
 
-def _recording(run: ReportedRun) -> RecordingRow:
+def _build_recording_row(run: ReportedRecording) -> RecordingRow:
     recording = run.recording
     seconds = recording.n_samples * recording.period
-    windows = "; ".join(f"{number(first, 4)} to {number(last, 4)} s" for first, last in recording.windows)
+    windows = "; ".join(f"{format_number(first, 4)} to {format_number(last, 4)} s" for first, last in recording.windows)
     runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
     payload = ", ".join(f"{key} {value}" for key, value in (recording.payload or {}).items())
     return RecordingRow(
         name=run.name,
         role=run.role,
-        samples=counted(recording.n_samples, "sample"),
-        rate=f"{number(recording.sampling_rate, 4)} Hz",
-        duration=f"{number(seconds)} s{runs}",
+        samples=format_count(recording.n_samples, "sample"),
+        rate=f"{format_number(recording.sampling_rate, 4)} Hz",
+        duration=f"{format_number(seconds)} s{runs}",
         windows=windows or "all",
-        rows=counted(len(run.comparison.t), "row"),
-        standing=standing_text(phase_shares(recording).standing),
+        rows=format_count(len(run.comparison.t), "row"),
+        standing=format_standstill_shares(phase_shares(recording).standing),
         payload=payload or "none stated",
     )
 
 
-def _place(check: Check) -> str:
+def _format_place(check: Check) -> str:
     parts = []
     if check.column:
         parts.append(f"column {check.column}")
@@ -111,19 +111,22 @@ def _place(check: Check) -> str:
     return ", ".join(parts)
 
 
-def _filters(preprocessing: Preprocessing) -> tuple[tuple[str, str], ...]:
-    def cutoff(value: float | None) -> str:
-        return "none" if value is None else f"{number(value)} Hz"
+def _list_filters(preprocessing: Preprocessing) -> tuple[tuple[str, str], ...]:
+    def format_cutoff(value: float | None) -> str:
+        return "none" if value is None else f"{format_number(value)} Hz"
 
     return (
-        ("position: zero-phase Butterworth filter, cut-off", cutoff(preprocessing.position_cutoff)),
+        ("position: zero-phase Butterworth filter, cut-off", format_cutoff(preprocessing.position_cutoff)),
         ("order of one pass", str(preprocessing.filter_order)),
-        ("parallel filter on W and Y, cut-off", cutoff(preprocessing.torque_cutoff)),
-        ("decimation", f"every {_ordinal(preprocessing.decimation)} row" if preprocessing.decimation > 1 else "none"),
+        ("parallel filter on W and Y, cut-off", format_cutoff(preprocessing.torque_cutoff)),
+        (
+            "decimation",
+            f"every {_format_ordinal(preprocessing.decimation)} row" if preprocessing.decimation > 1 else "none",
+        ),
     )
 
 
-def _ordinal(count: int) -> str:
+def _format_ordinal(count: int) -> str:
     # 11th, 12th and 13th do not follow their last digit.
     if count % 100 in (11, 12, 13):
         return f"{count}th"

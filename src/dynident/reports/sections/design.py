@@ -8,12 +8,12 @@ from markupsafe import Markup
 
 from dynident.excitation import Design
 from dynident.motion import Margin
-from dynident.reports.figures.design import design_figure
-from dynident.reports.numbers import counted, number, percent
+from dynident.reports.figures.design import draw_design
+from dynident.reports.numbers import format_count, format_number, format_percent
 from dynident.reports.section import Section
 from dynident.robot import Robot
 
-_NEAREST = 12
+_MAX_MARGINS = 12
 _UNITS = {"position_min": "", "position_max": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
 
 
@@ -55,7 +55,7 @@ class DesignContent:
     figure: Markup
 
 
-def design_section(design: Design, robot: Robot) -> Section:
+def build_design_section(design: Design, robot: Robot) -> Section:
     """Return the section on the designed trajectory.
 
     Parameters
@@ -68,40 +68,40 @@ def design_section(design: Design, robot: Robot) -> Section:
     Section
     """
     values, baseline = design.criterion_values, design.baseline
-    rows = [("this trajectory", number(values.condition_number), number(values.smallest_singular_value))]
+    rows = [("this trajectory", format_number(values.condition_number), format_number(values.smallest_singular_value))]
     if baseline is not None:
         best = baseline.best
-        name = f"best of {counted(baseline.count, 'random one')}"
-        rows.append((name, number(best.condition_number), number(best.smallest_singular_value)))
-        rows.append(("median of those", number(baseline.median_condition_number), "–"))
+        name = f"best of {format_count(baseline.count, 'random one')}"
+        rows.append((name, format_number(best.condition_number), format_number(best.smallest_singular_value)))
+        rows.append(("median of those", format_number(baseline.median_condition_number), "–"))
     # A robot has dozens of limits. Those that are nearly reached are the interesting ones.
-    nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_NEAREST]
+    nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_MAX_MARGINS]
     content = DesignContent(
         design.request.kind.replace("_", " "),
-        f"{number(design.duration)} s from rest to rest, {counted(design.n_samples, 'sample')} at "
-        f"{number(design.sampling_rate, 4)} Hz",
+        f"{format_number(design.duration)} s from rest to rest, {format_count(design.n_samples, 'sample')} at "
+        f"{format_number(design.sampling_rate, 4)} Hz",
         tuple(rows),
         tuple(
             MarginRow(
                 margin.joint,
                 margin.limit.replace("_", " "),
-                f"{number(margin.value)} {_unit(robot, margin)}",
-                f"{number(margin.bound)} {_unit(robot, margin)}",
-                percent(margin.share),
+                f"{format_number(margin.value)} {_get_limit_unit(robot, margin)}",
+                f"{format_number(margin.bound)} {_get_limit_unit(robot, margin)}",
+                format_percent(margin.share),
             )
             for margin in nearest
         ),
         tuple(
-            RunRow(index + 1, run.label, ", ".join(run.joints), number(run.start, 4), number(run.end, 4))
+            RunRow(index + 1, run.label, ", ".join(run.joints), format_number(run.start, 4), format_number(run.end, 4))
             for index, run in enumerate(design.runs)
         ),
         design.notes,
-        design_figure(design, robot),
+        draw_design(design, robot),
     )
     return Section("design", "The experiment", "design", content)
 
 
-def _unit(robot: Robot, margin: Margin) -> str:
+def _get_limit_unit(robot: Robot, margin: Margin) -> str:
     """Return the unit of a limit."""
     if margin.limit in ("clearance", "tool_min", "tool_max"):
         return "m"

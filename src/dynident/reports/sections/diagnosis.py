@@ -9,18 +9,24 @@ from markupsafe import Markup
 
 from dynident.advice import AdvisedDiagnosis, NextExperiment
 from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, UnknownPattern, evidence
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.reports.change_rows import FRICTION_COLUMNS, ChangeCells, FrictionCells, change_rows, friction_row
-from dynident.reports.figures.candidates import candidates_figure
-from dynident.reports.figures.changes import changes_figure
-from dynident.reports.figures.evidence import evidence_figure
-from dynident.reports.figures.friction_since import friction_figure
-from dynident.reports.numbers import number, p_value, percent, span
+from dynident.reports.change_rows import (
+    FRICTION_COLUMNS,
+    ChangeCells,
+    FrictionCells,
+    format_change,
+    format_friction_difference,
+)
+from dynident.reports.figures.candidates import draw_candidates
+from dynident.reports.figures.changes import draw_changes
+from dynident.reports.figures.evidence import draw_evidence
+from dynident.reports.figures.friction_since import draw_friction_differences
+from dynident.reports.numbers import format_number, format_p_value, format_percent, format_range
 from dynident.reports.section import Section
-from dynident.reports.sections.summary import recommended_is_added
-from dynident.reports.words import place_text, shape_text, title_of
+from dynident.reports.sections.summary import is_recommendation_added
+from dynident.reports.words import format_joints, format_shape_constants, get_effect_title
 from dynident.robot import Robot
 
 VERDICTS = {
@@ -114,7 +120,7 @@ class DiagnosisContent:
         return max([_MOST_ROWS, *(k for k, row in enumerate(self.candidates, 1) if row.candidate.significant)])
 
 
-def diagnosis_section(
+def build_diagnosis_section(
     identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording] = ()
 ) -> Section:
     """Return the section on a diagnosis.
@@ -135,25 +141,27 @@ def diagnosis_section(
         diagnosis.verdict,
         VERDICTS[diagnosis.verdict],
         diagnosis.summary,
-        candidates_figure(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
-        _evidence(identification, diagnosis, recordings),
-        tuple(_candidate(item, robot) for item in diagnosis.candidates),
-        None if diagnosis.changes is None else tuple(_changed(diagnosis.changes, robot)),
-        changes_figure(diagnosis.changes) if diagnosis.changes else None,
+        draw_candidates(diagnosis.candidates[:_MOST_BARS]) if diagnosis.candidates else None,
+        _draw_evidence(identification, diagnosis, recordings),
+        tuple(_build_candidate_row(item, robot) for item in diagnosis.candidates),
+        None if diagnosis.changes is None else tuple(_build_change_rows(diagnosis.changes, robot)),
+        draw_changes(diagnosis.changes) if diagnosis.changes else None,
         FRICTION_COLUMNS,
-        tuple(friction_row(difference) for difference in diagnosis.friction),
-        friction_figure(diagnosis.friction),
-        tuple(_choice(choice, robot) for choice in diagnosis.recommended),
-        recommended_is_added(identification, diagnosis),
-        tuple((pattern, percent(pattern.share, 2)) for pattern in diagnosis.unknown),
-        tuple(_invisible(diagnosis, robot)),
-        tuple(_spot(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
+        tuple(format_friction_difference(difference) for difference in diagnosis.friction),
+        draw_friction_differences(diagnosis.friction),
+        tuple(_build_choice_text(choice, robot) for choice in diagnosis.recommended),
+        is_recommendation_added(identification, diagnosis),
+        tuple((pattern, format_percent(pattern.share, 2)) for pattern in diagnosis.unknown),
+        tuple(_build_invisible_rows(diagnosis, robot)),
+        tuple(_build_spot_row(spot, robot) for spot in diagnosis.failure_map[:_MOST_SPOTS]),
         diagnosis.next_experiment if isinstance(diagnosis, AdvisedDiagnosis) else None,
     )
     return Section("diagnosis", "Diagnosis", "diagnosis", content)
 
 
-def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Markup | None:
+def _draw_evidence(
+    identification: Identification, diagnosis: Diagnosis, recordings: Sequence[Recording]
+) -> Markup | None:
     """Draw what the findings explain of the residual of the model that was diagnosed."""
     # A change is only in the later recordings, which this model may never have seen.
     changed = {(change.choice.effect, change.choice.runs) for change in diagnosis.changes or ()}
@@ -169,47 +177,54 @@ def _evidence(identification: Identification, diagnosis: Diagnosis, recordings: 
     # The model may already contain the recommended effects. The residual to draw is that of the last one without them.
     before = [m for m in models if not recommended_effects & {choice.effect for choice in m.choices.effects}]
     panels = evidence((before or models)[-1], findings, recordings)[:_MOST_PANELS]
-    return evidence_figure(panels, identification.model.robot) if panels else None
+    return draw_evidence(panels, identification.model.robot) if panels else None
 
 
-def _candidate(item: RankedEffect, robot: Robot) -> CandidateRow:
+def _build_candidate_row(item: RankedEffect, robot: Robot) -> CandidateRow:
     return CandidateRow(
         item,
-        effect_by_id(item.effect).title,
-        place_text(item.joints, robot.joint_names),
-        percent(item.error_before),
-        percent(item.error_after),
-        percent(item.error_drop, 2),
-        p_value(item.p_value),
-        percent(item.separability, 2),
-        shape_text(item.choice),
-        ", ".join(title_of(name) for name in item.equivalent),
+        get_effect(item.effect).title,
+        format_joints(item.joints, robot.joint_names),
+        format_percent(item.error_before),
+        format_percent(item.error_after),
+        format_percent(item.error_drop, 2),
+        format_p_value(item.p_value),
+        format_percent(item.separability, 2),
+        format_shape_constants(item.choice),
+        ", ".join(get_effect_title(name) for name in item.equivalent),
     )
 
 
-def _changed(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
+def _build_change_rows(changes: Sequence[Change], robot: Robot) -> Iterator[ChangeRow]:
     for change in changes:
-        equivalent = ", ".join(title_of(name) for name in change.equivalent)
-        for place, cells in enumerate(change_rows(change, robot)):
+        equivalent = ", ".join(get_effect_title(name) for name in change.equivalent)
+        for place, cells in enumerate(format_change(change, robot)):
             yield ChangeRow(change, cells, equivalent, place == 0)
 
 
-def _choice(choice: EffectChoice, robot: Robot) -> ChoiceText:
-    effect = effect_by_id(choice.effect)
-    return ChoiceText(effect.title, effect.id, place_text(choice.joints, robot.joint_names), shape_text(choice))
+def _build_choice_text(choice: EffectChoice, robot: Robot) -> ChoiceText:
+    effect = get_effect(choice.effect)
+    return ChoiceText(
+        effect.title, effect.id, format_joints(choice.joints, robot.joint_names), format_shape_constants(choice)
+    )
 
 
-def _invisible(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
+def _build_invisible_rows(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
     for effect in dict.fromkeys(item.effect for item in diagnosis.not_visible):
         items = [item for item in diagnosis.not_visible if item.effect == effect]
         joints = tuple(dict.fromkeys(name for item in items for name in item.joints))
         yield InvisibleRow(
-            effect_by_id(effect).title,
-            place_text(joints, robot.joint_names),
+            get_effect(effect).title,
+            format_joints(joints, robot.joint_names),
             tuple(dict.fromkeys(item.brief or item.reason for item in items)),
         )
 
 
-def _spot(spot: FailureSpot, robot: Robot) -> SpotRow:
+def _build_spot_row(spot: FailureSpot, robot: Robot) -> SpotRow:
     unit = robot.joints[robot.joint_names.index(spot.joint)].effort_unit
-    return SpotRow(spot, span(spot.low, spot.high, spot.unit), f"{number(spot.rms)} {unit}", number(spot.ratio, 2))
+    return SpotRow(
+        spot,
+        format_range(spot.low, spot.high, spot.unit),
+        f"{format_number(spot.rms)} {unit}",
+        format_number(spot.ratio, 2),
+    )

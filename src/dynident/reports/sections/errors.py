@@ -12,9 +12,9 @@ from dynident.diagnosis import Diagnosis, WorstStretch
 from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.recordings.phases import Phase
-from dynident.reports.figures.torque import JOINTS_A_FIGURE, torque_figure
-from dynident.reports.numbers import number, percent
-from dynident.reports.run import ReportedRun
+from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
+from dynident.reports.numbers import format_number, format_percent
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
 
 
@@ -68,7 +68,9 @@ class ErrorsContent:
     runs: tuple[RunFigures, ...]
 
 
-def errors_section(identification: Identification, runs: Sequence[ReportedRun], diagnosis: Diagnosis | None) -> Section:
+def build_errors_section(
+    identification: Identification, runs: Sequence[ReportedRecording], diagnosis: Diagnosis | None
+) -> Section:
     """Return the section on how well the model predicts torque.
 
     Parameters
@@ -82,20 +84,20 @@ def errors_section(identification: Identification, runs: Sequence[ReportedRun], 
     -------
     Section
     """
-    kinds = _kinds(identification)
+    kinds = _list_error_kinds(identification)
     content = ErrorsContent(
         tuple(name for name, _, _ in kinds),
-        tuple(_rows(identification, kinds, diagnosis)),
-        tuple(percent(errors.relative_total) for _, moving, all_rows in kinds for errors in (moving, all_rows)),
-        tuple(_by_recording(identification.model.robot.joint_names, kinds, runs)),
+        tuple(_build_error_rows(identification, kinds, diagnosis)),
+        tuple(format_percent(errors.relative_total) for _, moving, all_rows in kinds for errors in (moving, all_rows)),
+        tuple(_build_recording_rows(identification.model.robot.joint_names, kinds, runs)),
         diagnosis is not None,
         any(bool((run.comparison.phase == Phase.STANDING).any()) for run in runs),
-        tuple(_run(run, any(other.held_out for other in runs)) for run in runs),
+        tuple(_build_run_figures(run, any(other.held_out for other in runs)) for run in runs),
     )
     return Section("torque", "Measured and predicted torque", "errors", content)
 
 
-def _kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
+def _list_error_kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
     """Return the kinds of errors: a name, the errors of moving rows, the errors of all rows."""
     kinds = [("fit", identification.fit_moving, identification.fit)]
     if identification.held_out is not None and identification.held_out_moving is not None:
@@ -103,59 +105,64 @@ def _kinds(identification: Identification) -> list[tuple[str, Errors, Errors]]:
     return kinds
 
 
-def _rows(
+def _build_error_rows(
     identification: Identification, kinds: Sequence[tuple[str, Errors, Errors]], diagnosis: Diagnosis | None
 ) -> Iterator[ErrorRow]:
     for j, joint in enumerate(identification.model.robot.joints):
         cells = tuple(
-            _cell(errors, j, joint.effort_unit) for _, moving, all_rows in kinds for errors in (moving, all_rows)
+            _build_error_cell(errors, j, joint.effort_unit)
+            for _, moving, all_rows in kinds
+            for errors in (moving, all_rows)
         )
         # The cells alternate between moving and all rows; these two are the moving ones of the first and the last kind.
         fit, held_out = cells[0].relative, cells[-2].relative
         yield ErrorRow(
             joint.name,
             cells,
-            number(held_out / fit) if len(kinds) > 1 and fit > 0 else "–",
-            f"{number(float(diagnosis.noise_floor[j]))} {joint.effort_unit}" if diagnosis is not None else "",
+            format_number(held_out / fit) if len(kinds) > 1 and fit > 0 else "–",
+            f"{format_number(float(diagnosis.noise_floor[j]))} {joint.effort_unit}" if diagnosis is not None else "",
         )
 
 
-def _cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
+def _build_error_cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
     if not errors.counts[joint]:
         return ErrorCell(nan, nan, "never", "–")
     rms, relative = float(errors.rms[joint]), float(errors.relative[joint])
-    return ErrorCell(rms, relative, f"{number(rms)} {unit}", percent(relative))
+    return ErrorCell(rms, relative, f"{format_number(rms)} {unit}", format_percent(relative))
 
 
-def _by_recording(
-    joints: Sequence[str], kinds: Sequence[tuple[str, Errors, Errors]], runs: Sequence[ReportedRun]
+def _build_recording_rows(
+    joints: Sequence[str], kinds: Sequence[tuple[str, Errors, Errors]], runs: Sequence[ReportedRecording]
 ) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the relative errors in each recording: one row a joint, moving and on all rows, and one for all joints.
 
     Nothing is yielded where these are the errors of the fit and of held-out data to the last digit.
     """
     # Columns are compared as text, as the reader sees them: equal text is a repetition whatever the digits behind.
-    known = {_column(errors) for _, *both in kinds for errors in both}
-    columns = [_column(errors) for run in runs for errors in (run.comparison.moving_errors, run.comparison.errors)]
+    known = {_format_column(errors) for _, *both in kinds for errors in both}
+    columns = [
+        _format_column(errors) for run in runs for errors in (run.comparison.moving_errors, run.comparison.errors)
+    ]
     if not known.issuperset(columns):
         yield from zip((*joints, "all joints"), zip(*columns, strict=True), strict=True)
 
 
-def _column(errors: Errors) -> tuple[str, ...]:
+def _format_column(errors: Errors) -> tuple[str, ...]:
     each = (
-        percent(float(share)) if count else "–" for share, count in zip(errors.relative, errors.counts, strict=True)
+        format_percent(float(share)) if count else "–"
+        for share, count in zip(errors.relative, errors.counts, strict=True)
     )
-    return (*each, percent(errors.relative_total))
+    return (*each, format_percent(errors.relative_total))
 
 
-def _run(run: ReportedRun, some_held_out: bool) -> RunFigures:
+def _build_run_figures(run: ReportedRecording, some_held_out: bool) -> RunFigures:
     comparison = run.comparison
     n = len(comparison.joint_names)
-    parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
+    parts = [range(first, min(first + JOINTS_PER_FIGURE, n)) for first in range(0, n, JOINTS_PER_FIGURE)]
     return RunFigures(
         run.name,
         run.role,
         some_held_out and not run.held_out,
-        tuple(torque_figure(comparison, joints, run.name) for joints in parts),
+        tuple(draw_torque(comparison, joints, run.name) for joints in parts),
         comparison.worst[:4],
     )

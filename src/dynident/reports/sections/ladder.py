@@ -10,19 +10,19 @@ from markupsafe import Markup
 
 from dynident.arrays import FloatArray
 from dynident.diagnosis import Diagnosis
-from dynident.effects import EffectChoice, effect_by_id
+from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.study.gain import best_rung
-from dynident.reports.figures.ladder import models_figure
-from dynident.reports.numbers import percent
+from dynident.identification.study.gain import find_best_step
+from dynident.reports.figures.ladder import draw_models
+from dynident.reports.numbers import format_percent
 from dynident.reports.section import Section
-from dynident.reports.words import best_rung_text, place_text, rung_mark, shape_text
+from dynident.reports.words import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.robot import Robot
 
 
 @dataclass(frozen=True)
-class Rung:
+class StepRow:
     """One model of the ladder."""
 
     number: int
@@ -50,7 +50,7 @@ class JointRow:
 class LadderContent:
     """The content of the section: the models, their errors per joint, and both as a figure."""
 
-    rungs: tuple[Rung, ...]
+    rungs: tuple[StepRow, ...]
     joints: tuple[JointRow, ...]
     kind: str
     best: str
@@ -58,7 +58,7 @@ class LadderContent:
     figure: Markup
 
 
-def ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
+def build_ladder_section(identification: Identification, diagnosis: Diagnosis | None) -> Section:
     """Return the section on all models from the first to this one.
 
     Parameters
@@ -76,54 +76,54 @@ def ladder_section(identification: Identification, diagnosis: Diagnosis | None) 
     held_out_errors = [model.held_out for model in models if model.held_out is not None]
     held_out = held_out_errors if len(held_out_errors) == len(models) else None
     errors = held_out or [model.fit for model in models]
-    floor = _relative_floor(diagnosis, errors[-1])
+    floor = _compute_relative_floor(diagnosis, errors[-1])
     names = identification.model.robot.joint_names
-    best = best_rung(models)
+    best = find_best_step(models)
     content = LadderContent(
-        tuple(_rung(k, model, rung_mark(best, k, len(models))) for k, model in enumerate(models)),
-        tuple(_joint(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
+        tuple(_build_step_row(k, model, get_step_mark(best, k, len(models))) for k, model in enumerate(models)),
+        tuple(_build_joint_row(name, [e.relative[j] for e in errors], floor, j) for j, name in enumerate(names)),
         "held out" if held_out else "fit",
-        best_rung_text(best, len(models)),
+        describe_best_step(best, len(models)),
         floor is not None,
-        models_figure(models, floor),
+        draw_models(models, floor),
     )
     return Section("ladder", "The ladder of models", "ladder", content)
 
 
-def _rung(index: int, model: Identification, mark: str) -> Rung:
+def _build_step_row(index: int, model: Identification, mark: str) -> StepRow:
     held_out = model.held_out.relative_total if model.held_out is not None else None
     robot = model.model.robot
-    changes = tuple(_words(choice, robot) for choice in model.step.added)
-    changes += tuple(f"without {_words(choice, robot)}" for choice in model.step.removed)
-    return Rung(
+    changes = tuple(_format_choice(choice, robot) for choice in model.step.added)
+    changes += tuple(f"without {_format_choice(choice, robot)}" for choice in model.step.removed)
+    return StepRow(
         index + 1,
         changes,
         model.model.n_parameters,
         model.fit.relative_total,
-        percent(model.fit.relative_total),
+        format_percent(model.fit.relative_total),
         held_out,
-        percent(held_out),
-        percent(model.held_out_moving.relative_total) if model.held_out_moving is not None else "–",
+        format_percent(held_out),
+        format_percent(model.held_out_moving.relative_total) if model.held_out_moving is not None else "–",
         mark,
     )
 
 
-def _words(choice: EffectChoice, robot: Robot) -> str:
-    shape = f" ({shape_text(choice)})" if choice.shape else ""
-    return f"{effect_by_id(choice.effect).title} on {place_text(choice.joints, robot.joint_names)}{shape}"
+def _format_choice(choice: EffectChoice, robot: Robot) -> str:
+    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
+    return f"{get_effect(choice.effect).title} on {format_joints(choice.joints, robot.joint_names)}{shape}"
 
 
-def _joint(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:
+def _build_joint_row(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:
     first, last = float(errors[0]), float(errors[-1])
     return JointRow(
         name,
-        tuple(percent(float(value)) for value in errors),
+        tuple(format_percent(float(value)) for value in errors),
         f"× {last / first:.2f}" if len(errors) > 1 and first > 0 else "–",
-        percent(float(floor[joint])) if floor is not None else "",
+        format_percent(float(floor[joint])) if floor is not None else "",
     )
 
 
-def _relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
+def _compute_relative_floor(diagnosis: Diagnosis | None, errors: Errors) -> FloatArray | None:
     """Return the noise floor over the rms of the measured torque, (n,); None where it is unknown."""
     if diagnosis is None:
         return None

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.effects import EffectChoice, effect_by_id
-from dynident.effects.catalogue import joints_of
+from dynident.effects import EffectChoice, get_effect
+from dynident.effects.catalogue import find_joints
 from dynident.identification import Identification
-from dynident.reports.figures.svg import drawn_formula
-from dynident.reports.numbers import number
+from dynident.reports.figures.svg import draw_formula
+from dynident.reports.numbers import format_number
 from dynident.reports.section import Section
-from dynident.reports.words import shape_text
+from dynident.reports.words import format_shape_constants
 from dynident.robot import Robot
 
 
@@ -38,7 +38,7 @@ class ModelContent:
     choices: tuple[tuple[str, str], ...]
 
 
-def model_section(identification: Identification) -> Section:
+def build_model_section(identification: Identification) -> Section:
     """Return the section on the columns of the observation matrix W.
 
     Parameters
@@ -54,29 +54,29 @@ def model_section(identification: Identification) -> Section:
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
     added = {choice for rung in identification.ladder() for choice in rung.step.added}
     content = ModelContent(
-        tuple(_effect(choice, robot, choice in added) for choice in choices.effects),
+        tuple(_build_effect_row(choice, robot, choice in added) for choice in choices.effects),
         (
             ("model", choices.model),
             ("strategy", strategy.replace("_", " ")),
-            ("estimator", choices.solver.in_words.upper()),
+            ("estimator", choices.solver.name_with_options.upper()),
             ("prior", "none" if choices.belief is None else f"the {choices.belief.called}"),
-            ("tolerance of the base parameters", number(choices.tolerance)),
+            ("tolerance of the base parameters", format_number(choices.tolerance)),
         ),
     )
     return Section("model", "The model", "model", content)
 
 
-def _effect(choice: EffectChoice, robot: Robot, added: bool) -> EffectRow:
-    effect = effect_by_id(choice.effect)
-    places = [robot.tree.joint_names[j] for j in joints_of(choice, robot)]
+def _build_effect_row(choice: EffectChoice, robot: Robot, added: bool) -> EffectRow:
+    effect = get_effect(choice.effect)
+    places = [robot.tree.joint_names[j] for j in find_joints(choice, robot)]
     everywhere = len(places) == robot.n or effect.scope == "robot"
     return EffectRow(
         effect.id,
         effect.title,
         effect.formula,
-        drawn_formula(effect.formula),
+        draw_formula(effect.formula),
         "whole robot" if effect.scope == "robot" else "all joints" if everywhere else ", ".join(places),
-        shape_text(choice),
+        format_shape_constants(choice),
         "; ".join(effect.sources),
         added,
     )

@@ -9,12 +9,12 @@ from types import MappingProxyType
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification
 from dynident.identification.study.dependence import parameter_dependence
-from dynident.reports.numbers import number, percent
-from dynident.reports.parameter_tables import GROUPING, parameter_table, shape_table
+from dynident.reports.numbers import format_number, format_percent
+from dynident.reports.parameter_tables import GROUPING, build_parameter_table, build_shape_table
 from dynident.reports.section import Section
 from dynident.reports.tables import ReportedTable
 
-_COUNTED: Mapping[CovarianceName, str] = MappingProxyType(
+_COVARIANCE_TEXTS: Mapping[CovarianceName, str] = MappingProxyType(
     {
         "by_time_and_joints": "Standard deviations take stretches of time for independent and nothing within them, "
         "of all joints together.",
@@ -55,7 +55,7 @@ class ParametersContent:
     shapes: ReportedTable | None
 
 
-def parameters_section(identification: Identification) -> Section:
+def build_parameters_section(identification: Identification) -> Section:
     """Return the section on the identified parameters.
 
     Parameters
@@ -68,20 +68,20 @@ def parameters_section(identification: Identification) -> Section:
     """
     parameters, constants = identification.parameters, identification.shape_constants
     content = ParametersContent(
-        parameter_table("Base parameters", parameters).without(GROUPING),
+        build_parameter_table("Base parameters", parameters).drop_columns(GROUPING),
         tuple((base_parameter.name, base_parameter.grouping) for base_parameter in parameters),
-        tuple(_effective(identification)),
+        tuple(_build_effective_rows(identification)),
         sum(base_parameter.judgement == "uncertain" for base_parameter in parameters),
         sum(base_parameter.judgement == "zero_in_interval" for base_parameter in parameters),
-        _COUNTED[identification.choices.covariance],
+        _COVARIANCE_TEXTS[identification.choices.covariance],
         len(parameters),
         parameter_dependence(identification).sentences,
-        shape_table(constants, identification.model.robot.joint_names) if constants else None,
+        build_shape_table(constants, identification.model.robot.joint_names) if constants else None,
     )
     return Section("parameters", "Identified parameters", "parameters", content)
 
 
-def _effective(identification: Identification) -> Iterator[EffectiveRows]:
+def _build_effective_rows(identification: Identification) -> Iterator[EffectiveRows]:
     equations = identification.data.equations.equations
     names = identification.model.robot.joint_names
     # Equation types such as energy or base wrench do not have one equation for each joint.
@@ -90,5 +90,5 @@ def _effective(identification: Identification) -> Iterator[EffectiveRows]:
     counts = [equation.counts.sum() for equation in equations]
     for name, rows, effective in zip(names, counts, identification.statistics.effective_rows, strict=True):
         yield EffectiveRows(
-            name, f"{int(rows)}", number(float(effective)), percent(float(effective / max(rows, 1.0)), 2)
+            name, f"{int(rows)}", format_number(float(effective)), format_percent(float(effective / max(rows, 1.0)), 2)
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.excitation import Design
 from dynident.identification import Identification
-from dynident.reports.numbers import number
+from dynident.reports.numbers import format_number
 from dynident.reports.section import Section
 
 
@@ -34,10 +34,10 @@ class PromisesContent:
 
 
 # Above this ratio of achieved to predicted standard deviation a row is marked as worse.
-_MUCH_WORSE = 3.0
+_WORSE_RATIO = 3.0
 
 
-def promises_section(design: Design, identification: Identification) -> Section | None:
+def build_promises_section(design: Design, identification: Identification) -> Section | None:
     """Return the section on predicted and achieved standard deviations.
 
     Parameters
@@ -50,25 +50,25 @@ def promises_section(design: Design, identification: Identification) -> Section 
     Section or None
         None where the design predicted none of the parameters.
     """
-    compared = list(_compared(design, identification))
+    compared = list(_compare_deviations(design, identification))
     if not compared:
         return None
     rows = tuple(
         PromiseRow(
             name,
             unit,
-            number(promised),
-            number(achieved),
-            number(achieved / promised, 2),
-            achieved > _MUCH_WORSE * promised,
+            format_number(promised),
+            format_number(achieved),
+            format_number(achieved / promised, 2),
+            achieved > _WORSE_RATIO * promised,
         )
         for name, unit, promised, achieved in compared
     )
     median = float(np.median([achieved / promised for _, _, promised, achieved in compared]))
-    return Section("promises", "Promised and achieved", "promises", PromisesContent(rows, number(median, 2)))
+    return Section("promises", "Promised and achieved", "promises", PromisesContent(rows, format_number(median, 2)))
 
 
-def _compared(design: Design, identification: Identification) -> Iterator[tuple[str, str, float, float]]:
+def _compare_deviations(design: Design, identification: Identification) -> Iterator[tuple[str, str, float, float]]:
     """Yield name, unit, predicted and achieved standard deviation of the parameters that both have."""
     promised = {expected.name: expected.standard_deviation for expected in design.expected}
     for parameter in identification.parameters:

@@ -11,8 +11,8 @@ from importlib.metadata import version
 
 from dynident.encoding import encode_text
 from dynident.identification import Identification
-from dynident.reports.commands import commands, metadata_files
-from dynident.reports.run import ReportedRun
+from dynident.reports.commands import build_commands, collect_metadata_files
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
 from dynident.version import __version__
 
@@ -40,8 +40,8 @@ class ProvenanceContent:
     address: str = ""
 
 
-def provenance_section(
-    identification: Identification, runs: Sequence[ReportedRun], created: datetime, address: str = ""
+def build_provenance_section(
+    identification: Identification, runs: Sequence[ReportedRecording], created: datetime, address: str = ""
 ) -> Section:
     """Return the section on how to get the same model again.
 
@@ -73,7 +73,7 @@ def provenance_section(
         *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
-    metadata = {run.name: run.said for run in runs if run.said is not None}
-    command_lines = commands(identification, [run.recording for run in runs], metadata)
-    files = tuple(metadata_files(metadata).items())
+    metadata = {run.name: run.stated_metadata for run in runs if run.stated_metadata is not None}
+    command_lines = build_commands(identification, [run.recording for run in runs], metadata)
+    files = tuple(collect_metadata_files(metadata).items())
     return Section("provenance", "Provenance", "provenance", ProvenanceContent(facts, command_lines, files, address))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from dynident.reports.figures.residuals import residual_figure
-from dynident.reports.figures.spectra import spectra_figure
-from dynident.reports.figures.torque import JOINTS_A_FIGURE
-from dynident.reports.run import ReportedRun
+from dynident.reports.figures.residuals import draw_residuals
+from dynident.reports.figures.spectra import draw_spectra
+from dynident.reports.figures.torque import JOINTS_PER_FIGURE
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
 
 
@@ -25,7 +25,7 @@ class ResidualsContent:
     held_out: bool
 
 
-def residuals_section(runs: Sequence[ReportedRun]) -> Section:
+def build_residuals_section(runs: Sequence[ReportedRecording]) -> Section:
     """Return the section on the residual over the signals that missing physics would depend on.
 
     Parameters
@@ -42,10 +42,10 @@ def residuals_section(runs: Sequence[ReportedRun]) -> Section:
     # Recordings cannot be joined for a spectrum; the longest has the finest resolution.
     longest = max(shown_runs, key=lambda run: len(run.comparison.t))
     n = len(comparisons[0].joint_names)
-    parts = [range(first, min(first + JOINTS_A_FIGURE, n)) for first in range(0, n, JOINTS_A_FIGURE)]
+    parts = [range(first, min(first + JOINTS_PER_FIGURE, n)) for first in range(0, n, JOINTS_PER_FIGURE)]
     content = ResidualsContent(
-        tuple(residual_figure(comparisons, joints) for joints in parts),
-        tuple(spectra_figure(longest.comparison, joints) for joints in parts),
+        tuple(draw_residuals(comparisons, joints) for joints in parts),
+        tuple(draw_spectra(longest.comparison, joints) for joints in parts),
         longest.name,
         tuple(run.name for run in shown_runs),
         any(run.held_out for run in shown_runs),

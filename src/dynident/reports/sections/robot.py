@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from dynident.identification import Identification
-from dynident.reports.numbers import number, span
+from dynident.reports.numbers import format_number, format_range
 from dynident.reports.section import Section
 from dynident.robot import Joint, Robot
 
@@ -40,7 +40,7 @@ class RobotContent:
     counts: tuple[tuple[str, int], ...]
 
 
-def robot_section(identification: Identification) -> Section:
+def build_robot_section(identification: Identification) -> Section:
     """Return the section on the robot that was identified.
 
     Parameters
@@ -54,9 +54,9 @@ def robot_section(identification: Identification) -> Section:
     robot = identification.model.robot
     content = RobotContent(
         robot,
-        tuple(_joint(robot, index) for index in range(robot.n)),
-        f"({', '.join(number(float(value)) for value in robot.gravity)}) m/s²",
-        tuple(f"{name} at {number(value)}" for name, value in robot.locked_joints.items()),
+        tuple(_build_joint_row(robot, index) for index in range(robot.n)),
+        f"({', '.join(format_number(float(value)) for value in robot.gravity)}) m/s²",
+        tuple(f"{name} at {format_number(value)}" for name, value in robot.locked_joints.items()),
         identification.model.n_parameters,
         len(identification.model.columns),
         tuple(Counter(column.effect for column in identification.model.kept).items()),
@@ -64,7 +64,7 @@ def robot_section(identification: Identification) -> Section:
     return Section("robot", "The robot", "robot", content)
 
 
-def _joint(robot: Robot, index: int) -> JointRow:
+def _build_joint_row(robot: Robot, index: int) -> JointRow:
     joint = robot.joints[index]
     unit = "rad" if joint.kind == "revolute" else "m"
     limits = joint.limits
@@ -74,18 +74,18 @@ def _joint(robot: Robot, index: int) -> JointRow:
         joint.name,
         joint.kind,
         robot.joint_names[joint.parent] if joint.parent >= 0 else "base",
-        span(*limits.position, unit) if limits.position else "–",
-        _limit(limits.velocity, f"{unit}/s"),
-        _limit(limits.acceleration, f"{unit}/s²"),
-        _limit(limits.jerk, f"{unit}/s³"),
-        _limit(limits.effort, joint.effort_unit),
-        "–" if gain is None else f"{number(gain, 4)} {_gain_unit(joint)}",
+        format_range(*limits.position, unit) if limits.position else "–",
+        _format_limit(limits.velocity, f"{unit}/s"),
+        _format_limit(limits.acceleration, f"{unit}/s²"),
+        _format_limit(limits.jerk, f"{unit}/s³"),
+        _format_limit(limits.effort, joint.effort_unit),
+        "–" if gain is None else f"{format_number(gain, 4)} {_get_gain_unit(joint)}",
     )
 
 
-def _limit(value: float | None, unit: str) -> str:
-    return "–" if value is None else f"{number(value)} {unit}"
+def _format_limit(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{format_number(value)} {unit}"
 
 
-def _gain_unit(joint: Joint) -> str:
+def _get_gain_unit(joint: Joint) -> str:
     return f"{joint.effort_unit}/A"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
-from dynident.reports.numbers import counted, number, percent
-from dynident.reports.run import ReportedRun
+from dynident.reports.numbers import format_count, format_number, format_percent
+from dynident.reports.run import ReportedRecording
 from dynident.reports.section import Section
 from dynident.reports.validated import ReportedValidation
 from dynident.verdict import ModelVerdict, Outcome, State, verdict
@@ -36,7 +36,7 @@ _COLOURS: Mapping[State, str] = {"yes": "ok", "limited": "warning", "no": "error
 
 
 @dataclass(frozen=True)
-class Summary:
+class SummaryContent:
     """The content of the section: numbers, fitness for use, diagnosis and warnings."""
 
     figures: tuple[Figure, ...]
@@ -64,14 +64,14 @@ class Summary:
             return ()
         shares = drift.share.T.tolist()
         return tuple(
-            DriftRow(joint, tuple(percent(fraction, 2) for fraction in joint_shares))
+            DriftRow(joint, tuple(format_percent(fraction, 2) for fraction in joint_shares))
             for joint, joint_shares in zip(drift.joint_names, shares, strict=True)
         )
 
 
-def summary_section(
+def build_summary_section(
     identification: Identification,
-    runs: Sequence[ReportedRun],
+    runs: Sequence[ReportedRecording],
     diagnosis: Diagnosis | None,
     validations: Sequence[ReportedValidation] = (),
 ) -> Section:
@@ -88,10 +88,10 @@ def summary_section(
     -------
     Section
     """
-    content = Summary(
-        _figures(identification),
+    content = SummaryContent(
+        _build_figures(identification),
         diagnosis,
-        recommended_is_added(identification, diagnosis),
+        is_recommendation_added(identification, diagnosis),
         identification.warnings,
         tuple(
             f"{run.name}: {check.name.replace('_', ' ')}. {check.detail}"
@@ -110,7 +110,7 @@ def summary_section(
     return Section("summary", "Summary", "summary", content)
 
 
-def recommended_is_added(identification: Identification, diagnosis: Diagnosis | None) -> bool:
+def is_recommendation_added(identification: Identification, diagnosis: Diagnosis | None) -> bool:
     """Return whether the model already has every effect that the diagnosis recommends.
 
     Parameters
@@ -128,16 +128,18 @@ def recommended_is_added(identification: Identification, diagnosis: Diagnosis | 
     return all(choice in identification.choices.effects for choice in diagnosis.recommended)
 
 
-def _figures(identification: Identification) -> tuple[Figure, ...]:
+def _build_figures(identification: Identification) -> tuple[Figure, ...]:
     held_out = identification.held_out
     good = sum(parameter.well_identified for parameter in identification.parameters)
     figures = []
     if held_out is not None:
         figures.append(
-            Figure("held-out error", percent(held_out.relative_total), "relative, all joints; data no parameter saw")
+            Figure(
+                "held-out error", format_percent(held_out.relative_total), "relative, all joints; data no parameter saw"
+            )
         )
     figures += [
-        Figure("error of the fit", percent(identification.fit.relative_total), "relative, all joints"),
+        Figure("error of the fit", format_percent(identification.fit.relative_total), "relative, all joints"),
         Figure(
             "base parameters",
             str(identification.model.n_parameters),
@@ -145,14 +147,14 @@ def _figures(identification: Identification) -> tuple[Figure, ...]:
         ),
         Figure(
             "condition number",
-            number(identification.condition_number),
-            f"{counted(identification.n_equations, 'equation')}, "
-            f"{number(identification.equations_per_parameter)} a parameter",
+            format_number(identification.condition_number),
+            f"{format_count(identification.n_equations, 'equation')}, "
+            f"{format_number(identification.equations_per_parameter)} a parameter",
         ),
         Figure(
             "inertia matrix",
             "positive definite" if identification.inertia_matrix_positive_definite else "not positive definite",
-            f"smallest scaled eigenvalue {number(identification.worst_inertia_eigenvalue, 2)}",
+            f"smallest scaled eigenvalue {format_number(identification.worst_inertia_eigenvalue, 2)}",
         ),
     ]
     return tuple(figures)

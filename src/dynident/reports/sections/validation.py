@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from dynident.reports.section import Section
 from dynident.reports.validated import ReportedValidation
 
-_WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
-_MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}
+_VERDICT_TEXTS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
+_VERDICT_MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ValidationContent:
     rows: tuple[ValidationRow, ...]
 
 
-def validation_section(validations: Sequence[ReportedValidation]) -> Section:
+def build_validation_section(validations: Sequence[ReportedValidation]) -> Section:
     """Return the section on validations.
 
     Parameters
@@ -40,7 +40,7 @@ def validation_section(validations: Sequence[ReportedValidation]) -> Section:
     Section
     """
     rows = tuple(
-        ValidationRow(validation, _WORDS[validation.judged.verdict], _MARKS[validation.judged.verdict])
+        ValidationRow(validation, _VERDICT_TEXTS[validation.judged.verdict], _VERDICT_MARKS[validation.judged.verdict])
         for validation in validations
     )
     return Section("validation", "Validation", "validation", ValidationContent(rows))

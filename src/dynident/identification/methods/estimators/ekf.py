@@ -26,6 +26,6 @@ class Kalman(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.kalman import kalman
+        from dynident.identification.estimators.kalman import estimate_by_kalman_filter
 
-        return kalman(problem)
+        return estimate_by_kalman_filter(problem)

@@ -28,6 +28,6 @@ class Feasible(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.feasible import feasible
+        from dynident.identification.estimators.feasible import solve_feasible
 
-        return feasible(problem)
+        return solve_feasible(problem)

@@ -24,6 +24,6 @@ class Robust(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.robust import reweighted
+        from dynident.identification.estimators.robust import estimate_robustly
 
-        return reweighted(problem)
+        return estimate_robustly(problem)

@@ -26,6 +26,6 @@ class InstrumentalVariables(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.simulating import instrumental_variables
+        from dynident.identification.estimators.simulating import estimate_by_instrumental_variables
 
-        return instrumental_variables(problem)
+        return estimate_by_instrumental_variables(problem)

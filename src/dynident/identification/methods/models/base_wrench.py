@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.identification.methods.bases import RowsModel
+from dynident.identification.methods.bases import EquationType
 
 
 @dataclass(frozen=True)
-class BaseWrench(RowsModel):
+class BaseWrench(EquationType):
     """Six rows from a force-torque sensor under the base."""
 
     name = "base_wrench"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.identification.methods.bases import RowsModel
+from dynident.identification.methods.bases import EquationType
 
 
 @dataclass(frozen=True)
-class Dynamic(RowsModel):
+class Dynamic(EquationType):
     """Rows of the dynamic model [12.18]."""
 
     name = "dynamic"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.identification.methods.bases import RowsModel
+from dynident.identification.methods.bases import EquationType
 
 
 @dataclass(frozen=True)
-class Energy(RowsModel):
+class Energy(EquationType):
     """Rows of the energy model [12.43], with `interval`."""
 
     name = "energy"

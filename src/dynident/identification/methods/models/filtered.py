@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.identification.methods.bases import RowsModel
+from dynident.identification.methods.bases import EquationType
 
 
 @dataclass(frozen=True)
-class Filtered(RowsModel):
+class Filtered(EquationType):
     """Rows of the filtered dynamic model [12.28], with `pole`."""
 
     name = "filtered"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.identification.methods.bases import RowsModel
+from dynident.identification.methods.bases import EquationType
 
 
 @dataclass(frozen=True)
-class Power(RowsModel):
+class Power(EquationType):
     """Rows of the power model [12.51]."""
 
     name = "power"

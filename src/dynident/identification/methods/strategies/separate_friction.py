@@ -26,6 +26,6 @@ class SeparateFriction(Strategy):
 
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
         """Solve for friction first, then for the rest."""
-        from dynident.identification.strategies.separate_friction import separate_friction
+        from dynident.identification.strategies.separate_friction import solve_separate_friction
 
-        return separate_friction(choices, problem)
+        return solve_separate_friction(choices, problem)

@@ -26,6 +26,6 @@ class Sequential(Strategy):
 
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
         """Solve joint by joint, from the end of the arm to its base."""
-        from dynident.identification.strategies.sequential import sequential
+        from dynident.identification.strategies.sequential import solve_sequentially
 
-        return sequential(choices, problem)
+        return solve_sequentially(choices, problem)
