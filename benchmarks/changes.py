@@ -56,7 +56,7 @@ from engine.structure import Tilt
 from hiding.visibility import SHOWS, shown_beside
 
 from dynident.diagnosis import Change, FrictionDifference, diagnose
-from dynident.diagnosis.series import build_measure, monitor_days, reduce_day
+from dynident.diagnosis.monitoring import build_measure, monitor_days, reduce_day
 from dynident.identification import identify
 from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot

@@ -28,7 +28,7 @@ from hiding.recorded import recorded
 
 from dynident.diagnosis import compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.words import ABOVE_NOISE, compute_residual_over_noise
+from dynident.diagnosis.summary import ABOVE_NOISE, compute_residual_over_noise
 from dynident.identification import identify
 
 QUANTILES = (0.5, 0.75, 0.9, 0.95, 1.0)

@@ -18,7 +18,7 @@ import numpy as np
 from spoilt import KINDS, NOISES, N, arm_signals, corrupt
 
 from dynident.recordings import JointLimits, RecordedJoints
-from dynident.recordings.conditioning.steps import measure_usual_steps
+from dynident.recordings.conditioning.outliers import measure_usual_steps
 from dynident.recordings.importing import condition_arrays
 
 RATES = (60.0, 100.0, 200.0, 500.0, 1000.0)

@@ -27,18 +27,18 @@ from scipy.linalg import qr
 from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
-from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.deciding import build_design_criterion
-from dynident.excitation.observation.model import DesignModel, build_design_model
-from dynident.excitation.optimising import optimise
+from dynident.excitation.criteria.criterion_choice import CriterionChoice
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.observation.design_model import DesignModel, build_design_model
+from dynident.excitation.optimising import augmented_lagrangian
+from dynident.excitation.optimising.augmented_lagrangian import search_stepwise
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import search_stepwise
-from dynident.excitation.optimising.problem import DesignProblem
+from dynident.excitation.optimising.design_problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
+from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.motion.limits.bounds import Bounds, build_bounds
-from dynident.motion.limits.shrinking import AmplitudeScaler
-from dynident.motion.trajectories.family import Family
 from dynident.motion.trajectories.fourier import FourierFamily
+from dynident.motion.trajectories.motion import Family
 from dynident.progress import ignore_progress
 from dynident.regressors.base_parameters import evaluate_at_random_states, select_base
 from dynident.regressors.observation import Observation
@@ -86,7 +86,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     # Told is processor time, and the rivals try one start after the other, too.
-    optimise.count_processors = lambda: 1
+    augmented_lagrangian.count_processors = lambda: 1
     robot = robot_from_library("franka_panda")
     model = pivoted(build_design_model(robot, EFFECTS))
     family: Family = FourierFamily(5, 10.0)

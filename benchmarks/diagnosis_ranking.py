@@ -24,7 +24,7 @@ from dynident.diagnosis.candidates.scoring import score_candidates
 from dynident.effects import EffectChoice
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing, Recording, recording_from_arrays
-from dynident.regressors.stream import reduce_recordings, stream_filtered_samples
+from dynident.regressors.filtered_rows import reduce_recordings, stream_filtered_samples
 from dynident.robot import robot_from_library, to_pinocchio
 
 IndexArray = NDArray[np.intp]

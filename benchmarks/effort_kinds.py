@@ -28,9 +28,9 @@ from imports import DATA, robot_of
 from planted_mistakes import columns_of, read_file, signals_of
 from scipy.signal import butter, filtfilt
 
-from dynident.identification.imports.effort import CANNOT_TELL
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.effort_kind import CANNOT_TELL
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.robot import Drive, Robot
 from dynident.robot.pinocchio_model import to_pinocchio
 

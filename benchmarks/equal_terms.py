@@ -37,14 +37,14 @@ from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.gate import ScoredCandidate
-from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool
-from dynident.diagnosis.residuals.stretches import compute_t
-from dynident.diagnosis.search import contest, search
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.search import forward_selection, model_comparison
 from dynident.diagnosis.search.state import State, score_all
 from dynident.identification import identify
-from dynident.identification.shapes.shapes import list_between
+from dynident.identification.shapes.shape_search import list_between
 from dynident.regressors.model import Model
 
 RIVALS, STARTS = 0.3, 12
@@ -109,23 +109,23 @@ def contests_of(case: Case, folder: Path) -> list[Contest]:
 def listening(case: Case) -> Iterator[list[Contest]]:
     """Contests as they are fought, and once more with more rivals and starts."""
     heard: list[Contest] = []
-    fight = contest.compare_names
+    fight = model_comparison.compare_names
 
     def settled(
         model: Model,
         pool: Pool,
         state: State,
-        choice: contest.Choice,
+        choice: model_comparison.Choice,
         judged: Sequence[ScoredCandidate],
         products: Callable[[Pool], PhasedProducts],
-    ) -> contest.Choice:
-        with patch.object(contest, "_CONTENDS", RIVALS), patch.object(contest, "_STARTS", STARTS):
+    ) -> model_comparison.Choice:
+        with patch.object(model_comparison, "_CONTENDS", RIVALS), patch.object(model_comparison, "_STARTS", STARTS):
             found = weighed(case, model, pool, state, choice[0], judged, products)
         if found is not None:
             heard.append(found)
         return fight(model, pool, state, choice, judged, products)
 
-    with patch.object(search, "settled", settled):
+    with patch.object(forward_selection, "settled", settled):
         yield heard
 
 
@@ -140,12 +140,12 @@ def weighed(
 ) -> Contest | None:
     """All that take part, or None where none of them is hidden on the joint."""
     own = [item for item in judged if item.candidate == chosen.candidate]
-    contenders = list(dict.fromkeys([*own, *contest._find_contenders(chosen, judged)]))
+    contenders = list(dict.fromkeys([*own, *model_comparison._find_contenders(chosen, judged)]))
     names = dict.fromkeys(item.candidate.effect for item in contenders)
     if len(names) < 2 or not any(is_right(case, item.candidate, pool) for item in contenders):
         return None
     parents = {finer: item for item in contenders for finer in list_between(item.candidate.choice)}
-    finer = contest.build_finer_pool(model, pool, state, list(parents))
+    finer = model_comparison.build_finer_pool(model, pool, state, list(parents))
     data = products(finer)
     kinds = [data.find_row_kinds(one.columns) for one in finer.candidates]
     common = all(turns for turns, _ in kinds), all(starts for _, starts in kinds)

@@ -49,16 +49,16 @@ from hiding.manners import Manners
 from hiding.recorded import recorded
 from placebos.subjects import REAL_ARMS, imported
 
-from dynident.identification.mistakes.bands import filter_motion, filter_whole_motion
-from dynident.identification.mistakes.checks import build_dynamics_checks
-from dynident.identification.mistakes.scales import find_torque_scales
-from dynident.identification.mistakes.search import (
+from dynident.identification.recording_faults.column_faults import ColumnFault, Motion, list_possible_faults
+from dynident.identification.recording_faults.fault_checks import build_dynamics_checks
+from dynident.identification.recording_faults.fault_search import (
     find_delay,
     find_excess_of_motion,
     find_motion_faults,
     measure_unexplained_share,
 )
-from dynident.identification.mistakes.swaps import ColumnFault, Motion, list_possible_faults
+from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.torque_scale import find_torque_scales
 from dynident.recordings import Recording, recording_from_arrays
 from dynident.robot import Robot
 

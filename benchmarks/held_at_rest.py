@@ -38,13 +38,13 @@ from hiding.recorded import recorded
 from scipy import stats
 
 from dynident.diagnosis import compare, diagnose
-from dynident.diagnosis.candidates.gate import ALPHA
-from dynident.diagnosis.search import sticking
-from dynident.diagnosis.search.sticking import find_halts, find_static_friction
+from dynident.diagnosis.candidates.significance import ALPHA
+from dynident.diagnosis.search import static_friction
+from dynident.diagnosis.search.static_friction import find_halts, find_static_friction
 from dynident.identification import extend, identify
 
 # The package shows the function of that name, not the module.
-DIAGNOSIS = import_module("dynident.diagnosis.diagnosing")
+DIAGNOSIS = import_module("dynident.diagnosis.examination")
 HALTS = 12
 BY_HALTS = (1, 4, 6, 8, HALTS, 1000)
 LIMITS = ((0.1, 3.0), (0.2, 2.0), (0.2, 3.0), (0.2, 5.0), (0.3, 3.0), (0.3, 5.0))
@@ -138,7 +138,7 @@ def named(joints: Sequence[Joint]) -> list[tuple[str, ...]]:
 
 def is_taken(one: Joint, k: int) -> bool:
     """Whether more halts count than usually do, by the test of the program."""
-    return bool(one.joints * stats.binom.sf(one.counted[k] - 1, one.halts, sticking._USUAL) <= ALPHA)
+    return bool(one.joints * stats.binom.sf(one.counted[k] - 1, one.halts, static_friction._USUAL) <= ALPHA)
 
 
 if __name__ == "__main__":

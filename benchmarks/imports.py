@@ -16,9 +16,9 @@ import common
 import numpy as np
 import pyarrow.parquet as pq
 
-from dynident.desk.robots import load_robot
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
+from dynident.api.robot_files import load_robot
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.robot import Robot
 
 DATA = common.RECORDINGS

@@ -29,11 +29,11 @@ from common import FloatArray
 from scipy.signal import lfilter
 
 from dynident.effects import Column, EffectChoice, MemorySignal, ReferenceParameters
-from dynident.effects.memory import step_state
+from dynident.effects.hysteresis_states import step_state
 from dynident.estimation import CovarianceName, statistics
 from dynident.identification import Identification, IdentificationChoices, identify, identify_model
 from dynident.identification.choices import AVAILABLE_COVARIANCES, EstimatorName
-from dynident.identification.shapes.shapes import refine_shapes
+from dynident.identification.shapes.shape_search import refine_shapes
 from dynident.identification.study.prediction import predict
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording, choose_preprocessing, recording_from_arrays

@@ -45,9 +45,9 @@ from hiding.sessions import draw_session
 from hiding.site import Site
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.candidates.gate import ScoredCandidate
-from dynident.diagnosis.candidates.gathering import PhasedProducts
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.search import pruning, refine
 from dynident.diagnosis.search.acceptance import JOINT_DROP
 from dynident.diagnosis.search.state import State

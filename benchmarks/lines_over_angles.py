@@ -29,9 +29,9 @@ from hiding.case import Case
 from hiding.drawing import Wanted, draw_cases
 from hiding.recorded import recorded
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.compare import compare
-from dynident.diagnosis.residuals.lines import compute_angle_power, find_peaks
+from dynident.diagnosis.residuals.spectral_peaks import compute_angle_power, find_peaks
 from dynident.identification import identify
 
 LIMITS = (8.0, 12.0, 15.0, 18.0, 21.0, 24.0, 30.0, 50.0)

@@ -3,7 +3,7 @@
     python benchmarks/rows_or_products.py
 
 Says from how many rows a stretch on products are the quicker way: `_MOST_ROWS` of
-`dynident.diagnosis.candidates.collecting`. Making the products is part of their time, and done once; scores are read in
+`dynident.diagnosis.candidates.accumulate`. Making the products is part of their time, and done once; scores are read in
 some ten rounds of a diagnosis.
 """
 

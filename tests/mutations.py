@@ -441,8 +441,7 @@ def _read_description(path: Path, kind: str) -> None:
 
 def _read_mesh(path: Path) -> None:
     from dynident.errors import DynidentError
-    from dynident.robot.meshes import build_hulls, read_surface
-    from dynident.robot.surfaces import thin_surface
+    from dynident.robot.meshes import build_hulls, read_surface, thin_surface
 
     try:
         surface = read_surface(path, np.ones(3), np.eye(4))
@@ -455,8 +454,8 @@ def _read_mesh(path: Path) -> None:
 def _read_recording(path: Path) -> None:
     from dynident.errors import DynidentError
     from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
-    from dynident.recordings.as_recorded import RecordedSignals, RobotFile
     from dynident.recordings.formats import open_source
+    from dynident.recordings.raw_signals import RecordedSignals, RobotFile
 
     joints = RecordedJoints(JOINTS)
     source = open_source(path, None)

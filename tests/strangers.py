@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from oracles import arm, fourier_motion, pinocchio_torque
 
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
-from dynident.identification.imports.proposal import Proposal
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.column_inference.proposal import Proposal
 from dynident.identification.robot_recordings import CuredRecording, import_cured
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf

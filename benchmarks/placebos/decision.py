@@ -1,6 +1,6 @@
 """What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
 
-It does what `dynident.diagnosis.diagnosing` does between its pool of candidates and its picks. Where that changes, this
+It does what `dynident.diagnosis.examination` does between its pool of candidates and its picks. Where that changes, this
 has to follow; all else of the placebo stays.
 """
 
@@ -11,26 +11,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis import compare
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
-from dynident.diagnosis.residuals.leads import propose_shapes
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
 from dynident.diagnosis.residuals.resolution import compute_resolution
+from dynident.diagnosis.residuals.shape_proposals import propose_shapes
+from dynident.diagnosis.search.contacts import find_contacts
+from dynident.diagnosis.search.forward_selection import search_findings
 from dynident.diagnosis.search.refine import improve_reference
-from dynident.diagnosis.search.search import search_findings
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
-from dynident.diagnosis.search.transients import find_contacts
-from dynident.diagnosis.stated import DEFAULT_MOST_EFFECTS
 from dynident.identification import Identification
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
+from dynident.regressors.filtered_rows import FilteredSamples, stream_filtered_samples
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases, find_joints_with_friction
-from dynident.regressors.stream import FilteredSamples, stream_filtered_samples
 from placebos.shifting import IndexArray, SamplesOf, remembered
 
 Change = Callable[[Observation, SamplesOf], SamplesOf]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.recordings import Recording
+from dynident.regressors.filtered_rows import FilteredSamples
 from dynident.regressors.observation import Observation
-from dynident.regressors.stream import FilteredSamples
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from dynident.errors import DynidentError
-from dynident_service.environment import hide_secrets
+from dynident_service.environment_secrets import hide_secrets
 
 
 def main() -> int:

@@ -14,24 +14,23 @@ from starlette.routing import compile_path
 from starlette.types import Scope
 
 from dynident.version import __version__
-from dynident_service import traces
-from dynident_service.access import AccessLog
-from dynident_service.documentation import mount_docs_page as mount_documentation
-from dynident_service.fair_shares import name_address_party
-from dynident_service.headers import SafeHeaders
-from dynident_service.jobs.nursery import ForkServer
-from dynident_service.keys import KeyRing
-from dynident_service.limits import Admission, BodyLimit, set_threads
+from dynident_service import tracing
+from dynident_service.api_keys import KeyRing
+from dynident_service.docs_page import mount_docs_page as mount_documentation
+from dynident_service.fair_queue import name_address_party
+from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.metrics import Metrics
-from dynident_service.middleware import AccessControl, AuditLog, RequestTiming
+from dynident_service.middleware import AccessControl, AccessLog, AuditLog, RequestTiming
 from dynident_service.problem_responses import REQUEST_ID
 from dynident_service.problem_responses import install_handlers as install_problems
 from dynident_service.problems import MEDIA_TYPE, Problem
-from dynident_service.quotas import UploadRoom, get_quota_limits
+from dynident_service.request_limits import Admission, BodyLimit, set_threads
 from dynident_service.routes import ROUTERS
+from dynident_service.security_headers import SafeHeaders
 from dynident_service.services import Services, open_services
 from dynident_service.settings import Settings
-from dynident_service.traces import RequestTracing
+from dynident_service.tracing import RequestTracing
+from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.workbench import mount_workbench as mount_workbench
 
 DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
@@ -70,7 +69,7 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
         opening = open_services(settings, science)
         services = await to_thread.run_sync(opening.__enter__)
         if settings.traces:
-            traces.begin_tracing()
+            tracing.begin_tracing()
         try:
             app.state.services = services
             app.state.keys = _open_key_ring(services)
@@ -81,7 +80,7 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
             if nursery is None:
                 science.close()
             if settings.traces:
-                await to_thread.run_sync(traces.end_tracing)
+                await to_thread.run_sync(tracing.end_tracing)
 
     app = FastAPI(
         title="dynident",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import gc
 import sys
 
-from dynident.extras import format_install_hint
+from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_service.environment import hide_secrets
+from dynident_service.environment_secrets import hide_secrets
 
 _YOUNG = 20_000
 """Objects between garbage collections, some megabytes. With Python's 700, collections take 0.2 s while packages are

@@ -9,9 +9,9 @@ import socket
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from dynident_service.fair_shares import SharedPlaces, name_address_party
-from dynident_service.headers import SAFE
+from dynident_service.fair_queue import SharedPlaces, name_address_party
 from dynident_service.problems import MEDIA_TYPE, make_problem
+from dynident_service.security_headers import SAFE
 from dynident_service.settings import Settings
 
 UNREAD_LIMIT = "TCP_USER_TIMEOUT"

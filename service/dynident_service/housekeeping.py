@@ -13,7 +13,7 @@ from pathlib import Path
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import REPAIRABLE, check_storage
+from dynident_service.storage.integrity_check import REPAIRABLE, check_storage
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.retention import IMPORT_LIFETIME, delete_expired, delete_unused_imports
 from dynident_service.storage.tombstones import sweep_objects

@@ -11,7 +11,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, H
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from dynident_service.storage.ledger import QueueHealth
+from dynident_service.storage.job_queue import QueueHealth
 
 __all__ = ["CONTENT_TYPE_LATEST", "Metrics"]
 

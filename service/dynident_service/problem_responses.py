@@ -12,7 +12,6 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException as StarletteHTTPException
 
 from dynident.errors import DynidentError
-from dynident_service.headers import SAFE
 from dynident_service.logs import get_current_request
 from dynident_service.problems import (
     MEDIA_TYPE,
@@ -23,8 +22,9 @@ from dynident_service.problems import (
     to_problem,
     to_problem_fields,
 )
-from dynident_service.storage.patience import AWAY, describe_error
-from dynident_service.storage.space import is_disk_full
+from dynident_service.security_headers import SAFE
+from dynident_service.storage.disk_space import is_disk_full
+from dynident_service.storage.retry import AWAY, describe_error
 
 REQUEST_ID = "X-Request-ID"
 log = logging.getLogger("dynident.service")

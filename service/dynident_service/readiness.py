@@ -12,7 +12,7 @@ from fastapi import Request
 from sqlalchemy import select
 from starlette.types import Message
 
-from dynident_service.awaited import InteractiveCompute
+from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.storage.database import Database

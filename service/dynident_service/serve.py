@@ -1,21 +1,83 @@
-"""Start of the service."""
+"""Start of the service, and its end: first it takes no new jobs, then no new requests."""
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
+import threading
+import time
+from collections.abc import Callable
 from importlib import import_module
+from types import FrameType
 
 import uvicorn
+from anyio import CapacityLimiter, to_thread
 from fastapi import FastAPI
 
-from dynident_service import traces
+from dynident_service import tracing
 from dynident_service.app import create_app
 from dynident_service.connections import create_protocol
-from dynident_service.draining import DrainingServer
-from dynident_service.environment import forget_keys
+from dynident_service.environment_secrets import forget_keys
+from dynident_service.jobs.engine import Engine
 from dynident_service.logs import configure_logging
 from dynident_service.settings import Settings, load_settings
 from dynident_service.storage.data_directory import PRIVATE, prepare_data_directory
+
+LONGEST_END = 15.0
+"""Seconds from the last job to the end of the process; what takes longer hangs, such as a request whose database does
+not answer. With the 10 s that jobs have, the process ends within the 30 s that Kubernetes grants.
+"""
+log = logging.getLogger("dynident.service")
+
+
+class DrainingServer(uvicorn.Server):
+    """Server that on SIGTERM lets jobs run for some seconds while it still answers requests, and then gives them back.
+
+    A second signal, or Ctrl-C, ends it at once, and all jobs are given back. If something hangs, the process is ended
+    after `LONGEST_END`.
+    """
+
+    def __init__(self, config: uvicorn.Config, engine: Callable[[], Engine], seconds: float) -> None:
+        super().__init__(config)
+        self._engine = engine
+        self._seconds = seconds
+        self._until: float | None = None
+        self._last_resort: threading.Timer | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Note a signal; a handler must not wait, so the next tick acts on it."""
+        if self._last_resort is None:
+            until = LONGEST_END + (self._seconds if sig == signal.SIGTERM else 0.0)
+            self._last_resort = threading.Timer(until, _end_at_once)
+            self._last_resort.daemon = True
+            self._last_resort.start()
+        if sig != signal.SIGTERM or self._until is not None or not self.started:
+            super().handle_exit(sig, frame)
+        else:
+            self._until = time.monotonic() + self._seconds
+
+    async def on_tick(self, counter: int) -> bool:
+        """Return whether it is time to end; uvicorn calls this ten times a second."""
+        if await super().on_tick(counter):
+            return True
+        if self._until is None:
+            return False
+        engine = self._engine()
+        if engine.condition != "draining":
+            log.info("draining: no job is taken any more, and those under way have %.0f s", self._seconds)
+            engine.drain()
+        if engine.is_busy and time.monotonic() < self._until:
+            return False
+        await to_thread.run_sync(engine.close, limiter=CapacityLimiter(1))
+        return True
+
+
+def _end_at_once() -> None:
+    """End the process at once. Nothing is lost: its jobs are queued again when their leases have expired."""
+    log.error("the service does not end by itself: a request or the database hangs; it is ended now")
+    logging.shutdown()
+    os._exit(1)
 
 
 def serve(settings: Settings | None = None) -> None:
@@ -33,7 +95,7 @@ def serve(settings: Settings | None = None) -> None:
         # Imported here, so that a missing package is reported at once and not by a traceback during the start.
         import_module("psycopg")
     if settings.traces:
-        traces.check_packages()
+        tracing.check_packages()
     configure_logging(settings.log_level, settings.log_format)
     prepare_data_directory(settings.data_dir)
     app = create_app(settings)

@@ -12,7 +12,7 @@ from pydantic import ByteSize, Field, SecretStr, ValidationError, field_validato
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from dynident.errors import DynidentError
-from dynident_service.environment import is_secret
+from dynident_service.environment_secrets import is_secret
 
 MEGABYTE = 1_000_000
 

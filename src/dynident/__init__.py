@@ -18,26 +18,24 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from dynident.extras import MissingPackageFinder, find_missing_package, format_install_hint
-from dynident.lazy import find_export_modules
+from dynident.lazy_loader import find_export_modules
+from dynident.optional_dependencies import MissingPackageFinder, find_missing_package, format_install_hint
 from dynident.version import __version__
 
 if TYPE_CHECKING:
-    from dynident.desk.changing import Changes, changes
-    from dynident.desk.comparing import ComparedRecording, Comparisons, compare
-    from dynident.desk.designing import DesignedMotion, design
-    from dynident.desk.diagnosing import DiagnosedModel, diagnose
-    from dynident.desk.figure import Figure
-    from dynident.desk.following import FollowedRobot, series
-    from dynident.desk.identifying import identify, load_model
-    from dynident.desk.inspecting import InspectedFile, inspect
-    from dynident.desk.model import Ladder, Model
-    from dynident.desk.parameters import ErrorTable, JointError, Parameters
-    from dynident.desk.reading import read_recordings, revise
-    from dynident.desk.recordings import CheckedRecording, Recordings
-    from dynident.desk.reporting import Report, report
-    from dynident.desk.robots import load_robot
-    from dynident.desk.validating import Validation, Validations, validate
+    from dynident.api.comparison import ComparedRecording, Comparisons, compare
+    from dynident.api.figure import Figure
+    from dynident.api.model import Ladder, Model
+    from dynident.api.model_diagnosis import DiagnosedModel, diagnose
+    from dynident.api.model_identification import identify, load_model
+    from dynident.api.model_validation import Validation, Validations, validate
+    from dynident.api.motion_design import DesignedMotion, design
+    from dynident.api.parameter_tables import ErrorTable, JointError, Parameters
+    from dynident.api.recording_files import InspectedFile, inspect, read_recordings, revise
+    from dynident.api.recordings import CheckedRecording, Recordings
+    from dynident.api.reporting import Report, report
+    from dynident.api.robot_changes import Changes, FollowedRobot, changes, series
+    from dynident.api.robot_files import load_robot
     from dynident.effects import EffectChoice
     from dynident.errors import DynidentError
     from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest

@@ -1,8 +1,8 @@
-"""The base of all collections of resources."""
+"""The bases of all collections of resources, with and without labels (name, tags, archive flag)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic
 
 from dynident_client.records import Page, Record, RecordT, get_identifier
@@ -110,3 +110,19 @@ def _replace_resource(value: object) -> object:
     if isinstance(value, list | tuple):
         return [_replace_resource(element) for element in value]
     return value
+
+
+class LabelledCollection(Collection[RecordT]):
+    """Resources that can be renamed, tagged and archived; `page` and `all` take archived=True to list all of them."""
+
+    def label(
+        self,
+        resource: Record | str,
+        *,
+        name: str | None = None,
+        tags: Sequence[str] | None = None,
+        archived: bool | None = None,
+    ) -> RecordT:
+        """Change name, tags (all of them) or archive; what is not given stays."""
+        body = {"name": name, "tags": None if tags is None else list(tags), "archived": archived}
+        return self._record(self._transport.patch(f"{self.path}/{get_identifier(resource)}", dict, body))

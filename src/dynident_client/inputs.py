@@ -8,9 +8,8 @@ from pathlib import Path, PurePosixPath
 from typing import Literal, Unpack
 
 from dynident_client import answers
-from dynident_client.collection import Collection
+from dynident_client.collection import Collection, LabelledCollection
 from dynident_client.descriptions import MeasurementOptions, RevisionOptions, RobotOptions
-from dynident_client.labels import LabelledCollection
 from dynident_client.records import Design, Import, Measurement, Record, Robot, Simulation, get_identifier
 from dynident_client.requests import DesignKind, DesignOptions, SimulationOptions
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, Unpack
 
 from dynident_client import answers
-from dynident_client.collection import Collection, replace_resources
-from dynident_client.labels import LabelledCollection
+from dynident_client.collection import Collection, LabelledCollection, replace_resources
 from dynident_client.records import (
     Batch,
     Comparison,

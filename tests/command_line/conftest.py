@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from running_commands import dynident, write_run
 
-from dynident.robot.well_known import library_table
+from dynident.robot.library import library_table
 
 
 @pytest.fixture(scope="session")

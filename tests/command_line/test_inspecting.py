@@ -9,7 +9,7 @@ import pyarrow.csv as pacsv
 import pytest
 from running_commands import dynident, write_run
 
-from dynident.identification.imports import Question
+from dynident.identification.column_inference import Question
 from dynident_service.cli.metadata import StatedAnswers
 
 

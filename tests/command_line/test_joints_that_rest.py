@@ -11,8 +11,8 @@ from resting import COULOMB, write_resting_run
 from running_commands import ROBOT, dynident
 
 from dynident.identification import from_bytes
-from dynident.reports.numbers import format_percent
-from dynident.robot.well_known import library_table
+from dynident.reports.number_format import format_percent
+from dynident.robot.library import library_table
 
 FIGURES = {"rms", "relative", "relative_total"}
 

@@ -13,7 +13,7 @@ from running_commands import ROBOT, dynident, write_run
 
 from dynident.effects import CATALOGUE
 from dynident.identification import from_bytes
-from dynident.reports.numbers import format_number
+from dynident.reports.number_format import format_number
 from dynident.robot import urdf_from_robot
 from dynident_service.cli.inputs import load_robot_argument
 from dynident_service.cli.parsing import parse_windows

@@ -19,15 +19,15 @@ import dynident as dy
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import design_experiment
-from dynident.identification.essential_choices import EssentialChoices
-from dynident.identification.loads.known import KnownLoad
-from dynident.identification.loads.payloads import parse_payload
+from dynident.identification.choices import EssentialChoices
+from dynident.identification.loads.known_load import KnownLoad
+from dynident.identification.loads.payload_data import parse_payload
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.study.essential import essential_parameters
-from dynident.motion.surroundings.stated import Box, ToolRange, Wall
+from dynident.identification.study.essential_parameters import essential_parameters
+from dynident.motion.collision.surroundings import Box, ToolRange, Wall
 from dynident.progress import ignore_progress
-from dynident.recordings.choosing import preprocessing_from_request
-from dynident.recordings.stated import PreprocessingChoices
+from dynident.recordings.auto_filters import preprocessing_from_request
+from dynident.recordings.metadata import PreprocessingChoices
 from dynident.robot import robot_from_urdf
 from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
 from dynident.validation.request import TRIALS, ValidationData, build_trial

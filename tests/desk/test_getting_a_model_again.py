@@ -15,10 +15,10 @@ import pytest
 
 import dynident as dy
 from dynident.effects import EffectChoice
-from dynident.effects.written import format_effect, parse_effects
+from dynident.effects.text_format import format_effect, parse_effects
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
-from dynident.reports.commands import ROBOT, build_commands
+from dynident.reports.sections.provenance import ROBOT, build_commands
 
 
 def run_again(lines: tuple[str, ...] | list[str], desk: Path, folder: Path) -> list[dy.Model]:

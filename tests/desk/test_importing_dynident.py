@@ -22,7 +22,7 @@ def run(code: str) -> str:
 
 
 def test_importing_it_loads_neither_numpy_nor_anything_else_that_is_large() -> None:
-    heavy = "numpy", "scipy", "casadi", "pinocchio", "pyarrow", "matplotlib", "dynident.desk", "dynident.robot"
+    heavy = "numpy", "scipy", "casadi", "pinocchio", "pyarrow", "matplotlib", "dynident.api", "dynident.robot"
     told = run(f"import sys, dynident; print([name for name in {heavy} if name in sys.modules])")
     assert told.strip() == "[]"
 
@@ -65,6 +65,6 @@ def test_the_library_below_knows_nothing_of_the_desk() -> None:
     told = run(
         "import sys\n"
         "import dynident.reports.report, dynident.export, dynident.validation, dynident.excitation\n"
-        "print([name for name in sys.modules if name.startswith('dynident.desk')])"
+        "print([name for name in sys.modules if name.startswith('dynident.api')])"
     )
     assert told.strip() == "[]"

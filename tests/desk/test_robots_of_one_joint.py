@@ -11,8 +11,8 @@ import pytest
 from one_joint import ONE_JOINT, one_joint_recordings, one_joint_robot
 
 import dynident as dy
-from dynident.excitation.criteria.choice import CRITERIA
-from dynident.excitation.observation.row_names import ROW_MODELS
+from dynident.excitation.criteria.criterion_choice import CRITERIA
+from dynident.excitation.observation.row_model_names import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT
 from dynident.export import ExportFormat, export_model
 from dynident.identification.choices import (

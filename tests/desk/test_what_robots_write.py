@@ -17,7 +17,7 @@ from oracles import arm, fourier_motion, pinocchio_torque
 from robot_logs import Signals
 
 import dynident as dy
-from dynident.desk.robots import set_drive_gains
+from dynident.api.robot_files import set_drive_gains
 from dynident.recordings import RecordingError
 from dynident.robot import Robot
 

@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 import numpy as np
-from dynident.diagnosis.comparing.stored import SIGNALS, StoredComparison, write_comparison
+from dynident.diagnosis.comparing.storage import SIGNALS, StoredComparison, write_comparison
 
 t = np.arange(4.0)
 signals = {name: np.column_stack([t + k, t]) for k, name in enumerate(SIGNALS)}

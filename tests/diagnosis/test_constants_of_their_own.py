@@ -11,11 +11,11 @@ from hidden_physics import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.search.own_constants import merge_alike
+from dynident.diagnosis.search.per_joint_constants import merge_alike
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
-from dynident.identification.shapes.shapes import are_nearly_alike
+from dynident.identification.shapes.shape_search import are_nearly_alike
 
 SHORT, LONG = 0.006, 0.024
 

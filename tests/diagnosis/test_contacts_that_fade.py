@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.search import transients
+from dynident.diagnosis.search import contacts
 from dynident.diagnosis.search.state import Finding, State
 from dynident.recordings import Preprocessing
 
@@ -33,10 +33,10 @@ def left(monkeypatch):
             asked.append(base)
             return (found(CONTACT),) if shows else ()
 
-        monkeypatch.setattr(transients, "find_contacts", find)
+        monkeypatch.setattr(contacts, "find_contacts", find)
         columns = (*MODEL, *(k for candidate in findings for k in candidate.columns))
         state = State(columns, np.ones(6), np.ones(6), tuple(found(candidate) for candidate in findings))
-        return transients.drop_faded_contacts(
+        return contacts.drop_faded_contacts(
             cast(Any, None), cast(Any, None), state, Preprocessing(10.0, 10.0, 5)
         ), asked
 
@@ -70,9 +70,9 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
         tried.append(candidate)
         return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
-    monkeypatch.setattr(transients, "_tried", try_one)
+    monkeypatch.setattr(contacts, "_tried", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
     data = SimpleNamespace(beside=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))
-    transients.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
+    contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked

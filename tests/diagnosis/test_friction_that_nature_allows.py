@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hidden_physics import BAND, NAMES, experiment, on_joint
 
-from dynident.diagnosis.candidates.gathering import gather_products
-from dynident.diagnosis.candidates.plausible import is_physically_possible
+from dynident.diagnosis.candidates.accumulate import gather_products
+from dynident.diagnosis.candidates.physical_constraints import is_physically_possible
 from dynident.diagnosis.candidates.pool import build_pool
 from dynident.diagnosis.search.state import score_all
 

@@ -10,8 +10,7 @@ from disturbed import loaded
 from hidden_physics import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
 from dynident.diagnosis.candidates.products import ProductStack
-from dynident.diagnosis.result import Change, ChangedValue
-from dynident.diagnosis.series import (
+from dynident.diagnosis.monitoring import (
     Day,
     Measure,
     ParameterTrack,
@@ -25,13 +24,14 @@ from dynident.diagnosis.series import (
     monitor_days,
     reduce_day,
 )
-from dynident.diagnosis.series.day_to_day import widen_intervals
-from dynident.diagnosis.series.steps import StepProductStack
+from dynident.diagnosis.monitoring.parameter_tracks import widen_intervals
+from dynident.diagnosis.monitoring.step_columns import StepProductStack
+from dynident.diagnosis.result import Change, ChangedValue
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, concatenate_reductions, statistics, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.reports.figures.courses import draw_parameter_tracks
+from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
 
 CHOICES = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
 COUNT = 5

@@ -12,14 +12,14 @@ from oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.pool import build_pool_of_choices
 from dynident.diagnosis.changes import identify_on_both
-from dynident.diagnosis.search.choosing import select_candidate
-from dynident.diagnosis.search.contest import compare_names
-from dynident.diagnosis.search.source import RecordedSource
+from dynident.diagnosis.search.model_comparison import compare_names
+from dynident.diagnosis.search.refine import RecordedSource
+from dynident.diagnosis.search.selection import select_candidate
 from dynident.diagnosis.search.state import State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.shapes.shape_columns import list_shape_variables
-from dynident.identification.shapes.shapes import list_between
+from dynident.identification.shapes.shape_search import list_between
 from dynident.robot import Robot
 
 

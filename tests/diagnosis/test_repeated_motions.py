@@ -11,7 +11,7 @@ from oracles import Motion, fourier_motion
 
 from dynident.diagnosis import compare, diagnose, judge
 from dynident.diagnosis.comparing.noise import estimate_noise_from_repetitions, floor_of
-from dynident.diagnosis.comparing.repetition import (
+from dynident.diagnosis.comparing.repeatability import (
     compute_repeated_share,
     find_own_repeats,
     find_periods,

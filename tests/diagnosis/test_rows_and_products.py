@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates import collecting
-from dynident.diagnosis.candidates.collecting import RowAccumulator
+from dynident.diagnosis.candidates import accumulate
+from dynident.diagnosis.candidates.accumulate import RowAccumulator
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, ProductStack, RowStack
 from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
@@ -22,7 +22,7 @@ CANDIDATES = [
 
 def gathered(most_rows: int, monkeypatch: pytest.MonkeyPatch) -> Products:
     """Rows pushed in pieces that begin in the middle of stretches; the second joint lacks some of the columns."""
-    monkeypatch.setattr(collecting, "_MOST_ROWS", most_rows)
+    monkeypatch.setattr(accumulate, "_MOST_ROWS", most_rows)
     random = np.random.default_rng(0)
     having = [np.arange(COLUMNS), np.array([0, 2, 3, 5, 8]), np.arange(COLUMNS)]
     collected = RowAccumulator([len(columns) for columns in having], 2, STRETCHES)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnosis.candidates.gate import ScoredCandidate, combine_scores
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.candidates.significance import ScoredCandidate, combine_scores
 from dynident.diagnosis.result import UnknownPattern
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.words import ABOVE_NOISE, rank_effects, select_verdict
+from dynident.diagnosis.summary import ABOVE_NOISE, rank_effects, select_verdict
 from dynident.effects import EffectChoice
 
 PEAK = (("delta", 2.0), ("vs", 0.1))

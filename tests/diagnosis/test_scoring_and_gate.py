@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.family import compute_familywise_p
-from dynident.diagnosis.candidates.gate import ScoredCandidate, are_indistinguishable, combine_scores, select_simplest
+from dynident.diagnosis.candidates.familywise_test import compute_familywise_p
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import RowStack, products_from_reduction, split_data_folds, split_folds
-from dynident.diagnosis.candidates.resampling import compute_stability
 from dynident.diagnosis.candidates.scoring import (
     Score,
     compute_contributions,
@@ -24,8 +22,15 @@ from dynident.diagnosis.candidates.scoring import (
     compute_held_out_errors,
     score_candidates,
 )
-from dynident.diagnosis.residuals.stretches import compute_t
-from dynident.diagnosis.search.choosing import find_richer_changes
+from dynident.diagnosis.candidates.significance import (
+    ScoredCandidate,
+    are_indistinguishable,
+    combine_scores,
+    select_simplest,
+)
+from dynident.diagnosis.candidates.stability_selection import compute_stability
+from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.search.selection import find_richer_changes
 from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator
 

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.diagnosis.changed_values import Estimates, yield_changes
+from dynident.diagnosis.change_estimates import Estimates, yield_changes
 from dynident.diagnosis.result import Change, RankedEffect
 from dynident.effects import Column, EffectChoice
-from dynident.estimation.statistics import Statistics
+from dynident.estimation.uncertainty import Statistics
 from dynident.robot import robot_from_library
 
 SINCE = ("today",)

@@ -12,8 +12,7 @@ from hidden_physics import BAND, ROBOT, WITH_OFFSET, nothing, recorded
 from oracles import FloatArray, Motion, fourier_motion
 
 from dynident.diagnosis import Comparison, compare
-from dynident.diagnosis.residuals.lines import find_motion_lines
-from dynident.diagnosis.residuals.vibration import find_base_vibration
+from dynident.diagnosis.residuals.spectral_peaks import find_base_vibration, find_motion_lines
 from dynident.identification import Identification, IdentificationChoices, identify
 
 HIGHEST = 11.0

@@ -12,7 +12,7 @@ from oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.diagnosis.candidates.pool import build_pool
-from dynident.diagnosis.residuals.leads import ShapeProposals
+from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import EffectChoice
 from dynident.effects.catalogue import is_lasting_change
 from dynident.errors import DynidentError

@@ -11,12 +11,12 @@ from oracles import arm
 
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.catalogue import check_shape_constants
-from dynident.effects.written import format_effect, parse_effects
+from dynident.effects.text_format import format_effect, parse_effects
 from dynident.errors import DynidentError
 from dynident.export.summary import describe_effect
 from dynident.identification import IdentifiedParameter, ShapeConstant
 from dynident.identification.study.removing import subtract_effects
-from dynident.reports.words import format_shape_constants
+from dynident.reports.labels import format_shape_constants
 
 ROBOT = arm("scara")
 

@@ -21,7 +21,7 @@ from dynident.effects import (
     build_columns,
     get_effect,
 )
-from dynident.effects.memory import MemoryStates
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.effects.structure import get_horizontal_directions
 from dynident.robot import Robot
 

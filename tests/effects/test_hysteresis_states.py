@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynident.effects import DAHL, STOP, TRAVEL, MemorySignal, Operator
-from dynident.effects.memory import MemoryStates, build_step_expression, step_state
+from dynident.effects.hysteresis_states import MemoryStates, build_step_expression, step_state
 
 SIGNALS = (
     MemorySignal(STOP, 0, 2e-3),

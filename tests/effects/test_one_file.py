@@ -13,8 +13,8 @@ from pathlib import Path
 import dynident.effects as room
 room.__path__.append({folder!r})
 from fastapi.testclient import TestClient
-from dynident.advice.kinds import EXPERIMENTS
-from dynident.advice.pairs import experiment_for
+from dynident.advice.experiments import EXPERIMENTS
+from dynident.advice.experiments import experiment_for
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_library

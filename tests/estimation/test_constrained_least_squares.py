@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from dynident.estimation.semidefinite import (
+from dynident.estimation.constrained_least_squares import (
     EqualityConstraints,
     InfeasibleError,
     MatrixBound,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.estimation import FactorAccumulator, build_prior, build_weighted_factor
-from dynident.estimation.recursive import compute_recursive_statistics
+from dynident.estimation.kalman_filter import compute_recursive_statistics
 
 STRETCHES, LENGTH, C = 50, 40, 3
 

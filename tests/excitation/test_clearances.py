@@ -9,14 +9,14 @@ from scipy.optimize import minimize
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest
-from dynident.excitation.criteria.smooth import build_smooth_criterion
-from dynident.excitation.nearness import find_nearest_along
-from dynident.excitation.observation.model import build_design_model
-from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.clearance import find_nearest_along
+from dynident.excitation.criteria.smooth_criteria import build_smooth_criterion
+from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion import Box, Surroundings, ToolRange, Wall
+from dynident.motion.collision.clearance import compute_block_distance, find_closest_shares
+from dynident.motion.collision.obstacles import build_block
 from dynident.motion.limits.bounds import Bounds, build_bounds
-from dynident.motion.surroundings.obstacles import build_block
-from dynident.motion.surroundings.segments import compute_block_distance, find_closest_shares
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Limits
 from dynident.robot.kinematics import joint_frames

@@ -5,14 +5,14 @@ import pinocchio as pin
 import pytest
 
 from dynident.effects import CATALOGUE, DAHL, STOP, TRAVEL, EffectChoice, MemorySignal
-from dynident.effects.memory import step_state
-from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
-from dynident.excitation.criteria.deciding import build_design_criterion
-from dynident.excitation.criteria.smooth import build_smooth_criterion
-from dynident.excitation.observation.model import build_design_model
-from dynident.excitation.observation.path_memory import PathMemory
-from dynident.excitation.observation.sensitivity import ObservationGradient
-from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.effects.hysteresis_states import step_state
+from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.criteria.smooth_criteria import build_smooth_criterion
+from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.observation.hysteresis import PathMemory
+from dynident.excitation.observation.observation_gradient import ObservationGradient
+from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import robot_from_library, to_pinocchio

@@ -10,11 +10,11 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import build_design_criterion
-from dynident.excitation.criteria.smooth import build_smooth_criterion
-from dynident.excitation.observation.model import build_design_model
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.criteria.smooth_criteria import build_smooth_criterion
+from dynident.excitation.observation.design_model import build_design_model
 from dynident.excitation.observation.row_models import ROW_MODELS, build_row_model
-from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.recordings import recording_from_arrays

@@ -13,9 +13,9 @@ from scipy.signal import resample
 from dynident.effects import EffectChoice
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
 from dynident.motion import Box, ImpossibleLimitsError, Surroundings
+from dynident.motion.collision.clearance import CapsulePart, ClearanceConstraints, ClearancePairs
+from dynident.motion.collision.constraint_slack import LoopConstraints
 from dynident.motion.limits.bounds import build_bounds
-from dynident.motion.surroundings.clearance import CapsulePart, ClearanceConstraints, ClearancePairs
-from dynident.motion.surroundings.loop_rooms import LoopConstraints
 from dynident.robot import Limits, Robot
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.modified_dh import robot_from_modified_dh

@@ -9,13 +9,11 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import build_design_criterion
-from dynident.excitation.observation.locked import lock_model
-from dynident.excitation.observation.model import build_design_model
-from dynident.excitation.optimising.problem import DesignProblem, Multipliers
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.observation.design_model import build_design_model, lock_model
+from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion import Surroundings
-from dynident.motion.limits.bounds import build_bounds
-from dynident.motion.limits.locked import lock_bounds
+from dynident.motion.limits.bounds import build_bounds, lock_bounds
 from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 

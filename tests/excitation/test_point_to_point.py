@@ -9,12 +9,12 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import Cancelled, DynidentError
 from dynident.excitation import Design, DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.criteria.deciding import build_design_criterion
-from dynident.excitation.observation.model import build_design_model
-from dynident.excitation.points.sequence import MovePlanner, PointSequence, stack_rows
-from dynident.excitation.points.spaces import FreePoints, TwoPoints
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.points.point_search import FreePoints, TwoPoints
+from dynident.excitation.points.point_sequence import MovePlanner, PointSequence, stack_rows
+from dynident.motion.collision.obstacles import Surroundings
 from dynident.motion.limits.bounds import build_bounds
-from dynident.motion.surroundings.obstacles import Surroundings
 from dynident.robot import Limits, Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

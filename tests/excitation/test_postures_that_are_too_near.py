@@ -7,7 +7,7 @@ import pytest
 from safe_robots import safe_robot
 
 from dynident.motion import Box, Surroundings
-from dynident.motion.surroundings.free_space import build_free_space
+from dynident.motion.collision.free_space import build_free_space
 
 AROUND = Surroundings(
     self_collision=True, clearance=0.03, boxes=(Box("table", center=(0.4, 0.3, 0.2), size=(0.5, 0.4, 0.3)),)

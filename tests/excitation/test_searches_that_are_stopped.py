@@ -10,7 +10,7 @@ import pytest
 
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.reached import read_checkpoint
+from dynident.excitation.optimising.checkpoint import read_checkpoint
 from dynident.robot import Robot, robot_from_library
 
 REQUEST = DesignRequest(

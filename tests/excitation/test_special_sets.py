@@ -19,9 +19,9 @@ from dynident.excitation import (
     design_table,
     write_design,
 )
-from dynident.excitation.sets.planned import BetweenTwoPoints, plan_runs
+from dynident.excitation.sets.planned_runs import BetweenTwoPoints, plan_runs
 from dynident.excitation.sets.run_search import factor_information
-from dynident.motion.surroundings.obstacles import Surroundings
+from dynident.motion.collision.obstacles import Surroundings
 from dynident.robot import Robot, to_pinocchio
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))

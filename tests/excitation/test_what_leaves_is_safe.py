@@ -11,11 +11,11 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.observation.model import build_design_model
+from dynident.excitation.observation.design_model import build_design_model
 from dynident.motion import Box, Surroundings
+from dynident.motion.collision.free_space import build_free_space
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.limits.margins import are_limits_kept
-from dynident.motion.surroundings.free_space import build_free_space
 from dynident.robot import Limits, robot_from_urdf
 from dynident.robot.mesh_files import find_mesh_file
 from dynident.robot.meshes import build_hulls, read_surface

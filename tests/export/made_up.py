@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters, count_reference_parameters
-from dynident.effects.memory import MemoryStates
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.estimation import EquationFactors, Reduction, Solution, Statistics
 from dynident.identification import Estimate, Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
-from dynident.regressors.further_signals import FurtherSignals
 from dynident.regressors.model import build_model
+from dynident.regressors.observation import FurtherSignals
 from dynident.robot import Robot
 from dynident.robot.pseudo_inertia import inertial_parameters
 

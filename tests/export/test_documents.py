@@ -12,7 +12,7 @@ from test_programs import MODELS, NAMES, run_signals
 
 from dynident.errors import DynidentError
 from dynident.export import export_model, model_from_json, model_to_document, to_json
-from dynident.regressors.further_signals import FurtherSignals
+from dynident.regressors.observation import FurtherSignals
 from dynident.robot.model import INERTIAL_NAMES
 
 

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.expressions import kept_code, machine_code
+from dynident.expressions import code_cache, machine_code
 from dynident.expressions.machine_code import Compiled
 
 pytest.importorskip("llvmlite")
@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite")
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.setenv(kept_code.SETTING, str(tmp_path))
+    monkeypatch.setenv(code_cache.SETTING, str(tmp_path))
     return tmp_path / "code"
 
 
@@ -85,7 +85,7 @@ def test_another_processor_or_compiler_has_code_of_its_own(folder, builds, monke
 def test_code_that_others_could_have_written_is_not_run(folder, builds):
     folder.mkdir()
     folder.chmod(0o777)
-    kept_code._find_folder.cache_clear()
+    code_cache._find_folder.cache_clear()
     for _ in range(2):
         of(1.25)
     assert len(builds) == 2
@@ -94,7 +94,7 @@ def test_code_that_others_could_have_written_is_not_run(folder, builds):
 
 @pytest.mark.parametrize("setting", ["", "/dev/null/nowhere"])
 def test_without_a_folder_everything_works(setting, builds, monkeypatch):
-    monkeypatch.setenv(kept_code.SETTING, setting)
+    monkeypatch.setenv(code_cache.SETTING, setting)
     compiled, expected = of(1.25)
     assert value(compiled) == pytest.approx(expected, rel=1e-15)
     assert len(builds) == 1
@@ -102,15 +102,15 @@ def test_without_a_folder_everything_works(setting, builds, monkeypatch):
 
 def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
     for number in range(8):
-        kept_code.load_or_compile(f"text {number}", lambda: bytes(1000))
+        code_cache.load_or_compile(f"text {number}", lambda: bytes(1000))
         newest = max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)
         os.utime(newest, (number, number))
-    kept_code.load_or_compile("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
-    monkeypatch.setattr(kept_code, "_ROOM", 5000)
-    kept_code._remove_old_files.cache_clear()
-    kept_code.load_or_compile("text 8", lambda: bytes(1000))
+    code_cache.load_or_compile("text 0", lambda: pytest.fail("it is there"))  # used just now, so the newest
+    monkeypatch.setattr(code_cache, "_ROOM", 5000)
+    code_cache._remove_old_files.cache_clear()
+    code_cache.load_or_compile("text 8", lambda: bytes(1000))
     for number in (0, 8):
-        kept_code.load_or_compile(f"text {number}", lambda: pytest.fail("it is there"))
+        code_cache.load_or_compile(f"text {number}", lambda: pytest.fail("it is there"))
     assert len(list(folder.iterdir())) == 2
 
 

@@ -12,9 +12,8 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
 from dynident.recordings import Preprocessing
-from dynident.regressors import rows
-from dynident.regressors.extension import extend_model
-from dynident.regressors.model import build_model
+from dynident.regressors import row_cache
+from dynident.regressors.model import build_model, extend_model
 
 ROBOT = arm("ur10")
 NAMES = ROBOT.joint_names
@@ -57,7 +56,7 @@ def test_base_parameters_grown_step_by_step_are_those_found_at_once():
 @pytest.mark.parametrize("kept", ["kept", "too many to keep", "of a file"])
 def test_extending_gives_what_identifying_at_once_gives(kept, monkeypatch):
     if kept == "too many to keep":
-        monkeypatch.setattr(rows, "MOST_VALUES", 10)
+        monkeypatch.setattr(row_cache, "MOST_VALUES", 10)
     model = identify(ROBOT, RUNS, HELD_OUT, CHOICES)
     for step in STEPS[:2]:
         if kept == "of a file":

@@ -16,8 +16,7 @@ from dynident.errors import DynidentError
 from dynident.identification import Identification, IdentificationChoices, extend, identify
 from dynident.recordings import RecordedJoints, Recording, RecordingMetadata, import_recording
 from dynident.regressors.base_parameters import select_base
-from dynident.regressors.extension import extend_model
-from dynident.regressors.model import build_model
+from dynident.regressors.model import build_model, extend_model
 from dynident.robot import Robot, robot_from_urdf
 
 KNOWN = (*DEFAULT_EFFECTS, OFFSETS)

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import RecordingMetadata
 from dynident.robot import robot_from_urdf

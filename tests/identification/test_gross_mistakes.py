@@ -12,16 +12,22 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from scipy.interpolate import make_interp_spline
 
-from dynident.identification.mistakes import ColumnFault, build_dynamics_checks, find_recording_faults
-from dynident.identification.mistakes import judge as judging
-from dynident.identification.mistakes.bands import filter_motion, filter_whole_motion
-from dynident.identification.mistakes.delays import estimate_delay
-from dynident.identification.mistakes.frictions import find_excess_friction, get_effort_limits, is_nearer_to_others
-from dynident.identification.mistakes.gravity import find_mounting
-from dynident.identification.mistakes.judge import HeldOutFit
-from dynident.identification.mistakes.scales import compute_described_load, find_torque_scales, is_nearer_to_masses
-from dynident.identification.mistakes.search import find_motion_faults
-from dynident.identification.mistakes.swaps import Motion as MotionRows
+from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
+from dynident.identification.recording_faults import held_out_fit as judging
+from dynident.identification.recording_faults.column_faults import Motion as MotionRows
+from dynident.identification.recording_faults.fault_search import find_motion_faults
+from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
+from dynident.identification.recording_faults.gravity import find_mounting
+from dynident.identification.recording_faults.held_out_fit import HeldOutFit
+from dynident.identification.recording_faults.torque_delay import estimate_delay
+from dynident.identification.recording_faults.torque_scale import (
+    compute_described_load,
+    find_excess_friction,
+    find_torque_scales,
+    get_effort_limits,
+    is_nearer_to_masses,
+    is_nearer_to_others,
+)
 from dynident.recordings import (
     JointLimits,
     RecordedJoints,
@@ -30,7 +36,7 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
 )
-from dynident.recordings.types import Check, ModelChecks
+from dynident.recordings.recording import Check, ModelChecks
 from dynident.robot import Robot
 
 ROBOT = arm("ur10")

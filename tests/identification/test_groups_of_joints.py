@@ -9,8 +9,8 @@ import pytest
 from strangers import FloatArray, guess, legged, log, log_of, read, signals
 
 from dynident.identification import identify
-from dynident.identification.mistakes.frictions import find_excess_friction
-from dynident.identification.mistakes.search import list_chains
+from dynident.identification.recording_faults.fault_search import list_chains
+from dynident.identification.recording_faults.torque_scale import find_excess_friction
 from dynident.recordings import Check, RecordingError
 from dynident.robot import Robot
 from dynident.verdict import verdict

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque
 
-from dynident.desk.robots import set_drive_gains
-from dynident.identification.imports.effort import CANNOT_TELL
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
-from dynident.identification.imports.proposal import Proposal
+from dynident.api.robot_files import set_drive_gains
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.effort_kind import CANNOT_TELL
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.column_inference.proposal import Proposal
 
 ROBOT = arm("ur10")
 GAINS = (15.0, 13.0, 11.0, 10.6, 11.0, 11.5)

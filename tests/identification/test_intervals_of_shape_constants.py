@@ -20,9 +20,9 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
-from dynident.identification.study.essential import essential_parameters
+from dynident.identification.study.essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
-from dynident.regressors.rows import MOST_VALUES
+from dynident.regressors.row_cache import MOST_VALUES
 
 ROBOT = arm("scara")
 NAMES = ROBOT.joint_names

@@ -10,19 +10,19 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import identify
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
-from dynident.identification.mistakes import (
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.recording_faults import (
     ColumnFault,
     build_dynamics_checks,
     check_recording_faults,
     find_recording_faults,
 )
-from dynident.identification.mistakes.bands import filter_motion
-from dynident.identification.mistakes.described_units import find_description_units
-from dynident.identification.mistakes.gravity import find_mounting
-from dynident.identification.mistakes.scales import refine_factor_by_masses
-from dynident.identification.mistakes.search import find_parallel_axes
+from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.identification.recording_faults.fault_search import find_parallel_axes
+from dynident.identification.recording_faults.filtered_motion import filter_motion
+from dynident.identification.recording_faults.gravity import find_mounting
+from dynident.identification.recording_faults.torque_scale import refine_factor_by_masses
 from dynident.recordings import Check, Recording, Revision
 from dynident.robot import Robot, robot_from_urdf
 from dynident.verdict import verdict

@@ -12,8 +12,8 @@ from dynident.effects import EffectChoice
 from dynident.effects.choices import DEFAULT_EFFECTS, OFFSETS
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, to_bytes
-from dynident.identification.imports.facts import Sample
-from dynident.identification.imports.guess import propose
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, recording_from_arrays
 from dynident.recordings.phases import phase_shares

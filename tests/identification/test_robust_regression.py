@@ -15,10 +15,10 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation.least_squares import floor_noise
-from dynident.estimation.robust import BISQUARE, HUBER, estimate_robust_scale
+from dynident.estimation.robust_weights import BISQUARE, HUBER, estimate_robust_scale
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
-from dynident.regressors import rows as rows_module
+from dynident.regressors import row_cache as rows_module
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "coulomb", "viscous"))
 CHOICES = IdentificationChoices(EFFECTS, estimator="irls", preprocessing=Preprocessing(15.0, 15.0, 5))

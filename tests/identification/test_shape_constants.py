@@ -7,10 +7,10 @@ import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParameters
-from dynident.effects.memory import step_state
+from dynident.effects.hysteresis_states import step_state
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.shapes.shapes import (
+from dynident.identification.shapes.shape_search import (
     check_shapes_given,
     complete_shapes,
     find_shapes,

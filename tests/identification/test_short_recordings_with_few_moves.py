@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification.mistakes import ColumnFault, find_recording_faults, gravity
-from dynident.identification.mistakes.bands import filter_motion
-from dynident.identification.mistakes.described import DescriptionFit, measure_left_by_description
-from dynident.identification.mistakes.judge import BLOCKS, GramMatrices, HeldOutFit
-from dynident.identification.mistakes.swaps import Motion as MotionRows
+from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity
+from dynident.identification.recording_faults.column_faults import Motion as MotionRows
+from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
+from dynident.identification.recording_faults.filtered_motion import filter_motion
+from dynident.identification.recording_faults.held_out_fit import BLOCKS, GramMatrices, HeldOutFit
 from dynident.recordings import Recording
 from dynident.robot.pinocchio_model import compute_described_torque
 

@@ -9,7 +9,7 @@ import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import PayloadEstimate
-from dynident.identification.loads.weighing import compare_estimates, payload_from_pair
+from dynident.identification.loads.payload_weighing import compare_estimates, payload_from_pair
 from dynident.recordings import Preprocessing
 
 BAND = Preprocessing(12.0, 12.0, 5)

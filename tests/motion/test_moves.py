@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.effects import EffectChoice
-from dynident.excitation.observation.model import build_design_model
+from dynident.excitation.observation.design_model import build_design_model
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, build_bounds
-from dynident.motion.moves.move import Move, move_within_torque, plan_move
+from dynident.motion.moves.jerk_limited import Move, move_within_torque, plan_move
 from dynident.motion.trajectories.motion import Rest
 from dynident.robot import Limits, robot_from_library
 

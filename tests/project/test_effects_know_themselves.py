@@ -28,13 +28,13 @@ CONTRACT = {
     "service/dynident_service/models/identifications.py": {choice.effect for choice in DEFAULT_EFFECTS},
     "service/dynident_service/models/simulations.py": {choice.effect for choice in DEFAULT_EFFECTS},
     "service/dynident_service/adapters/robots.py": {"rigid_body"},
-    "service/dynident_service/cli/verbs/demo.py": {"stribeck"},
+    "service/dynident_service/cli/commands/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.
-    "src/dynident/recordings/stated.py": {"torque_delay"},
+    "src/dynident/recordings/metadata.py": {"torque_delay"},
     # What is said of a recording has a field of that name.
-    "src/dynident/reports/commands.py": {"torque_delay"},
+    "src/dynident/reports/sections/provenance.py": {"torque_delay"},
     "src/dynident/robot/urdf_writer.py": {"offset"},
-    "src/dynident/robot/urdf_xml.py": {"offset"},
+    "src/dynident/robot/urdf.py": {"offset"},
     # And so have the numbers of a mesh in COLLADA.
     "src/dynident/robot/collada.py": {"offset"},
     "service/dynident_service/workbench/static/js/identification_form.js": {c.effect for c in DEFAULT_EFFECTS},

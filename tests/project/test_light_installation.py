@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dynident.extras import EXTRA_OF_PACKAGE, SCIENCE_PACKAGES, format_install_hint
+from dynident.optional_dependencies import EXTRA_OF_PACKAGE, SCIENCE_PACKAGES, format_install_hint
 from dynident.version import __version__
 from dynident_service.cli.app import app
 
@@ -34,7 +34,7 @@ def test_the_version_is_known_without_any_package() -> None:
     assert ended.stdout.strip() == __version__, ended.stderr
 
 
-@pytest.mark.parametrize("room", ["dynident.robot", "dynident.identification", "dynident.arrays"])
+@pytest.mark.parametrize("room", ["dynident.robot", "dynident.identification", "dynident.array_types"])
 def test_a_room_that_needs_science_says_so(room: str) -> None:
     ended = without_packages(f"import {room}")
     last = ended.stderr.strip().splitlines()[-1]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import dynident
-from dynident.lazy import find_export_modules
+from dynident.lazy_loader import find_export_modules
 
 SOURCES = Path(dynident.__file__).parent
 ROOMS = sorted(

@@ -10,11 +10,11 @@ from typing import get_type_hints
 
 import pytest
 
-from dynident.asking import FieldDescription, FieldOptions
-from dynident.recordings.stated import Revision, RevisionFields
+from dynident.recordings.metadata import Revision, RevisionFields
 from dynident.robot.document import DescriptionDocument, DriveDocument, LimitsDocument
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.model import Description
-from dynident.robot.stated import Drive, Limits
+from dynident.schema.fields import FieldDescription, FieldOptions
 
 SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("src/dynident", "src/dynident_client", "service/dynident_service")

@@ -11,7 +11,7 @@ from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, p
 
 from dynident.identification import identify
 from dynident.identification.study.dependence import parameter_dependence
-from dynident.identification.study.essential import essential_parameters
+from dynident.identification.study.essential_parameters import essential_parameters
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from dynident.recordings import Preprocessing, Recording, RecordingError, filtered_blocks, recording_from_arrays
-from dynident.recordings.types import StoredRows
+from dynident.recordings.recording import StoredRows
 
 
 class Pieces:

@@ -11,10 +11,10 @@ import pytest
 from logger_layouts import BETWEEN_SAMPLES, LAYOUTS, WITHOUT_TIME, Recorded
 from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque
 
-from dynident.desk.reading import read_recordings
-from dynident.identification.imports.guess import propose
-from dynident.identification.imports.inspecting import read_sample
-from dynident.identification.imports.units import get_factor
+from dynident.api.recording_files import read_recordings
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.column_inference.inspection import read_sample
+from dynident.identification.column_inference.unit_inference import get_factor
 from dynident.recordings import RecordingError, RecordingMetadata
 from dynident.robot import Robot, robot_from_urdf
 

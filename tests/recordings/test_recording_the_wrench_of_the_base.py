@@ -17,7 +17,7 @@ from dynident.recordings import (
     open_recording,
     recording_from_arrays,
 )
-from dynident.recordings.types import WRENCH_NAMES
+from dynident.recordings.recording import WRENCH_NAMES
 
 PREPROCESSING = Preprocessing(6.0, None)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from dynident.identification.mistakes.checks import build_dynamics_checks
+from dynident.identification.recording_faults.fault_checks import build_dynamics_checks
 from dynident.recordings import (
     RecordedJoints,
     RecordingError,

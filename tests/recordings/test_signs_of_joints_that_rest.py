@@ -7,19 +7,19 @@ import pytest
 from oracles import arm
 from resting import resting_motion, resting_torque
 
-from dynident.recordings import evidence, recording_from_arrays
+from dynident.recordings import nonparametric_fit, recording_from_arrays
 
 ROBOT = arm("scara")
 
 
-def directions(seed: int, signs: np.ndarray) -> list[evidence.Direction]:
+def directions(seed: int, signs: np.ndarray) -> list[nonparametric_fit.Direction]:
     motion = resting_motion(ROBOT, 10.0, 250.0, seed)
     tau = resting_torque(ROBOT, motion, seed) * signs
-    found = evidence.gather_evidence(
+    found = nonparametric_fit.gather_evidence(
         recording_from_arrays(motion.t, motion.q, tau, joint_names=ROBOT.joint_names, name="run")
     )
     assert found is not None
-    return [evidence.measure_direction(found, joint) for joint in range(ROBOT.n)]
+    return [nonparametric_fit.measure_direction(found, joint) for joint in range(ROBOT.n)]
 
 
 @pytest.mark.parametrize("seed", [18, 32, 5, 6])

@@ -9,10 +9,10 @@ from oracles import arm, fourier_motion
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters
 from dynident.estimation import compute_errors
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
+from dynident.regressors.equation_forms import build_filtered_form, build_power_form
 from dynident.regressors.equations import filter_with_pole, integrate_over_intervals, reduce_form, stream_equations
-from dynident.regressors.forms import build_filtered_form, build_power_form
+from dynident.regressors.filtered_rows import SampleFunction
 from dynident.regressors.model import Model, build_model
-from dynident.regressors.stream import SampleFunction
 
 ROBOT = arm("ur10")
 RATE = 500.0

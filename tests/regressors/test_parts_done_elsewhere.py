@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident import side_by_side as threads
 from dynident.effects import DEFAULT_EFFECTS, EffectChoice
-from dynident.elsewhere import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
 from dynident.errors import Cancelled
+from dynident.parallel import thread_map as threads
+from dynident.parallel.remote_workers import RemoteWorkersBusy, RemoteWorkFailed, share_work_with
+from dynident.parallel.thread_map import map_in_threads
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors import rows
+from dynident.regressors import row_cache
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_cache
-from dynident.side_by_side import map_in_threads
+from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
 ITEMS = list(range(6))
@@ -166,7 +166,7 @@ def sent(work: Place) -> Place:
 def test_recordings_reduced_elsewhere_give_the_same_factors(
     effects: Sequence[EffectChoice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rows, "MOST_VALUES", 0)
+    monkeypatch.setattr(row_cache, "MOST_VALUES", 0)
     model = build_model(ROBOT, effects)
     reference = model.build_reference(np.full(model.n_parameters, 0.3))
     runs = [run(seed, 4.0 + seed) for seed in range(4)]

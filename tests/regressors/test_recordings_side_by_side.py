@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from oracles import arm, fourier_motion, pinocchio_torque, record
 
-from dynident import side_by_side as threads
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import DEFAULT_EFFECTS
 from dynident.errors import Cancelled
 from dynident.estimation import Reduction
+from dynident.parallel import thread_map as threads
+from dynident.parallel.thread_map import map_in_threads, prefetch
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, SampleBlock
-from dynident.regressors.folding import EquationRows, accumulate_equations
+from dynident.regressors.filtered_rows import SampleFunction, reduce_recordings
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_cache
-from dynident.regressors.stream import SampleFunction, reduce_recordings
-from dynident.side_by_side import map_in_threads, prefetch
+from dynident.regressors.qr_accumulation import EquationRows, accumulate_equations
+from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
 from scipy import signal
 
-import dynident.regressors.stream as stream
-from dynident import side_by_side
+import dynident.regressors.filtered_rows as stream
 from dynident.effects import STOP, EffectChoice, ReferenceParameters
-from dynident.effects.memory import step_state
+from dynident.effects.hysteresis_states import step_state
 from dynident.effects.signals import MemorySignal
 from dynident.estimation import compute_errors, ordinary, weighted
+from dynident.parallel import thread_map
 from dynident.recordings import (
     Preprocessing,
     Recording,
@@ -27,11 +27,11 @@ from dynident.recordings import (
     low_pass,
     recording_from_arrays,
 )
-from dynident.recordings.types import StoredRows
-from dynident.regressors.folding import choose_block_length, compute_used_duration
+from dynident.recordings.recording import StoredRows
+from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import build_model
+from dynident.regressors.qr_accumulation import choose_block_length, compute_used_duration
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import reduce_recordings
 
 ROBOT = arm("scara")
 N = ROBOT.n
@@ -278,7 +278,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(side_by_side, "processors", lambda: 1)
+    monkeypatch.setattr(thread_map, "processors", lambda: 1)
     peaks = []
     for length in (60_000, 600_000):
         run = Recording("long", ROBOT.joint_names, RATE, (Segment(0, length, 0.0),), Endless())

@@ -13,7 +13,7 @@ from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.recordings.phases import find_phases
 from dynident.regressors.model import build_model
-from dynident.regressors.rows import reduce_and_cache
+from dynident.regressors.row_cache import reduce_and_cache
 
 ROBOT = arm("scara")
 NAMES = ROBOT.joint_names

@@ -10,11 +10,11 @@ from dynident.effects import EffectChoice, ReferenceParameters, Signals, build_c
 from dynident.recordings import Preprocessing, recording_from_arrays
 from dynident.recordings.phases import Phase
 from dynident.regressors.base_parameters import find_base_parameters
-from dynident.regressors.forms import build_filtered_form, build_power_form
+from dynident.regressors.equation_forms import build_filtered_form, build_power_form
+from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import build_model
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import reduce_recordings
 from dynident.robot import Robot
 
 LINKS = [EffectChoice("rigid_body")]

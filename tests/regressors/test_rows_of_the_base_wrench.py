@@ -14,12 +14,12 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
-from dynident.estimation.nuisance import marginalise_parameters
+from dynident.estimation.marginalisation import marginalise_parameters
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.identification.study.removing import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.base_wrench import build_wrench_model
-from dynident.regressors.forms import build_wrench_form
+from dynident.regressors.equation_forms import build_wrench_form
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf, to_pinocchio
 
@@ -188,9 +188,9 @@ def test_a_payload_is_found_by_the_wrench_and_can_be_taken_out_again():
 def test_block_borders_leave_no_trace_in_the_equations_of_the_wrench(monkeypatch):
     run = recorded(arm("scara"), 40.0, 200.0, windows=((2.0, 17.0), (19.0, 36.0)))
     whole = by_wrench(arm("scara"), [run]).data.equations
-    monkeypatch.setattr("dynident.recordings.filtering.READ_LENGTH", 777)
+    monkeypatch.setattr("dynident.recordings.position_filter.READ_LENGTH", 777)
     monkeypatch.setattr(
-        "dynident.regressors.stream.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
+        "dynident.regressors.filtered_rows.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
     )
     cut = by_wrench(arm("scara"), [run]).data.equations
     assert cut.n_rows == whole.n_rows

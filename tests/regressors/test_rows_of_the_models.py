@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 from scipy import integrate, signal
 
-from dynident import side_by_side
 from dynident.effects import (
     CATALOGUE,
     EffectChoice,
@@ -22,13 +21,20 @@ from dynident.effects import (
     count_reference_parameters,
 )
 from dynident.estimation import Reduction, ordinary
+from dynident.parallel import thread_map
 from dynident.recordings import Preprocessing, Recording, Segment, filtered_blocks, low_pass, recording_from_arrays
-from dynident.recordings.types import StoredRows
-from dynident.regressors.equations import filter_with_pole, integrate_over_intervals, reduce_form, stream_equations
-from dynident.regressors.forms import build_filtered_form, build_power_form
+from dynident.recordings.recording import StoredRows
+from dynident.regressors.equation_forms import build_filtered_form, build_power_form
+from dynident.regressors.equations import (
+    filter_with_pole,
+    integrate_over_intervals,
+    reduce_form,
+    smooth_samples,
+    stream_equations,
+    take_differences,
+)
+from dynident.regressors.filtered_rows import Samples, reduce_recordings
 from dynident.regressors.model import Model, build_model
-from dynident.regressors.stages import smooth_samples, take_differences
-from dynident.regressors.stream import Samples, reduce_recordings
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))
@@ -185,9 +191,9 @@ def test_block_borders_leave_no_trace_in_any_model(which, read, monkeypatch):
     model = build_model(robot, (*EFFECTS, EffectChoice("presliding", (robot.joint_names[0],), (("d0", 5e-3),))))
     run = noise_free(robot, seconds=40.0, rate=200.0, windows=((2.0, 17.0), (19.0, 36.0)))
     whole = reductions(model, run)[which]
-    monkeypatch.setattr("dynident.recordings.filtering.READ_LENGTH", read)
+    monkeypatch.setattr("dynident.recordings.position_filter.READ_LENGTH", read)
     monkeypatch.setattr(
-        "dynident.regressors.stream.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
+        "dynident.regressors.filtered_rows.filtered_blocks", lambda *given: filtered_blocks(*given, block_length=331)
     )
     cut = reductions(model, run)[which]
     assert cut.n_rows == whole.n_rows
@@ -239,7 +245,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(side_by_side, "processors", lambda: 1)
+    monkeypatch.setattr(thread_map, "processors", lambda: 1)
     source = Endless()
     robot = source.robot
     model = build_model(robot, EFFECTS)

@@ -22,7 +22,7 @@ from dynident.identification import IdentificationChoices, LadderStep, extend, i
 from dynident.recordings import Check, Preprocessing, phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports import ReportedRecording, html_report
-from dynident.reports.numbers import format_estimate, format_number, format_percent
+from dynident.reports.number_format import format_estimate, format_number, format_percent
 from dynident.robot import Joint, Robot
 
 PLAIN = arm("scara")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from dynident.desk.reading import read_recordings
+from dynident.api.recording_files import read_recordings
 from dynident.diagnosis import compare, diagnose
 from dynident.identification import extend, identify
 from dynident.reports import ReportedRecording, html_report, render_pdf

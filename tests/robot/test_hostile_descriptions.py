@@ -8,7 +8,7 @@ import tracemalloc
 import pytest
 from mutations import MJCF, URDF
 
-from dynident.desk.robots import load_robot
+from dynident.api.robot_files import load_robot
 from dynident.errors import DynidentError
 from dynident.robot import robot_from_modified_dh, robot_from_urdf
 from dynident.robot.dh_text import robot_from_dh_text

@@ -10,8 +10,8 @@ import pytest
 
 from dynident.errors import DynidentError
 from dynident.motion import Surroundings
-from dynident.motion.surroundings.contacts import build_solid
-from dynident.motion.surroundings.free_space import build_free_space
+from dynident.motion.collision.contacts import build_solid
+from dynident.motion.collision.free_space import build_free_space
 from dynident.robot import collision_geometry, robot_from_urdf
 from dynident.robot.collision import UNCHECKED
 from dynident.robot.shapes import Hull

@@ -20,7 +20,7 @@ from dynident_client import Client
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 

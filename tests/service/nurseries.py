@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from dynident_service.jobs import child, engine, nursery
-from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs import child, engine, fork_server
+from dynident_service.jobs.fork_server import ForkServer
 
 HEARTBEAT = 0.4
 """Seconds from one to the next, so that one who has none is found out soon."""
@@ -56,8 +56,8 @@ def main() -> None:
 
         share_what_is_small()
     elif what != "with_science":
-        nursery.PRELOADED = ()
-    nursery.main()
+        fork_server.PRELOADED = ()
+    fork_server.main()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 from nurseries import bring_up_without_science
 from sqlalchemy.orm import Session
 
-from dynident_service import draining
+from dynident_service import serve as draining
 from dynident_service.serve import serve
 from dynident_service.storage.database import Database
 

@@ -7,13 +7,13 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynident import side_by_side
 from dynident.estimation import Reduction
+from dynident.parallel import thread_map
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.regressors import rows
-from dynident.regressors.folding import EquationAccumulator
-from dynident_service.jobs import sharing
+from dynident.regressors import row_cache
+from dynident.regressors.qr_accumulation import EquationAccumulator
+from dynident_service.jobs import distributed_map
 
 WORKER, NOTES = "NAME_OF_THE_WORKER", "NOTES_OF_THE_WORKERS"
 """Variables of a worker: what it is called, and the folder of the notes."""
@@ -34,8 +34,8 @@ class Note:
 
 def share_what_is_small() -> None:
     """Let this process and its children share whatever the size."""
-    side_by_side.MIN_PARALLEL_SIZE, sharing.WORTH, rows.MOST_VALUES = 1_000, 1_000, 0
-    side_by_side.count_processors = lambda: 1
+    thread_map.MIN_PARALLEL_SIZE, distributed_map.WORTH, row_cache.MOST_VALUES = 1_000, 1_000, 0
+    thread_map.count_processors = lambda: 1
     fold, worker, folder = EquationAccumulator.__call__, os.environ[WORKER], Path(os.environ[NOTES])
 
     def noted(self: EquationAccumulator, recording: Recording, told: Progress) -> Reduction:

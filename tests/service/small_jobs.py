@@ -16,8 +16,8 @@ from obstore.exceptions import PermissionDeniedError
 from sqlalchemy.exc import OperationalError
 
 from dynident.errors import DynidentError
-from dynident_service.jobs.work import Outcome, Task
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.jobs.task import Outcome, Task
+from dynident_service.storage.job_queue import JobQueue
 
 
 def answer(task: Task) -> Outcome:

@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of
 
-from dynident_service.keys import create_key, hash_key
+from dynident_service.api_keys import create_key, hash_key
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
 from dynident_service.storage.migrate import migrate
@@ -79,7 +79,7 @@ def test_the_command_to_make_a_key_prints_one_that_works(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from dynident_service import new_key
-    from dynident_service.keys import KeyRing
+    from dynident_service.api_keys import KeyRing
 
     folder = tmp_path_factory.mktemp("keys")
     monkeypatch.setenv("DYNIDENT_DATA_DIR", str(folder))
@@ -137,7 +137,7 @@ def test_keys_are_listed_with_their_last_use_and_revoked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from dynident_service import new_key
-    from dynident_service.keys import KeyRing
+    from dynident_service.api_keys import KeyRing
 
     monkeypatch.setenv("DYNIDENT_DATA_DIR", str(tmp_path))
     assert new_key.main(["cell 7", "--scope", "read", "--owner", "Ada", "--days", "30"]) == 0

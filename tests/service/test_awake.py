@@ -20,15 +20,15 @@ from nurseries import StandingBack
 from service_helpers import SCIENCE, serving, wait_for
 from test_jobs import is_running
 
-from dynident_service import awaited as awaited_module
-from dynident_service import following as following_module
-from dynident_service.awaited import InteractiveCompute
-from dynident_service.following import LATEST, JobEventNotifier
+from dynident_service import interactive_compute as awaited_module
+from dynident_service import job_events as following_module
+from dynident_service.interactive_compute import InteractiveCompute
+from dynident_service.job_events import LATEST, JobEventNotifier
 from dynident_service.jobs.child import STANDS_BACK
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.records import NewJob
 
 

@@ -10,11 +10,10 @@ import pytest
 from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
-from dynident_service.jobs import checkpoints
-from dynident_service.jobs.checkpoints import JobCheckpoints
-from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore
+from dynident_service.storage import checkpoints
+from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import CheckpointRow
 

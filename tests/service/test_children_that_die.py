@@ -10,7 +10,7 @@ import pytest
 
 from dynident_service.jobs.calls import Call
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.nursery import ProcessExit
+from dynident_service.jobs.fork_server import ProcessExit
 from dynident_service.jobs.pool import ChildProcess
 
 

@@ -17,13 +17,13 @@ from service_helpers import SCIENCE, app_of, wait_for
 from test_awake import Client
 from test_jobs import is_running
 
-from dynident_service import awaited as awaited_module
-from dynident_service.awaited import InteractiveCompute
+from dynident_service import interactive_compute as awaited_module
+from dynident_service.interactive_compute import InteractiveCompute
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.problems import ProblemError
 from dynident_service.services import confine_readers
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import FINAL, NewJob
 

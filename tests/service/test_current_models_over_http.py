@@ -15,7 +15,7 @@ from oracles import arm, fourier_motion, pinocchio_torque
 from dynident.progress import ignore_progress
 from dynident.robot import urdf_from_robot
 from dynident_client import Client, Computed, ProblemError, Record
-from dynident_service.jobs.work import ObjectCache, Task
+from dynident_service.jobs.task import ObjectCache, Task
 from dynident_service.services import Services
 from dynident_service.work.current_models import find_currents
 

@@ -21,7 +21,7 @@ from dynident.progress import ignore_progress
 from dynident.robot import robot_from_urdf
 from dynident_client import Client, Computed, JobFailed, ProblemError, Record
 from dynident_service.cli.app import app
-from dynident_service.jobs.work import ObjectCache, Task
+from dynident_service.jobs.task import ObjectCache, Task
 from dynident_service.services import Services
 from dynident_service.work.drive_gains import find_gains
 

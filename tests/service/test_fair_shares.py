@@ -7,7 +7,7 @@ from typing import Any
 import anyio
 import pytest
 
-from dynident_service.fair_shares import FairQueue, SharedPlaces, SharedQueue, Ticket, name_address_party
+from dynident_service.fair_queue import FairQueue, SharedPlaces, SharedQueue, Ticket, name_address_party
 
 
 def fill(places: SharedPlaces, party: str) -> int:

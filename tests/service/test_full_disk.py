@@ -19,8 +19,8 @@ from test_uploads import as_csv, files_in, sound
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import check_storage
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.integrity_check import check_storage
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import FINAL, NewJob, NewResource
 from dynident_service.storage.resources import Resources

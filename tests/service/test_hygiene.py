@@ -20,7 +20,7 @@ from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
 from test_uploads import as_csv, files_in, sound, upload
 
-from dynident_service.routes.forms import _SentFile
+from dynident_service.routes.uploads import _SentFile
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.objects import ObjectStore

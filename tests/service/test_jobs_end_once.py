@@ -17,10 +17,10 @@ from sqlalchemy.exc import OperationalError
 
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
-from dynident_service.jobs.crew import LocalExecutor
+from dynident_service.jobs.local_executor import LocalExecutor
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.records import NewJob
 
 Start = Callable[..., str]

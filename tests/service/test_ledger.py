@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from dynident_service.problems import ProblemError, make_problem
-from dynident_service.storage import ledger as ledger_module
+from dynident_service.storage import job_queue as ledger_module
 from dynident_service.storage.database import BUSY_TIMEOUT_MS, Database
-from dynident_service.storage.ledger import JobQueue, LostClaim, QueueHealth
+from dynident_service.storage.job_queue import JobQueue, LostClaim, QueueHealth
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 

@@ -19,7 +19,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import app_of, serving, wait_for
 
-from dynident_service.limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, mark_long
+from dynident_service.request_limits import MOST_A_THREAD, MOST_VALUES, Admission, charge_key, mark_long
 from dynident_service.settings import Settings
 
 FORM = "multipart/form-data; boundary=x"
@@ -115,7 +115,7 @@ def test_a_body_that_does_not_come_on_is_given_up(address: tuple[str, int]) -> N
 
 
 def test_a_body_that_only_trickles_is_given_up(address: tuple[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dynident_service.limits.FIRST_GRACE", 0.3)
+    monkeypatch.setattr("dynident_service.request_limits.FIRST_GRACE", 0.3)
     with socket.create_connection(address, timeout=20) as connection:
         connection.sendall(beginning(1000))
         answer = b""

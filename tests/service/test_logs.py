@@ -15,15 +15,15 @@ from fastapi.testclient import TestClient
 from service_helpers import app_of, wait_for
 from sqlalchemy import select
 
+from dynident_service.api_keys import create_key
 from dynident_service.app import create_app
-from dynident_service.keys import create_key
 from dynident_service.logs import FIELDS, configure_logging, set_current_request, set_log_context
 from dynident_service.services import Services
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import REQUEST
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import JobRow
-from dynident_service.storage.turns import REQUEST
 
 
 @pytest.fixture

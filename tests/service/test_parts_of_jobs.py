@@ -14,14 +14,14 @@ from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, open_recording
 from dynident.recordings.sources import ParquetSource
 from dynident.robot import robot_from_modified_dh
-from dynident_service.jobs import sharing
-from dynident_service.jobs.packing import pack_value, unpack_value
+from dynident_service.jobs import distributed_map
+from dynident_service.jobs.distributed_map import OtherWorkers
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.jobs.sharing import OtherWorkers
-from dynident_service.jobs.work import ClusterAddresses, JobEnvironment
+from dynident_service.jobs.remote_parts import pack_value, unpack_value
+from dynident_service.jobs.task import ClusterAddresses, JobEnvironment
 from dynident_service.problems import ProblemError
+from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.turns import Claim
 
 CLAIM = Claim("job", 1, "small_jobs:answer", {}, None)
 NOBODY = ClusterAddresses("tcp://127.0.0.1:9", "tcp://127.0.0.1:10")
@@ -65,21 +65,21 @@ def test_only_files_of_the_store_have_a_key(tmp_path: Path) -> None:
 
 def test_others_are_asked_only_for_what_is_worth_it_and_can_be_sent(tmp_path: Path) -> None:
     others = OtherWorkers(CLAIM, place(tmp_path), NOBODY, ObjectStore((tmp_path / "o").as_uri(), tmp_path))
-    assert others.list_workers(len, 0.9 * sharing.WORTH) == ()  # type: ignore[arg-type]
-    assert others.list_workers(lambda item, told: item, 2.0 * sharing.WORTH) == ()
+    assert others.list_workers(len, 0.9 * distributed_map.WORTH) == ()  # type: ignore[arg-type]
+    assert others.list_workers(lambda item, told: item, 2.0 * distributed_map.WORTH) == ()
     others.close()
 
 
 def test_a_scheduler_that_is_away_is_asked_once_and_all_is_done_here(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sharing, "PATIENCE", 0.5)
+    monkeypatch.setattr(distributed_map, "PATIENCE", 0.5)
     asked: list[str] = []
     connected = OtherWorkers._get_client
     monkeypatch.setattr(OtherWorkers, "_get_client", lambda self: asked.append("") or connected(self))
     others = OtherWorkers(CLAIM, place(tmp_path), NOBODY, ObjectStore((tmp_path / "o").as_uri(), tmp_path))
     for _ in range(2):
-        assert others.list_workers(max, 2.0 * sharing.WORTH) == ()  # type: ignore[arg-type]
+        assert others.list_workers(max, 2.0 * distributed_map.WORTH) == ()  # type: ignore[arg-type]
     others.close()
     assert len(asked) == 1
 

@@ -22,7 +22,7 @@ from test_uploads import as_csv, files_in, sound, upload
 
 from dynident.robot import library_table
 from dynident_service import new_key
-from dynident_service.keys import KeyRing, Scope, create_key, list_keys
+from dynident_service.api_keys import KeyRing, Scope, create_key, list_keys
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.backup import back_up, restore

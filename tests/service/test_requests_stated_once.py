@@ -13,26 +13,26 @@ import pytest
 from typer.testing import CliRunner
 from versions import older_than_locked
 
-from dynident.asking import check_ranges, declare_field, get_description
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest
 from dynident.export import ExportChoices
 from dynident.identification import IdentificationChoices
-from dynident.identification.essential_choices import EssentialChoices
-from dynident.identification.loads.known import KnownLoad
+from dynident.identification.choices import EssentialChoices
+from dynident.identification.loads.known_load import KnownLoad
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
-from dynident.kinds import kind_to_document
 from dynident.recordings import RecordingMetadata, Revision
-from dynident.recordings.stated import PreprocessingChoices
+from dynident.recordings.metadata import PreprocessingChoices
 from dynident.reports import ReportChoices
 from dynident.robot import Drive, Limits
-from dynident.robot.well_known import library_names, robot_from_library
+from dynident.robot.library import library_names, robot_from_library
+from dynident.schema.fields import check_ranges, declare_field, get_description
+from dynident.schema.registry import kind_to_document
 from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
-from dynident.simulation.stated import list_usual_effects
+from dynident.simulation.virtual_robot_request import list_usual_effects
 from dynident.validation.request import TRIALS, build_trial
-from dynident_service.adapters.derived import to_body, to_request, to_wire_value
-from dynident_service.adapters.revisions import show_revision, to_recording_metadata, to_revision
+from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
+from dynident_service.adapters.requests import to_body, to_request, to_wire_value
 from dynident_service.cli.app import app
 from dynident_service.models import designs, identifications, simulations
 from dynident_service.models.measurements import MeasurementMetadata
@@ -47,7 +47,7 @@ PROGRAM = """
 import json, sys
 import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
-from dynident_service.adapters.derived import taken
+from dynident_service.adapters.requests import taken
 from dynident_service.client_types import client_types
 from dynident_service.models.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices

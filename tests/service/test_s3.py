@@ -21,7 +21,7 @@ from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
-from dynident_service.storage.doctor import check_storage
+from dynident_service.storage.integrity_check import check_storage
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import CHUNK, ObjectStore
 from dynident_service.storage.records import NewResource, OwnedObject

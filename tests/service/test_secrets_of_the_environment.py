@@ -16,7 +16,7 @@ import pytest
 from nurseries import WithoutScience
 from service_helpers import free_port, wait_for
 
-from dynident_service import environment
+from dynident_service import environment_secrets
 from dynident_service.jobs.calls import Answer, Call
 from dynident_service.jobs.confinement import Confinement
 from dynident_service.jobs.pool import ChildProcess
@@ -127,7 +127,7 @@ def test_the_settings_keep_the_hashes_of_keys_alone(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("DYNIDENT_API_KEYS", SECRETS["DYNIDENT_API_KEYS"])
     (kept,) = Settings().api_keys
     assert KEY not in kept.get_secret_value()
-    environment.forget_keys()
+    environment_secrets.forget_keys()
     assert "DYNIDENT_API_KEYS" not in os.environ
 
 
@@ -144,4 +144,4 @@ def test_the_settings_keep_the_hashes_of_keys_alone(monkeypatch: pytest.MonkeyPa
     ],
 )
 def test_secrets_are_told_by_their_names_or_as_addresses_with_passwords(name: str, value: str, expected: bool) -> None:
-    assert environment.is_secret(name, value) == expected
+    assert environment_secrets.is_secret(name, value) == expected

@@ -16,7 +16,7 @@ from service_helpers import free_port, let_leases_run_out, wait_for
 from test_jobs import is_running
 
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.records import NewJob
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,7 @@ from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import ExportTrace
 from opentelemetry.sdk.trace import ReadableSpan
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 
-from dynident_service import traces
+from dynident_service import tracing
 from dynident_service.app import create_app
 from dynident_service.jobs.calls import Call, answer_call
 from dynident_service.services import Services
@@ -33,8 +33,8 @@ HEADERS = {"traceparent": f"00-{TRACE}-{PARENT}-01", "x-request-id": "run-12", "
 @pytest.fixture
 def spans(monkeypatch: pytest.MonkeyPatch) -> InMemorySpanExporter:
     """Spans of this process, in the order in which they ended."""
-    exporter, begin = InMemorySpanExporter(), traces.begin_tracing
-    monkeypatch.setattr(traces, "begin_tracing", lambda: begin(exporter))
+    exporter, begin = InMemorySpanExporter(), tracing.begin_tracing
+    monkeypatch.setattr(tracing, "begin_tracing", lambda: begin(exporter))
     return exporter
 
 
@@ -64,13 +64,13 @@ def test_a_request_is_a_span_of_its_callers_trace_with_the_id_of_the_log(
 
 
 def test_what_a_request_has_computed_elsewhere_belongs_to_its_trace(spans: InMemorySpanExporter) -> None:
-    traces.begin_tracing()
+    tracing.begin_tracing()
     try:
-        with traces.trace_task("request", HEADERS["traceparent"]):
+        with tracing.trace_task("request", HEADERS["traceparent"]):
             call = Call("operator:add", {})
         answer_call(call, 0)
     finally:
-        traces.end_tracing()
+        tracing.end_tracing()
     request, computed = named(spans, "request"), named(spans, "compute operator:add")
     assert computed.parent is not None
     assert computed.parent.span_id == request.context.span_id
@@ -130,7 +130,7 @@ def test_nothing_is_traced_or_stored_with_a_job_unless_that_is_asked_for(tmp_pat
         services: Services = client.app.state.services  # type: ignore[attr-defined]
         services.engine.drain()
         services.job_queue.enqueue(NewJob("report", "small_jobs:answer"))
-        assert traces.get_current_span() is None
+        assert tracing.get_current_span() is None
         assert [claim.trace for claim in services.job_queue.claim(1)] == [None]
     code = "import sys, dynident_service.app; sys.exit('opentelemetry.sdk' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

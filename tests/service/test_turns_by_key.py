@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from dynident_service.storage import turns
+from dynident_service.storage import job_transitions
 from dynident_service.storage.database import Database, get_database_time
-from dynident_service.storage.ledger import JobQueue
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
-from dynident_service.storage.turns import Claim
 
 JOB = NewJob("report", "nowhere:nothing")
 
@@ -26,7 +26,10 @@ def queue(new_database: Database) -> JobQueue:
 
 def add(database: Database, number: int, owner: str | None) -> list[str]:
     with database.write() as session:
-        return [job.id for job in turns.add_jobs(session, [(JOB, None)] * number, get_database_time(session), owner)]
+        return [
+            job.id
+            for job in job_transitions.add_jobs(session, [(JOB, None)] * number, get_database_time(session), owner)
+        ]
 
 
 def end(queue: JobQueue, claim: Claim) -> None:

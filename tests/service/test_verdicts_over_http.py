@@ -10,8 +10,8 @@ from fastapi.testclient import TestClient
 from service_helpers import wait_for
 from test_uploads import as_csv, sound, upload
 
-from dynident_service.awaited import InteractiveCompute
-from dynident_service.remembered import LruCache
+from dynident_service.interactive_compute import InteractiveCompute
+from dynident_service.lru_cache import LruCache
 
 
 def identified(client: TestClient, robot: dict[str, Any], fitted: str, held_out: list[str]) -> str:

@@ -13,7 +13,7 @@ from fastapi.testclient import TestClient
 from oracles import arm, fourier_motion
 from service_helpers import wait_for
 
-from dynident.recordings.types import WRENCH_NAMES
+from dynident.recordings.recording import WRENCH_NAMES
 from dynident.robot import library_table, to_pinocchio
 
 ROBOT = arm("scara")

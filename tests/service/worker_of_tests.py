@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from nurseries import OfTests
 
-from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.fork_server import ForkServer
 
 ForkServer.PROGRAM = OfTests.PROGRAM

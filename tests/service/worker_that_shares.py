@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from nurseries import Sharing
 
-from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.fork_server import ForkServer
 
 ForkServer.PROGRAM = Sharing.PROGRAM

@@ -10,9 +10,8 @@ import pytest
 from virtual_arms import effort, fourier, plain_friction
 
 from dynident.effects import CATALOGUE, EffectChoice, ReferenceParameters, Signals, build_columns
-from dynident.effects.memory import MemoryStates
-from dynident.regressors.further_signals import FurtherSignals
-from dynident.regressors.observation import Observation
+from dynident.effects.hysteresis_states import MemoryStates
+from dynident.regressors.observation import FurtherSignals, Observation
 from dynident.robot import Robot, robot_from_library, to_pinocchio
 from dynident.simulation import (
     Sensors,

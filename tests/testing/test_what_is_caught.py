@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, Effect, ParameterSpec, ShapeSpec, Signals, UsualSize
 from dynident.identification.methods.estimators.wls import Weighted
 from dynident.testing import ConformanceError, check_effect, check_estimator

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.identification import Identification
 from dynident.recordings import Preprocessing, Recording

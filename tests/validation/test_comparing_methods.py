@@ -13,7 +13,7 @@ from dynident.identification import identify
 from dynident.identification.choices import AVAILABLE_ESTIMATORS, AVAILABLE_MODELS, AVAILABLE_STRATEGIES
 from dynident.regressors.row_phases import RowPhases
 from dynident.validation import Method, available_methods, get_method, validate_methods
-from dynident.validation.methods import judge_methods
+from dynident.validation.method_comparison import judge_methods
 
 
 def test_every_available_choice_is_among_the_methods(identified):

@@ -8,7 +8,7 @@ from oracles import arm
 from scipy.signal import lfilter
 
 from dynident.robot import tool_path
-from dynident.verdict.tool_loads import _compute_lift, _compute_threshold, compute_tool_jacobian
+from dynident.verdict.detectable_loads import _compute_lift, _compute_threshold, compute_tool_jacobian
 
 _RATE = 25
 _HOURS = 2

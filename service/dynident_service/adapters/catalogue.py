@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dynident.effects import CATALOGUE, Effect
-from dynident_service.adapters.answers import to_view
+from dynident_service.adapters.serialise import to_view
 from dynident_service.models import effects as wire
 
 

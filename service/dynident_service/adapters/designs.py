@@ -13,19 +13,19 @@ import pyarrow.parquet as pq
 
 from dynident.effects.catalogue import check_shape_constants, find_joints
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
-from dynident.excitation.checks import check_request
-from dynident.excitation.criteria.baseline import Baseline
+from dynident.excitation.clearance import find_nearest_along
+from dynident.excitation.criteria.criterion_values import Baseline
 from dynident.excitation.formats.ros2 import format_joint_trajectory
-from dynident.excitation.nearness import find_nearest_along
-from dynident.identification.shapes.shapes import check_choices
-from dynident.motion.surroundings.contacts import Nearest
-from dynident.motion.surroundings.obstacles import Wall, build_block
+from dynident.excitation.request_checks import check_request
+from dynident.identification.shapes.shape_search import check_choices
+from dynident.motion.collision.contacts import Nearest
+from dynident.motion.collision.obstacles import Wall, build_block
 from dynident.recordings.arrow import table_column_to_floats, to_csv
 from dynident.robot import Robot
 from dynident.robot.shapes import Block
 from dynident.simulation import Reference
-from dynident_service.adapters.answers import from_view, to_view
-from dynident_service.adapters.derived import to_body, to_request
+from dynident_service.adapters.requests import to_body, to_request
+from dynident_service.adapters.serialise import from_view, to_view
 from dynident_service.models import designs as wire
 
 ROWS = 65_536

@@ -1,20 +1,101 @@
-"""The geometry of a robot as a view: frames, capsules, thinned meshes, and poses."""
+"""The geometry of a robot for the contract, and the uploaded mesh files that it is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
 from dynident.robot import Robot
-from dynident.robot.collision import BASE, collision_geometry
+from dynident.robot.collision import BASE, collision_geometry, list_collision_meshes
 from dynident.robot.cut_joints import Loop
 from dynident.robot.kinematics import joint_frames
+from dynident.robot.mesh_files import find_mesh_file, link_mesh_files, match_mesh_files
+from dynident.robot.meshes import Surface, read_surface, thin_surface
 from dynident.robot.shapes import Capsule, enclose_shape
-from dynident.robot.surfaces import Surface, thin_surface
 from dynident_service.models import geometry as wire
+from dynident_service.models.geometry import GeometryView
+
+
+@contextmanager
+def place_mesh_files(files: Mapping[str, Path]) -> Iterator[tuple[Path, ...]]:
+    """Place mesh files in a temporary folder under the names that the description gives them.
+
+    Parameters
+    ----------
+    files : mapping of Path
+        Files by the name of the mesh.
+
+    Yields
+    ------
+    tuple of Path
+        The folder, which is removed when the context ends; empty without files.
+    """
+    if not files:
+        yield ()
+        return
+    with TemporaryDirectory() as name:
+        link_mesh_files(Path(name), files)
+        yield (Path(name),)
+
+
+def assign_mesh_files(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
+    """Assign uploaded files to the meshes of a robot's description, and check that each can be read.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    sent : mapping of Path
+        Uploaded files by the name they were sent with.
+
+    Returns
+    -------
+    dict of str
+        The name of the uploaded file by the name of the mesh.
+
+    Raises
+    ------
+    DynidentError
+        Where the description names no meshes, no file matches, or a file is no mesh.
+    """
+    needed = list_collision_meshes(robot)
+    if not needed:
+        raise DynidentError(
+            "the robot's description names no meshes in its <collision> elements, so none can be sent for it",
+            pointer="/files",
+            title="No meshes named",
+        )
+    files_by_mesh = match_mesh_files(needed, list(sent))
+    if not files_by_mesh:
+        raise DynidentError(
+            f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
+            pointer="/files",
+            title="Unknown mesh",
+        )
+    with place_mesh_files({name: sent[file] for name, file in files_by_mesh.items()}) as folders:
+        for name, file in files_by_mesh.items():
+            placed = find_mesh_file(name, folders)
+            assert placed is not None
+            # Scale and placement do not matter here: reading it is the test.
+            try:
+                read_surface(placed, np.ones(3), np.eye(4))
+            except ValueError as error:
+                detail = f"{file} cannot be read as a mesh: {error}; send STL, OBJ, DAE or PLY"
+                raise DynidentError(detail, pointer="/files", title="Unreadable mesh") from None
+    return files_by_mesh
+
+
+def describe_geometry_with_meshes(robot: Robot, files: Mapping[str, Path]) -> GeometryView:
+    """Build the view of a robot's geometry with the files of its meshes, by name."""
+    with place_mesh_files(files) as folders:
+        return describe_geometry(robot, folders)
+
 
 MOST_TRIANGLES = 9000
 """Triangles of a whole robot: a page still turns so many fluently."""

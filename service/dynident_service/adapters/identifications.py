@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from dynident.identification import Identification, IdentificationChoices, IdentifiedParameter
-from dynident.identification.equations.data import split_friction_tests
+from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.identification.shapes.shapes import check_choices
+from dynident.identification.shapes.shape_search import check_choices
 from dynident.identification.study.dependence import parameter_dependence
-from dynident.identification.study.essential import EssentialPath
+from dynident.identification.study.essential_parameters import EssentialPath
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.reports.parameter_tables import build_essential_tables, build_parameter_table, build_shape_table
-from dynident.reports.tables import ReportedTable
+from dynident.reports.report_tables import ReportedTable
 from dynident.robot import Robot
-from dynident_service.adapters.answers import from_view, show_errors, to_view
-from dynident_service.adapters.derived import to_request
+from dynident_service.adapters.requests import to_request
+from dynident_service.adapters.serialise import from_view, show_errors, to_view
 from dynident_service.adapters.tables import show_tables
 from dynident_service.models import identifications as wire
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from dynident.identification.imports import Inspection, inspect_file
+from dynident.identification.column_inference import Inspection, inspect_file
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
-from dynident_service.adapters.answers import to_view
-from dynident_service.adapters.derived import to_body, to_request
+from dynident_service.adapters.requests import to_body, to_request
+from dynident_service.adapters.serialise import to_view
 from dynident_service.models import imports as wire
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata

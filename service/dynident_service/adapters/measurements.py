@@ -1,4 +1,4 @@
-"""Recordings: import of uploaded files, views of recordings and of their checks."""
+"""Recordings, their metadata, revisions and raw signals, between the contract and the library."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from dynident.recordings import (
     phase_shares,
 )
 from dynident.robot import Robot
-from dynident_service.adapters.answers import to_view
-from dynident_service.adapters.revisions import show_revision, to_recording_metadata
+from dynident_service.adapters.serialise import to_view
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, to_problem
 from dynident_service.storage.records import Resource
@@ -24,6 +23,105 @@ from dynident_service.storage.records import Resource
 if TYPE_CHECKING:
     # The command line uses this module, too, where no object store is installed.
     from dynident_service.storage.objects import ObjectStore
+import json
+from collections.abc import Iterator
+
+from dynident.array_types import FloatArray
+from dynident.identification.robot_recordings import build_recorded_joints
+from dynident.recordings import RecordingMetadata, Revision
+from dynident.recordings.phases import find_phases
+from dynident.recordings.raw_signals import RecordedSignals, RobotFile
+from dynident_service.adapters.requests import to_body, to_request
+from dynident_service.adapters.serialise import from_view, to_json_numbers
+from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
+from dynident_service.models.revisions import RevisionRequest
+
+
+def open_raw_signals(
+    path: Path, robot: Robot, metadata: MeasurementMetadata, signal_names: list[str]
+) -> RecordedSignals:
+    """Open signals of a file; `RecordingError` for a signal that the file does not have."""
+    return RecordedSignals(RobotFile(path, to_recording_metadata(metadata), build_recorded_joints(robot)), signal_names)
+
+
+def thin_raw_signals(signals: RecordedSignals, points: int, start: float | None, end: float | None) -> RawSignals:
+    """Build the view of signals thinned for plots; start and end in s."""
+    total, rows = signals.thin_rows(points, start, end)
+    return RawSignals(
+        units=signals.units,
+        t=to_json_numbers(rows.t),
+        signals={name: to_json_numbers(rows.values[:, k]) for k, name in enumerate(signals.names)},
+        n_samples=total,
+    )
+
+
+def stream_raw_signals(signals: RecordedSignals, start: float | None, end: float | None) -> Iterator[bytes]:
+    """Yield all samples as JSON of the form of `RawSignals`, signal by signal, so that memory stays bounded."""
+    # The JSON is put together by hand, because a file may be larger than memory. Each signal is read on its own, so the
+    # file is passed once for the time and once for each signal.
+    yield f'{{"units": {json.dumps(signals.units)}, "t": ['.encode()
+    total = 0
+    for block in signals.rows((), start, end):
+        yield _encode_numbers(block.t, first=not total)
+        total += len(block.t)
+    yield b'], "signals": {'
+    for index, name in enumerate(signals.names):
+        yield f"{', ' if index else ''}{json.dumps(name)}: [".encode()
+        for number, block in enumerate(signals.rows((name,), start, end)):
+            yield _encode_numbers(block.values[:, 0], first=not number)
+        yield b"]"
+    yield f'}}, "n_samples": {total}}}'.encode()
+
+
+def describe_standstills(recording: Recording) -> Standstills:
+    """Return the intervals of time in which each joint of a recording stands."""
+    segments = find_phases(recording).halts
+    return Standstills(
+        joints=[
+            StandstillsOfJoint(
+                joint=name,
+                standing=[
+                    (float(start), float(end))
+                    for halts in (segment[k] for segment in segments)
+                    for start, end in zip(halts.starts[halts.sticks], halts.ends[halts.sticks], strict=True)
+                ],
+            )
+            for k, name in enumerate(recording.joint_names)
+        ]
+    )
+
+
+def _encode_numbers(values: FloatArray, *, first: bool) -> bytes:
+    text = json.dumps(to_json_numbers(values))[1:-1]
+    return (text if first else f", {text}").encode()
+
+
+def to_recording_metadata(metadata: wire.MeasurementMetadata) -> RecordingMetadata:
+    """Convert metadata of a body; `RecordingError` for an impossible window or delay."""
+    return to_request(metadata, RecordingMetadata, **metadata.model_dump(include={"payload"}))
+
+
+def to_revision(revision_request: RevisionRequest) -> Revision:
+    """Convert a revision of a body."""
+    return to_request(revision_request, Revision)
+
+
+def show_revision(revision: Revision) -> RevisionRequest:
+    """Build the view of a revision, with the fields that it changes."""
+    return RevisionRequest.model_validate({name: getattr(revision, name) for name in revision.changes})
+
+
+def apply_revision(metadata: wire.MeasurementMetadata, revision_request: RevisionRequest) -> wire.MeasurementMetadata:
+    """Return the metadata of a file after a revision."""
+    after = to_revision(revision_request).apply_to(to_recording_metadata(metadata))
+    return to_body(wire.MeasurementMetadata, after, robot_id=metadata.robot_id)
+
+
+def restore_checks(views: Sequence[wire.CheckView]) -> tuple[Check, ...]:
+    """Restore checks from their views."""
+    return tuple(
+        from_view(Check, view, apply=None if view.apply is None else to_revision(view.apply)) for view in views
+    )
 
 
 def import_file(

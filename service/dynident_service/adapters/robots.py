@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
 from dynident.robot.collision import list_collision_meshes
-from dynident_service.adapters.derived import to_body, to_request
+from dynident_service.adapters.requests import to_body, to_request
 from dynident_service.models import robots as wire
 
 

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from dynident.errors import DynidentError
 from dynident.simulation import Reference, SimulatedRecording
-from dynident_service.adapters.answers import to_view
+from dynident_service.adapters.serialise import to_view
 from dynident_service.models import simulations as wire
 
 RATE_OF_SAMPLES = 1000.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dynident.reports.tables import ReportedTable
-from dynident_service.adapters.answers import to_view
+from dynident.reports.report_tables import ReportedTable
+from dynident_service.adapters.serialise import to_view
 from dynident_service.models.tables import Table, TableColumn
 
 

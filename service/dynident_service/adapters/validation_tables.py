@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from dynident.reports.numbers import format_number
-from dynident.reports.tables import (
+from dynident.reports.number_format import format_number
+from dynident.reports.report_data import ReportedValidation
+from dynident.reports.report_tables import (
     Cell,
     ReportedTable,
     make_interval_cell,
@@ -14,7 +15,6 @@ from dynident.reports.tables import (
     make_percent_cells,
     make_text_cells,
 )
-from dynident.reports.validated import ReportedValidation
 from dynident.validation import ValidationOutcome
 from dynident_service.models.identifications import ErrorsView
 from dynident_service.models.validations import BootstrapView, FiltersView, MethodView, PayloadView, ValidationResult

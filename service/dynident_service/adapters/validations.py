@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from dynident.kinds import kind_to_document
+from dynident.schema.registry import kind_to_document
 from dynident.validation import (
     BootstrapValidation,
     FiltersBySimulation,
@@ -20,8 +20,8 @@ from dynident.validation import (
     combine_verdicts,
 )
 from dynident.validation.request import Payload, Stated, Trial, build_trial
-from dynident_service.adapters.answers import show_errors, to_view
-from dynident_service.adapters.derived import to_request
+from dynident_service.adapters.requests import to_request
+from dynident_service.adapters.serialise import show_errors, to_view
 from dynident_service.models import validations as wire
 
 if TYPE_CHECKING:

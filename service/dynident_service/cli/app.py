@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -11,18 +12,56 @@ from typing import Annotated, Any
 import typer
 
 from dynident.errors import Cancelled, DynidentError
-from dynident.extras import format_install_hint
+from dynident.optional_dependencies import format_install_hint
 from dynident.version import __version__
-from dynident_service.cli.asked import spread_options
-from dynident_service.cli.failures import EXIT_CANCELLED, EXIT_MISUSED, print_error
 from dynident_service.cli.files import check_inputs
+from dynident_service.cli.request_options import spread_options
+
+EXIT_MISUSED = 2
+"""Exit code after an error that the user can mend; typer ends with the same one for wrong options."""
+EXIT_CANCELLED = 130
+"""Exit code after Ctrl-C: 128 plus the number of SIGINT, as shells have it."""
+
+
+def print_error(error: DynidentError, as_json: bool) -> None:
+    """Print what is wrong, where, and how to mend it.
+
+    Parameters
+    ----------
+    error : DynidentError
+        The error. It is printed on stderr for people.
+    as_json : bool
+        Whether to print it on stdout, too, as the problem document that the service answers with (RFC 9457).
+    """
+    # Many messages name the place already.
+    where = f"{error.pointer}: " if error.pointer and error.pointer not in error.detail else ""
+    print(f"dynident: {error.title}\n  {where}{error.detail}", file=sys.stderr)
+    # A file may fail several checks; the first is the error itself.
+    checks = [
+        check for check in getattr(error, "checks", ()) if check.status == "error" and check.detail not in error.detail
+    ]
+    for check in checks:
+        print(f"  also {check.name.replace('_', ' ')}: {check.detail}", file=sys.stderr)
+    if as_json:
+        print(json.dumps(_problem_document(error), indent=2))
+
+
+def _problem_document(error: DynidentError) -> dict[str, object]:
+    from dynident.recordings import RecordingError
+    from dynident_service.adapters.measurements import describe_file_problem
+    from dynident_service.problems import to_problem
+
+    problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
+    document: dict[str, object] = problem.model_dump(exclude_none=True)
+    return document
+
 
 _COMMANDS = (
     *("demo", "design", "simulate", "inspect", "identify", "compare", "diagnose", "changes", "validate", "essential"),
     *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
     *("backup", "restore", "export_robot", "import_robot", "serve"),
 )
-"""Commands in the order of the overview. Each stands in the module of `dynident_service.cli.verbs` with its name."""
+"""Commands in the order of the overview. Each stands in the module of `dynident_service.cli.commands` with its name."""
 
 _MODULES = dict.fromkeys(("restore", "export_robot", "import_robot"), "backup")
 """Modules of the commands that stand in another command's module."""
@@ -98,7 +137,7 @@ def create_application(typed: str | None = None) -> typer.Typer:
     )
     application.callback()(_root)
     for command_name in command_names:
-        module = import_module(f"dynident_service.cli.verbs.{_MODULES.get(command_name, command_name)}")
+        module = import_module(f"dynident_service.cli.commands.{_MODULES.get(command_name, command_name)}")
         # `with_options` gives the command the signature that typer reads; `_guarded`, around it, keeps that.
         application.command()(handle_errors(spread_options(getattr(module, command_name))))
     return application

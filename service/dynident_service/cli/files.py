@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_origin, get_type_hints
 
 from dynident.errors import DynidentError
-from dynident.recordings.names import split_path
+from dynident.recordings.recording_files import split_path
 
 
 @dataclass(frozen=True)

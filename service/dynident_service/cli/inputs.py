@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from dynident.desk.robots import load_robot
-from dynident.desk.robots import set_drive_gains as set_gains
+from dynident.api.robot_files import load_robot
+from dynident.api.robot_files import set_drive_gains as set_gains
 from dynident.effects import EffectChoice
-from dynident.effects.written import parse_effects
+from dynident.effects.text_format import parse_effects
 from dynident.errors import DynidentError
 from dynident.identification import Identification, from_bytes
 from dynident.identification.robot_recordings import MOST_CURES, import_cured
-from dynident.identification.shapes.shapes import check_choices
+from dynident.identification.shapes.shape_search import check_choices
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
-from dynident.recordings.names import make_unique_names
+from dynident.recordings.recording_files import make_unique_names
 from dynident.robot import Robot
 from dynident_service.cli import parsing
 from dynident_service.cli.files import check_readable, check_robot, read_json_object
@@ -31,7 +31,7 @@ from dynident_service.cli.terminal import show_progress_bar
 if TYPE_CHECKING:
     # Loaded by those who need them: other commands need not wait.
     from dynident.advice import AdvisedDiagnosis
-    from dynident.recordings.stated import ConditioningStep
+    from dynident.recordings.metadata import ConditioningStep
 
 # The library words remedies by the fields of the HTTP contract. The command line has options instead, so these patterns
 # rewrite the sentences. A remedy that is not in this list is printed as the contract words it.
@@ -175,7 +175,7 @@ def _list_neighbours(paths: Sequence[Path]) -> set[str]:
 
 
 def _propose_metadata(path: Path, robot: Robot, answers: StatedAnswers, rate: float | None) -> RecordingMetadata:
-    from dynident.identification.imports import inspect_file
+    from dynident.identification.column_inference import inspect_file
 
     check_readable(path)
     # Currents are no open question where the robot knows what torque they mean.

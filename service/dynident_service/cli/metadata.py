@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from dynident.errors import DynidentError
-from dynident.identification.imports import EffortKind, Inspection, Question
+from dynident.identification.column_inference import EffortKind, Inspection, Question
 from dynident.recordings import RecordingMetadata
 from dynident_service.cli.files import read_json_object
 
@@ -156,7 +156,7 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
     # Imported here: most calls have no metadata file and need not wait for the models of the contract.
     from pydantic import ValidationError
 
-    from dynident_service.adapters.revisions import to_recording_metadata
+    from dynident_service.adapters.measurements import to_recording_metadata
     from dynident_service.models.measurements import MeasurementMetadata
 
     document = read_json_object(path)

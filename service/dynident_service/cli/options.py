@@ -11,7 +11,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from dynident.recordings.stated import ConditioningStep
+from dynident.recordings.metadata import ConditioningStep
 from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE, list_known_arms
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dynident.advice import AdvisedDiagnosis, advise
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis import Comparison, Diagnosis, compare, examine
 from dynident.excitation import Design
 from dynident.identification import Identification, extend, identify
@@ -17,7 +17,7 @@ from dynident.reports import html_report
 from dynident.robot import Robot
 from dynident_service.cli.inputs import LoadedRecording, extract_recordings, load_recordings
 from dynident_service.cli.options import Reading
-from dynident_service.cli.reporting import build_reported_runs
+from dynident_service.cli.report_contents import build_reported_runs
 
 
 @dataclass(frozen=True, eq=False)

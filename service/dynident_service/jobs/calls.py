@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from dynident.errors import DynidentError
-from dynident_service import traces
+from dynident_service import tracing
 from dynident_service.jobs.confinement import UNLIMITED, ComputationLimits, is_out_of_memory
 from dynident_service.logs import get_current_request, set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
-from dynident_service.storage.space import is_disk_full
+from dynident_service.storage.disk_space import is_disk_full
 
 log = logging.getLogger("dynident.job")
 
@@ -26,7 +26,7 @@ class Call:
     function: str
     arguments: Mapping[str, Any]
     request_id: str | None = field(default_factory=get_current_request)
-    trace: str | None = field(default_factory=traces.get_current_span)
+    trace: str | None = field(default_factory=tracing.get_current_span)
     of_a_job: bool = False
     """Whether a job needs the answer. The child then runs at the low priority of a job, as no request waits for it."""
     limits: ComputationLimits = UNLIMITED
@@ -43,7 +43,7 @@ class Answer:
 
 def answer_call(call: Call, peak_memory: int) -> Answer:
     """Do a call, and turn every exception into a problem."""
-    with set_log_context(None, call.request_id), traces.trace_task(f"compute {call.function}", call.trace):
+    with set_log_context(None, call.request_id), tracing.trace_task(f"compute {call.function}", call.trace):
         return _run_call(call, peak_memory)
 
 

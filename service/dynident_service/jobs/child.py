@@ -23,25 +23,24 @@ from typing import Any, cast
 from sqlalchemy.orm import Session
 
 from dynident.errors import Cancelled, DynidentError
-from dynident_service import traces
+from dynident_service import tracing
 from dynident_service.jobs.calls import Answer, Call, answer_call
-from dynident_service.jobs.checkpoints import JobCheckpoints
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
-from dynident_service.jobs.sharing import share_with_workers
-from dynident_service.jobs.work import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
+from dynident_service.jobs.distributed_map import share_with_workers
+from dynident_service.jobs.task import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
 from dynident_service.logs import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
 from dynident_service.settings import LogSettings
-from dynident_service.storage.checkpoints import CheckpointStore
+from dynident_service.storage.checkpoints import CheckpointStore, JobCheckpoints
 from dynident_service.storage.database import Database
-from dynident_service.storage.inserting import insert_dependencies, insert_objects, insert_resource
-from dynident_service.storage.ledger import JobQueue, LostClaim
+from dynident_service.storage.disk_space import is_disk_full
+from dynident_service.storage.job_queue import JobQueue, LostClaim
+from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import INFRASTRUCTURE_ERRORS, describe_error, retry_while_away
+from dynident_service.storage.resource_insertion import insert_dependencies, insert_objects, insert_resource
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.space import is_disk_full
+from dynident_service.storage.retry import INFRASTRUCTURE_ERRORS, describe_error, retry_while_away
 from dynident_service.storage.tables import ResourceRow
-from dynident_service.storage.turns import Claim
 
 PROGRESS_INTERVAL = 0.1
 """Shortest time in seconds between two reports of progress."""
@@ -110,7 +109,7 @@ class JobRunner:
         Exception
             One of `INFRASTRUCTURE` if the end cannot be written.
         """
-        with traces.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
+        with tracing.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
             retry_while_away(lambda: end(self.job_queue), PATIENCE)
 
@@ -311,7 +310,7 @@ def _lower_priority() -> None:
 
 def _begin_tracing() -> None:
     try:
-        traces.begin_tracing()
+        tracing.begin_tracing()
     except ImportError as error:
         log.warning("no spans of jobs are sent: %s", error)
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynident_service.environment import forget_secrets
+from dynident_service.environment_secrets import forget_secrets
 from dynident_service.jobs.landlock import restrict_files_and_network
 
 PAGE = os.sysconf("SC_PAGE_SIZE")

@@ -10,17 +10,17 @@ from distributed import Worker, WorkerPlugin, get_worker, secede
 
 from dynident.version import __version__
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.nursery import ForkServer
+from dynident_service.jobs.fork_server import ForkServer
 from dynident_service.jobs.part_supervisor import supervise_part
-from dynident_service.jobs.parts import JobPart
 from dynident_service.jobs.pool import ChildPool
+from dynident_service.jobs.remote_parts import JobPart
 from dynident_service.jobs.supervisor import PATIENCE, supervise_job
-from dynident_service.jobs.work import ClusterAddresses, JobEnvironment
+from dynident_service.jobs.task import ClusterAddresses, JobEnvironment
 from dynident_service.logs import set_log_context
 from dynident_service.storage.database import Database
-from dynident_service.storage.ledger import JobQueue
-from dynident_service.storage.patience import retry_while_away
-from dynident_service.storage.turns import Claim
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import Claim
+from dynident_service.storage.retry import retry_while_away
 
 PLUGIN = "dynident-children"
 _lock = threading.Lock()

@@ -12,16 +12,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from dynident_service.jobs.confinement import Confinement
-from dynident_service.jobs.crew import LocalExecutor
-from dynident_service.jobs.nursery import ForkServer
-from dynident_service.jobs.work import JobEnvironment
-from dynident_service.science import load_science
+from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.jobs.local_executor import LocalExecutor
+from dynident_service.jobs.task import JobEnvironment
+from dynident_service.preload import load_science
 from dynident_service.settings import Settings
-from dynident_service.storage.ledger import JobQueue
-from dynident_service.storage.turns import Claim
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import Claim
 
 if TYPE_CHECKING:
-    from dynident_service.jobs.cluster import DaskExecutor
+    from dynident_service.jobs.dask_executor import DaskExecutor
 
 IDLE = 0.5
 """Seconds between looks into the queue while nobody reports new jobs."""
@@ -146,7 +146,7 @@ class Engine:
         if not address:
             confinement = Confinement(self._settings.job_memory, self._settings.processes_dir)
             return LocalExecutor(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
-        from dynident_service.jobs.cluster import DaskExecutor
+        from dynident_service.jobs.dask_executor import DaskExecutor
 
         return DaskExecutor(address, self._place)
 

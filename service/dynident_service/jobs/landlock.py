@@ -99,7 +99,7 @@ def restrict_files_and_network(readable: Iterable[Path], writable: Iterable[Path
 def list_program_folders(private: Path) -> list[Path]:
     """Return the folders of Python, its packages and compiled code; none of Python's path that contains `private`."""
     # Imported here, since the process that answers requests does not need it.
-    from dynident.expressions.kept_code import code_folder
+    from dynident.expressions.code_cache import code_folder
 
     searched = [Path(name) for name in sys.path if name]
     import_folders = [path for path in searched if not private.resolve().is_relative_to(path.resolve())]

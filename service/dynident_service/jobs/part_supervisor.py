@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 
 from dynident_service.jobs.calls import Answer, Call
-from dynident_service.jobs.parts import JobPart, PartFailed
 from dynident_service.jobs.pool import ChildPool
-from dynident_service.storage.ledger import JobQueue
-from dynident_service.storage.patience import AWAY, describe_error
-from dynident_service.storage.turns import Claim
+from dynident_service.jobs.remote_parts import JobPart, PartFailed
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import Claim
+from dynident_service.storage.retry import AWAY, describe_error
 
 LOOK = 1.0
 """Seconds between looks whether the job still runs."""
@@ -65,7 +65,11 @@ def _make_call(part: JobPart) -> Call:
         "item": part.item,
     }
     return Call(
-        "dynident_service.jobs.parts:compute_part", arguments, part.claim.request_id, part.claim.trace, of_a_job=True
+        "dynident_service.jobs.remote_parts:compute_part",
+        arguments,
+        part.claim.request_id,
+        part.claim.trace,
+        of_a_job=True,
     )
 
 

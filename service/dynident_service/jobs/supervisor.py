@@ -7,14 +7,14 @@ import signal
 import time
 
 from dynident_service.jobs.child import End, JobOrder, Receipt, make_memory_problem
-from dynident_service.jobs.nursery import ProcessExit
+from dynident_service.jobs.fork_server import ProcessExit
+from dynident_service.jobs.liveness import ActivityMonitor
 from dynident_service.jobs.pool import ChildPool, ChildProcess
-from dynident_service.jobs.vitals import ActivityMonitor
-from dynident_service.jobs.work import JobEnvironment
+from dynident_service.jobs.task import JobEnvironment
 from dynident_service.problems import make_problem
-from dynident_service.storage.ledger import JobQueue
-from dynident_service.storage.patience import AWAY, describe_error, retry_while_away
-from dynident_service.storage.turns import Claim
+from dynident_service.storage.job_queue import JobQueue
+from dynident_service.storage.job_transitions import Claim
+from dynident_service.storage.retry import AWAY, describe_error, retry_while_away
 
 LOOK = 0.25
 """Seconds between looks whether the job is to be cancelled."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident.excitation.criteria.choice import CriterionChoice
+from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.request import DesignRequest as Designed
 from dynident.excitation.request import TrajectoryRequest
 from dynident_service.models.common import (
@@ -19,8 +19,8 @@ from dynident_service.models.common import (
     SourcePath,
     ViewModel,
 )
-from dynident_service.models.derived import derive_body
 from dynident_service.models.geometry import Point
+from dynident_service.models.request_bodies import derive_body
 from dynident_service.models.robots import Limits
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.diagnosis.stated import DiagnosisChoices
+from dynident.diagnosis.request import DiagnosisChoices
 from dynident_service.models.common import Computed, EffectChoice, Identifier, NamedRequest, SourcePath, ViewModel
-from dynident_service.models.derived import derive_body
+from dynident_service.models.request_bodies import derive_body
 
 
 @derive_body(DiagnosisChoices, or_null=("max_effects",))

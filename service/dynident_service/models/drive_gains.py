@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from dynident.identification.loads.known import KnownLoad
+from dynident.identification.loads.known_load import KnownLoad
 from dynident_service.models.common import Computed, Identifier, NamedRequest, ViewModel
-from dynident_service.models.derived import derive_body
+from dynident_service.models.request_bodies import derive_body
 from dynident_service.models.tables import WithTables
 from dynident_service.models.validations import DriveGainView
 

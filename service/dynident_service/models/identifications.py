@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from dynident.effects.choices import DEFAULT_EFFECTS
-from dynident.export.stated import ExportChoices
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.essential_choices import EssentialChoices
-from dynident.recordings.stated import PreprocessingChoices
+from dynident.export.request import ExportChoices
+from dynident.identification.choices import EssentialChoices, IdentificationChoices
+from dynident.recordings.metadata import PreprocessingChoices
 from dynident_service.models.common import (
     LARGEST_BATCH,
     Computed,
@@ -23,7 +22,7 @@ from dynident_service.models.common import (
     SourcePath,
     ViewModel,
 )
-from dynident_service.models.derived import derive_body, derive_query
+from dynident_service.models.request_bodies import derive_body, derive_query
 from dynident_service.models.revisions import SeenMeasurement
 from dynident_service.models.tables import Table
 from dynident_service.storage.records import State

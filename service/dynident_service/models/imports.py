@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import Field
 
-from dynident.recordings.stated import EffortKind, RecordingMetadata
+from dynident.recordings.metadata import EffortKind, RecordingMetadata
 from dynident_service.models.common import Identifier, Name, RequestModel, ViewModel
-from dynident_service.models.derived import derive_body
 from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.models.request_bodies import derive_body
 
 _KNOWN_BEFOREHAND = ("columns", "units", "role", "windows", "rate")
 

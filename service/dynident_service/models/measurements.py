@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from dynident.recordings.stated import EffortKind, RecordingMetadata, Role
+from dynident.recordings.metadata import EffortKind, RecordingMetadata, Role
 from dynident_service.models.common import Identifier, Labelled, Name, RequestModel, ViewModel
-from dynident_service.models.derived import derive_body
+from dynident_service.models.request_bodies import derive_body
 from dynident_service.models.revisions import RevisionRequest
 
 

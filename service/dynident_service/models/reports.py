@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from dynident.reports.stated import ReportChoices
+from dynident.reports.request import ReportChoices
 from dynident_service.models.common import Computed, Identifier, NamedRequest, ViewModel
-from dynident_service.models.derived import derive_body
+from dynident_service.models.request_bodies import derive_body
 
 
 @derive_body(ReportChoices)

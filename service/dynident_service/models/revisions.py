@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from dynident.recordings.stated import Revision
+from dynident.recordings.metadata import Revision
 from dynident_service.models.common import Name, RequestModel, ViewModel
-from dynident_service.models.derived import derive_body
+from dynident_service.models.request_bodies import derive_body
 
 
 @derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))

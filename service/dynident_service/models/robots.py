@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from dynident.descriptions import FORMATS, DescriptionFormat
-from dynident.robot import stated
+from dynident.robot import limits as stated
+from dynident.robot.formats import FORMATS, DescriptionFormat
 from dynident_service.models.common import Labelled, Name, RequestModel, ViewModel
-from dynident_service.models.derived import derive_body, describe_choices
+from dynident_service.models.request_bodies import derive_body, describe_choices
 
 
 class Description(RequestModel):

@@ -6,12 +6,12 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from dynident.recordings.stated import Role
-from dynident.simulation.stated import ActingEffect, Simulated, list_usual_effects
-from dynident.simulation.stated import Sensors as Sensing
+from dynident.recordings.metadata import Role
+from dynident.simulation.virtual_robot_request import ActingEffect, Simulated, list_usual_effects
+from dynident.simulation.virtual_robot_request import Sensors as Sensing
 from dynident_service.models.common import Computed, Identifier, NamedRequest, RequestModel, ViewModel
-from dynident_service.models.derived import derive_body
 from dynident_service.models.designs import Trajectory
+from dynident_service.models.request_bodies import derive_body
 
 
 @derive_body(ActingEffect)

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from dynident.errors import DynidentError
 from dynident_service.models.identifications import BatchItem, BatchRequest, BatchView
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import (
     MOST_FIELDS,
     Problem,
@@ -23,8 +24,7 @@ from dynident_service.problems import (
 )
 from dynident_service.routes.common import RetryKeyDep, replay_response, resource_path
 from dynident_service.routes.identifications import list_named_ids, new_identification
-from dynident_service.routes.needs import PrefetchedResources
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.references import PrefetchedResources
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 

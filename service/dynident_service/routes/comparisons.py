@@ -16,17 +16,17 @@ from dynident_service.models.comparisons import (
     Series,
     Spectrum,
 )
+from dynident_service.preload import hold_import_lock
 from dynident_service.routes.common import require_succeeded
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, require_measurements, require_model
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
 
 ShownT = TypeVar("ShownT", bound=ViewModel)
 
 if TYPE_CHECKING:
-    from dynident.diagnosis.comparing.stored import StoredComparison
+    from dynident.diagnosis.comparing.storage import StoredComparison
 
 router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 
@@ -113,7 +113,7 @@ def get_autocorrelation(
 
 def _open_comparison(services: Services, identifier: str) -> StoredComparison:
     with hold_import_lock():
-        from dynident.diagnosis.comparing.stored import StoredComparison
+        from dynident.diagnosis.comparing.storage import StoredComparison
 
     resource = require_succeeded(services.resources.get("comparison", identifier))
     return StoredComparison(services.objects.fetch_file(resource.objects["signals"].key))
@@ -121,6 +121,6 @@ def _open_comparison(services: Services, identifier: str) -> StoredComparison:
 
 def _to_view(view: type[ShownT], result: object, **more: object) -> ShownT:
     with hold_import_lock():
-        from dynident_service.adapters.answers import to_view
+        from dynident_service.adapters.serialise import to_view
 
     return to_view(view, result, **more)

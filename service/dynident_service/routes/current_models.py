@@ -8,10 +8,10 @@ from fastapi import APIRouter
 
 from dynident_service.models.current_models import CurrentModelsRequest, CurrentModelsView
 from dynident_service.models.robots import RobotResult
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, refuse_coupled, require_measurements, require_robot
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -35,8 +35,8 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
     """Identify every joint's parameters in units of its current: no drive gain has to be known."""
     with hold_import_lock():
         from dynident.identification.loads.current_units import check_current_effects
-        from dynident.identification.shapes.shapes import check_choices
-        from dynident_service.adapters.effects import from_wire_choices
+        from dynident.identification.shapes.shape_search import check_choices
+        from dynident_service.adapters.requests import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 
     robot = require_robot(services, body.robot_id)

@@ -9,20 +9,20 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident.excitation.formats.stated import TRAJECTORY_FORMATS, TrajectoryFormat
-from dynident_service.models.derived import describe_choices
+from dynident.excitation.formats.format_names import TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
+from dynident_service.models.request_bodies import describe_choices
+from dynident_service.preload import hold_import_lock
 from dynident_service.routes.common import require_succeeded
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, require_measurements, require_robot
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, require_measurements, require_robot
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.meshes import find_mesh_files
+from dynident_service.storage.mesh_files import find_mesh_files
 from dynident_service.storage.records import Dependency, NewJob
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 
-CLEARANCES = "dynident_service.work.awaited:answer_clearances"
+CLEARANCES = "dynident_service.work.interactive:answer_clearances"
 PARQUET = "application/vnd.apache.parquet"
 YAML = "application/yaml"
 

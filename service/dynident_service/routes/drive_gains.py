@@ -9,10 +9,10 @@ from fastapi import APIRouter
 from dynident.errors import DynidentError
 from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
 from dynident_service.models.tables import Table
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, refuse_coupled, require_measurements, require_robot
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -74,9 +74,9 @@ def _require_measurements(services: Services, body: DriveGainsRequest, robot: Re
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     """Somebody must say what the load weighs: the request, or each measurement of itself."""
     with hold_import_lock():
-        from dynident.identification.loads.known import KnownLoad
-        from dynident.identification.loads.payloads import parse_payload
-        from dynident_service.adapters.derived import to_request
+        from dynident.identification.loads.known_load import KnownLoad
+        from dynident.identification.loads.payload_data import parse_payload
+        from dynident_service.adapters.requests import to_request
 
     load = to_request(body, KnownLoad)
     for index, identifier in enumerate(body.loaded):

@@ -21,6 +21,7 @@ from dynident_service.models.identifications import (
     StoredIdentification,
 )
 from dynident_service.models.tables import Tables
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.common import (
     LabelledQueryDep,
@@ -30,9 +31,8 @@ from dynident_service.routes.common import (
     show_computed,
     show_page,
 )
-from dynident_service.routes.diagnosed import complete_from_diagnoses
-from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
-from dynident_service.routes.needs import (
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.references import (
     HasResources,
     PrefetchedResources,
     require_measurements,
@@ -40,12 +40,52 @@ from dynident_service.routes.needs import (
     require_robot,
 )
 from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
-from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
 
 if TYPE_CHECKING:
     from dynident.robot import Robot
+from collections.abc import Iterator, Sequence
+
+from dynident_service.models.common import EffectChoice
+from dynident_service.models.diagnoses import DiagnosisResult
+
+_LATEST = 5
+
+
+def complete_from_diagnoses(services: Services, model: Resource, effects: Sequence[EffectChoice]) -> list[EffectChoice]:
+    """The choices, with the shape constants and runs that a diagnosis of the model recommended where none are given.
+
+    The latest diagnoses count first, those of the model before those of the models that it came from. What was
+    recommended more than once (two lines of ripple on a joint) is given out in that order.
+    """
+    recommended = [choice for diagnosis in _list_diagnoses(services, model) for choice in diagnosis.recommended]
+    completed = []
+    for requested in effects:
+        match = None if requested.shape_parameters or requested.runs else _find_recommended(requested, recommended)
+        if match is not None:
+            recommended.remove(match)
+        completed.append(match or requested)
+    return completed
+
+
+def _find_recommended(requested: EffectChoice, recommended: Sequence[EffectChoice]) -> EffectChoice | None:
+    for choice in recommended:
+        if choice.effect == requested.effect and set(choice.joints) == set(requested.joints):
+            return choice
+    return None
+
+
+def _list_diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
+    """Results of the latest diagnoses of a model and of its ancestors."""
+    ancestor: Resource | None = model
+    while ancestor is not None:
+        for diagnosis in services.resources.list_page("diagnosis", _LATEST, on_id=ancestor.id).items:
+            if diagnosis.result is not None:
+                yield DiagnosisResult.model_validate(diagnosis.result)
+        parents = ancestor.get_dependencies("parent")
+        ancestor = services.resources.get("identification", parents[0]) if parents else None
+
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 
@@ -111,8 +151,8 @@ def extend_identification(
 ) -> IdentificationView:
     """Add effects to an identified model: a new identification, whose parent is this one."""
     with hold_import_lock():
-        from dynident.identification.shapes.shapes import check_choices
-        from dynident_service.adapters.effects import from_wire_choices
+        from dynident.identification.shapes.shape_search import check_choices
+        from dynident_service.adapters.requests import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))
@@ -138,7 +178,7 @@ def remove_from_identification(
     """Take effects out of an identified model: a new identification, whose parent is this one."""
     with hold_import_lock():
         from dynident.identification.study.removing import subtract_effects
-        from dynident_service.adapters.effects import from_wire_choices, show_choice
+        from dynident_service.adapters.requests import from_wire_choices, show_choice
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))
@@ -167,7 +207,7 @@ def get_lineage(
     and those above it whose error is larger.
     """
     with hold_import_lock():
-        from dynident_service.adapters.lineages import build_steps_of_views, compare_ladders
+        from dynident_service.adapters.ladders import build_steps_of_views, compare_ladders
 
     own = _load_ladder(services, identification_id)
     if against is None:

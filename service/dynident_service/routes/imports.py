@@ -14,17 +14,16 @@ from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.imports import ImportMetadata, ImportView
 from dynident_service.routes.common import RetryKeyDep, create_or_replay, parse_json_body, replay_response
-from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
-from dynident_service.routes.needs import require_resource
-from dynident_service.routes.uploads import FURTHER, MOST_FILES, detect_media_type, hash_file, receive_files
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.references import require_resource
+from dynident_service.routes.uploads import FURTHER, MOST_FILES, FormRoute, detect_media_type, hash_file, receive_files
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewResource, Resource, Retry
 from dynident_service.storage.retention import IMPORT_LIFETIME
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 
-LOOK = "dynident_service.work.awaited:inspect_file"
+LOOK = "dynident_service.work.interactive:inspect_file"
 
 
 @router.post("", status_code=201)

@@ -21,13 +21,13 @@ from dynident_service.models.imports import MeasurementOfImport
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
 from dynident_service.problems import ProblemError, ProblemField, make_not_found, make_unusable, make_validation_problem
 from dynident_service.routes.common import RetryKey, RetryKeyDep, create_or_replay, parse_json_body, replay_response
-from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
-from dynident_service.routes.needs import require_resource
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.references import require_resource
 from dynident_service.routes.uploads import (
     FURTHER,
     MEDIA_TYPES,
     MOST_FILES,
+    FormRoute,
     detect_media_type,
     hash_file,
     receive_files,
@@ -59,9 +59,9 @@ JSON_BODY = {
 }
 
 
-IMPORT = "dynident_service.work.awaited:import_measurement"
-RAW = "dynident_service.work.awaited:write_raw_signals"
-STANDSTILLS = "dynident_service.work.awaited:find_standstills"
+IMPORT = "dynident_service.work.interactive:import_measurement"
+RAW = "dynident_service.work.interactive:write_raw_signals"
+STANDSTILLS = "dynident_service.work.interactive:find_standstills"
 SMALLEST_ANSWER, LARGEST_ANSWER = 16_000_000, 500_000_000
 """Bytes of signals that one answer may have: the largest is twenty minutes of 6 joints at 1 kHz."""
 DIGITS = 20

@@ -14,18 +14,17 @@ from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import MOST_ITEMS
 from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
 from dynident_service.models.robots import MeshesView
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.forms import FormRoute
-from dynident_service.routes.needs import require_resource
-from dynident_service.routes.uploads import receive_files
-from dynident_service.science import hold_import_lock
+from dynident_service.routes.references import require_resource
+from dynident_service.routes.uploads import FormRoute, receive_files
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.meshes import GEOMETRY, find_mesh_files, get_mesh_role, list_meshes
+from dynident_service.storage.mesh_files import GEOMETRY, find_mesh_files, get_mesh_role, list_meshes
 from dynident_service.storage.records import OwnedObject
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
-TAKE_MESHES = "dynident_service.work.awaited:read_meshes"
+TAKE_MESHES = "dynident_service.work.interactive:read_meshes"
 
 
 @dataclass(frozen=True)

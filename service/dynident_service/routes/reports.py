@@ -7,12 +7,18 @@ from collections.abc import Mapping, Sequence
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
-from dynident.reports.stated import MEDIA_TYPES
+from dynident.reports.request import MEDIA_TYPES
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import make_unusable
 from dynident_service.routes.common import require_succeeded
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, require_design, require_measurements, require_model, require_result
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import (
+    depend_on,
+    require_design,
+    require_measurements,
+    require_model,
+    require_result,
+)
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, Resource
 

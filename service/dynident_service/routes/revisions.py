@@ -12,10 +12,10 @@ from fastapi import APIRouter, Request, Response
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
 from dynident_service.models.revisions import RevisionRequest
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import Problem, ProblemError, make_unusable
 from dynident_service.routes.common import RetryKeyDep
 from dynident_service.routes.measurements import ReceivedFile, check_and_store, find_original
-from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource, Retry
 
@@ -61,7 +61,7 @@ def _prepare_revision(
 def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
     """What is said of the file from now on, and all that was said anew since it was uploaded."""
     with hold_import_lock():
-        from dynident_service.adapters.revisions import apply_revision
+        from dynident_service.adapters.measurements import apply_revision
 
     change = to_plain_json(body)
     if not change:

@@ -8,15 +8,15 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
 
-from dynident_service.limits import mark_long
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.robots import RobotRequest, RobotView
+from dynident_service.request_limits import mark_long
 from dynident_service.routes.common import RetryKeyDep, create_or_replay
-from dynident_service.routes.kept import ResourceRoutes, add_resource_routes
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
 from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
-from dynident_service.storage.meshes import list_meshes
+from dynident_service.storage.mesh_files import list_meshes
 from dynident_service.storage.records import NewResource, Resource
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
@@ -31,7 +31,7 @@ async def create_robot(
     """Store a robot; the answer has its joints and its base parameters."""
     arguments = {"request": to_plain_json(body)}
     result = await services.interactive.call(
-        request, "dynident_service.work.awaited:describe_requested_robot", dict, arguments
+        request, "dynident_service.work.interactive:describe_requested_robot", dict, arguments
     )
     mesh_names = {mesh["name"] for mesh in result.get("meshes", ())}
     objects = await inherit_meshes(request, services, body.meshes_of, mesh_names, to_plain_json(body))

@@ -8,9 +8,9 @@ from fastapi import APIRouter
 
 from dynident_service.models.designs import Trajectory
 from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
-from dynident_service.routes.kept import ResourceRoutes, add_create_route
-from dynident_service.routes.needs import depend_on, require_design, require_robot
-from dynident_service.science import hold_import_lock
+from dynident_service.preload import hold_import_lock
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, require_design, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -42,8 +42,8 @@ def _check_request(body: SimulationRequest, robot_resource: Resource) -> None:
     """Refuse at once what would fail later."""
     with hold_import_lock():
         from dynident.simulation import Simulated, check_acting_effects
-        from dynident_service.adapters.derived import to_request
         from dynident_service.adapters.designs import build_random_design
+        from dynident_service.adapters.requests import to_request
         from dynident_service.adapters.robots import restore_robot
         from dynident_service.adapters.simulations import to_reference
 

@@ -10,13 +10,13 @@ from fastapi import APIRouter, Query, Request
 
 from dynident_service.models.identifications import CorrelationView, EssentialQuery, EssentialView, IdentificationResult
 from dynident_service.models.verdicts import VerdictView
+from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError
 from dynident_service.routes.common import require_succeeded
-from dynident_service.science import hold_import_lock
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
 
-AWAITED = "dynident_service.work.awaited"
+AWAITED = "dynident_service.work.interactive"
 MOST_OUTCOMES = 100
 """Validations of a model that are looked through, the newest first."""
 JUDGE = "dynident_service.work.verdicts:judge_model"

@@ -35,8 +35,8 @@ from dynident_service.storage.archive import (
 from dynident_service.storage.database import WRITES, Database
 from dynident_service.storage.migrate import build_alembic_config
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.patience import describe_error
 from dynident_service.storage.records import FINAL
+from dynident_service.storage.retry import describe_error
 from dynident_service.storage.tables import OBJECTS, CheckpointRow, ObjectRow, ResourceRow
 from dynident_service.storage.tables import Table as Base
 

@@ -12,7 +12,6 @@ from sqlalchemy.orm import Session
 
 from dynident_service.problems import Dependent, ProblemError, make_not_found
 from dynident_service.storage.database import Database
-from dynident_service.storage.inserting import insert_objects, insert_resource, insert_resources
 from dynident_service.storage.objects import ObjectStore, StoredObject, compute_digest
 from dynident_service.storage.quotas import (
     Account,
@@ -23,8 +22,9 @@ from dynident_service.storage.quotas import (
     get_account,
     lock_account,
 )
-from dynident_service.storage.reading import WITH_JOBS, complete_resources, read_resource, read_resources
 from dynident_service.storage.records import FINAL, Kind, NewResource, OwnedObject, Page, Resource, Retry
+from dynident_service.storage.resource_insertion import insert_objects, insert_resource, insert_resources
+from dynident_service.storage.resource_queries import WITH_JOBS, complete_resources, read_resource, read_resources
 from dynident_service.storage.tables import (
     RESOURCES,
     DependencyRow,

@@ -6,14 +6,14 @@ import tempfile
 from pathlib import Path
 
 from dynident.diagnosis import compare, judge
-from dynident.diagnosis.comparing.stored import write_comparison
+from dynident.diagnosis.comparing.storage import write_comparison
 from dynident.progress import scale_progress
 from dynident_service.adapters.comparisons import describe_comparison
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.comparisons import ComparisonRequest
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.work.means import load_stored_model, open_recording_by_id, open_stored_recordings
+from dynident_service.work.stored_inputs import load_stored_model, open_recording_by_id, open_stored_recordings
 
 
 def compare_model(task: Task) -> Outcome:

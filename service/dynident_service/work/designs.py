@@ -8,12 +8,12 @@ from pathlib import Path
 
 from dynident.excitation import design_experiment
 from dynident_service.adapters.designs import describe_design, to_checked_request, write_trajectory
-from dynident_service.adapters.meshes import place_mesh_files
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.adapters.geometry import place_mesh_files
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.designs import DesignRequest
-from dynident_service.storage.meshes import find_mesh_files
-from dynident_service.work.means import load_stored_robot, open_stored_recordings
+from dynident_service.storage.mesh_files import find_mesh_files
+from dynident_service.work.stored_inputs import load_stored_robot, open_stored_recordings
 
 
 def design(task: Task) -> Outcome:

@@ -9,16 +9,16 @@ from dataclasses import replace
 
 from dynident.errors import DynidentError
 from dynident.identification import DriveGains, PayloadEstimate, identify_gains, payload_mass
-from dynident.identification.loads.known import KnownLoad
+from dynident.identification.loads.known_load import KnownLoad
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
-from dynident_service.adapters.derived import to_request
 from dynident_service.adapters.drive_gains import describe_gains
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.adapters.requests import to_request
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.drive_gains import DriveGainsRequest
-from dynident_service.work.means import load_stored_robot, open_recording_by_id
+from dynident_service.work.stored_inputs import load_stored_robot, open_recording_by_id
 
 
 def find_gains(task: Task) -> Outcome:

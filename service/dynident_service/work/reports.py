@@ -12,21 +12,21 @@ from dynident.excitation import Design
 from dynident.identification import Identification
 from dynident.progress import scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation, html_report, render_pdf
-from dynident.reports.stated import MEDIA_TYPES, ReportChoices
-from dynident_service.adapters.answers import show_errors, show_figures
-from dynident_service.adapters.derived import to_request
+from dynident.reports.request import MEDIA_TYPES, ReportChoices
 from dynident_service.adapters.designs import restore_design
 from dynident_service.adapters.diagnoses import restore_diagnosis
-from dynident_service.adapters.revisions import restore_checks, to_recording_metadata, to_revision
+from dynident_service.adapters.measurements import restore_checks, to_recording_metadata, to_revision
+from dynident_service.adapters.requests import to_request
+from dynident_service.adapters.serialise import show_errors, show_figures
 from dynident_service.adapters.validation_tables import build_reported_validation
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.identifications import StoredIdentification
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementResult
 from dynident_service.models.reports import ReportRequest, ReportResult
 from dynident_service.models.validations import ValidationResult
 from dynident_service.storage.records import Resource
-from dynident_service.work.means import load_stored_model, open_recording_by_id
+from dynident_service.work.stored_inputs import load_stored_model, open_recording_by_id
 
 
 def write_report(task: Task) -> Outcome:

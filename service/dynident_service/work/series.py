@@ -5,18 +5,26 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 
-from dynident.diagnosis.series import Day, Measure, build_measure, days_to_bytes, find_free_name, load_days, reduce_day
-from dynident.diagnosis.series import monitor_days as series_of
+from dynident.diagnosis.monitoring import (
+    Day,
+    Measure,
+    build_measure,
+    days_to_bytes,
+    find_free_name,
+    load_days,
+    reduce_day,
+)
+from dynident.diagnosis.monitoring import monitor_days as series_of
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.progress import scale_progress
-from dynident.reports.figures.courses import draw_parameter_tracks
+from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
 from dynident_service.adapters.diagnoses import describe_series
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.diagnoses import Day as AskedDay
 from dynident_service.models.diagnoses import SeriesRequest
-from dynident_service.work.means import load_stored_model, open_stored_recordings
+from dynident_service.work.stored_inputs import load_stored_model, open_stored_recordings
 
 
 def follow_robot(task: Task) -> Outcome:

@@ -11,15 +11,15 @@ from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
 from dynident.simulation import Reference, Simulated, build_simulation_request, simulate, write_simulated_recording
 from dynident_service.adapters import designs, simulations
-from dynident_service.adapters.derived import to_body, to_request
 from dynident_service.adapters.measurements import describe_recording, import_file
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.adapters.requests import to_body, to_request
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.designs import DesignResult
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.models.simulations import Samples, SimulationRequest
 from dynident_service.storage.records import Dependency, NewResource
-from dynident_service.work.means import load_stored_robot
+from dynident_service.work.stored_inputs import load_stored_robot
 
 PARQUET = "application/vnd.apache.parquet"
 

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dynident.diagnosis.comparing.stored import StoredComparison
-from dynident.diagnosis.series.storage import check_days
+from dynident.diagnosis.comparing.storage import StoredComparison
+from dynident.diagnosis.monitoring.storage import check_days
 from dynident.errors import DynidentError
 from dynident.identification import from_bytes
 from dynident.recordings import open_recording

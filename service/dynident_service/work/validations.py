@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dynident.validation.request import ValidationData
 from dynident_service.adapters.validations import describe_validation, trial_from_request
-from dynident_service.jobs.work import Outcome, Task
+from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.validations import ValidationRequest
-from dynident_service.work.means import load_stored_model, open_stored_recordings
+from dynident_service.work.stored_inputs import load_stored_model, open_stored_recordings
 
 
 def validate_model(task: Task) -> Outcome:

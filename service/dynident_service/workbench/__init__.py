@@ -7,7 +7,7 @@ from pathlib import Path
 from fastapi import FastAPI, HTTPException, Request
 from starlette.responses import RedirectResponse, Response
 
-from dynident_service.workbench.files import PageFile, PageFiles
+from dynident_service.workbench.page_files import PageFile, PageFiles
 
 PREFIX = "/workbench"
 FOLDER = Path(__file__).parent / "static"

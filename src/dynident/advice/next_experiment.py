@@ -1,15 +1,14 @@
-"""The experiment that would decide what the data could not."""
+"""Propose the next experiment, which decides what the data leave open, and attach it to a diagnosis."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dynident.advice.kinds import EXPERIMENTS, Experiment, Question
-from dynident.advice.pairs import choose_experiment
-from dynident.advice.result import NextExperiment, Separation
+from dynident.advice.experiments import EXPERIMENTS, Experiment, Question, choose_experiment
+from dynident.advice.result import AdvisedDiagnosis, NextExperiment, Separation
 from dynident.advice.separation import (
     DataRows,
     NormalEquations,
@@ -19,22 +18,44 @@ from dynident.advice.separation import (
     fit_amplitudes,
     normal_equations_from_rehearsal,
 )
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.diagnosis import Diagnosis, Examination
+from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.doubts import Doubt
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.catalogue import find_joints
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
-from dynident.excitation.criteria.deciding import find_effect_parameters
-from dynident.excitation.experiments.earlier import compute_planned_seconds
-from dynident.excitation.observation.model import DesignModel, build_design_model
+from dynident.excitation.criteria.design_criterion import find_effect_parameters
+from dynident.excitation.experiments.earlier_runs import compute_planned_seconds
+from dynident.excitation.observation.design_model import DesignModel, build_design_model
 from dynident.identification import Identification
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import Bounds, build_bounds
 from dynident.recordings import Recording
 from dynident.robot.model import Robot
 from dynident.simulation import build_typical_effect
+
+
+@single_threaded
+def advise(examined: Examination) -> AdvisedDiagnosis:
+    """Propose the experiment that would decide what a diagnosis leaves open.
+
+    Parameters
+    ----------
+    examined : Examination
+        What `dynident.diagnosis.examine` returned: the diagnosis, its doubts, and the data behind it.
+
+    Returns
+    -------
+    AdvisedDiagnosis
+        The diagnosis with the proposed experiment; `next_experiment` is None where no motion decides anything.
+    """
+    proposed = next_experiment(examined.identification, examined.comparisons, examined.doubts, examined.recordings)
+    diagnosis_fields = {field.name: getattr(examined.diagnosis, field.name) for field in fields(Diagnosis)}
+    return AdvisedDiagnosis(**diagnosis_fields, next_experiment=proposed)
+
 
 _BETTER = 0.8
 """Of the present standard deviation: an experiment that leaves more of it tells nothing new."""

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.advice.result import Separation
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.estimation.correlation import compute_overstatement
 from dynident.estimation.least_squares import floor_noise
+from dynident.estimation.residual_correlation import compute_overstatement
 from dynident.excitation import Rehearsal
-from dynident.excitation.criteria.variances import compute_diagonal_from_information
-from dynident.excitation.experiments.task import STANDSTILL_VELOCITY
-from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.criteria.parameter_variances import compute_diagonal_from_information
+from dynident.excitation.experiments.design_task import STANDSTILL_VELOCITY
+from dynident.excitation.observation.design_model import DesignModel
 from dynident.motion.trajectories.motion import Motion
 from dynident.recordings import Recording
 from dynident.recordings.phases import Phase
-from dynident.regressors.stream import is_in_run
+from dynident.regressors.filtered_rows import is_in_run
 
 _MOST_ROWS = 1500
 """Samples that a matrix of inner products is made from: beyond them only its precision grows, not what it says."""

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.diagnosis.ambiguities import Doubt
+    from dynident.diagnosis.comparing.assessment import Judgement, RepeatedMotion, judge
     from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
     from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
-    from dynident.diagnosis.comparing.judging import Judgement, RepeatedMotion, judge
     from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
     from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
-    from dynident.diagnosis.diagnosing import Examination, diagnose, examine
-    from dynident.diagnosis.doubts import Doubt
-    from dynident.diagnosis.evidenced import Evidence, evidence
+    from dynident.diagnosis.examination import Examination, diagnose, examine
+    from dynident.diagnosis.partial_residuals import Evidence, evidence
+    from dynident.diagnosis.request import DiagnosisChoices
     from dynident.diagnosis.result import (
         Change,
         ChangedValue,
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
         RankedEffect,
         UnknownPattern,
     )
-    from dynident.diagnosis.stated import DiagnosisChoices
 
 __all__ = [
     "Autocorrelation",

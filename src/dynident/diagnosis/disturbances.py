@@ -12,22 +12,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
-from dynident.diagnosis.candidates.gathering import gather_products
+from dynident.array_types import BoolArray, FloatArray
+from dynident.diagnosis.candidates.accumulate import gather_products
 from dynident.diagnosis.candidates.pool import Pool, build_pool_of_choices
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.result import UnknownPattern
+from dynident.diagnosis.search.contacts import find_contacts
 from dynident.diagnosis.search.state import Finding
-from dynident.diagnosis.search.transients import find_contacts
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import OutlyingSpan, concatenate_reductions, find_outlying_spans
 from dynident.identification import Identification
 from dynident.identification.study.extending import extend_at_once
-from dynident.identification.study.fitting import identify_model
+from dynident.identification.study.fit_model import identify_model
 from dynident.progress import ignore_progress
 from dynident.recordings import Recording
-from dynident.regressors.stream import reduce_recordings
+from dynident.regressors.filtered_rows import reduce_recordings
 
 PUSH = next(effect.id for effect in CATALOGUE.values() if effect.is_transient)
 """The effect that acts for a while."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 
 Adequacy = Literal["adequate", "missing_effect", "unexplained"]

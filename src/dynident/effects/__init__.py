@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.effects.catalogue import (
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
         Role,
         ShapeSpec,
     )
-    from dynident.effects.operators import DAHL, STOP, TRAVEL, Operator
+    from dynident.effects.hysteresis_operators import DAHL, STOP, TRAVEL, Operator
     from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, count_reference_parameters
     from dynident.effects.signals import MemorySignal, RunSignal, Signals
-    from dynident.effects.sizes import UsualSize
+    from dynident.effects.usual_sizes import UsualSize
 
 __all__ = [
     "CATALOGUE",

@@ -19,13 +19,14 @@ from dynident.effects.friction import (
     LoadDependentFriction,
     PositionDependentFriction,
     Stribeck,
+    TemperatureFriction,
     Viscous,
     ViscousAsymmetric,
     ViscousNonlinear,
+    WarmUpFriction,
 )
-from dynident.effects.friction_in_time import TemperatureFriction, WarmUpFriction
 from dynident.effects.gears import Backlash, JointElasticity
-from dynident.effects.geometry import EncoderZeroError, KinematicError
+from dynident.effects.geometry_errors import EncoderZeroError, KinematicError
 from dynident.effects.plugins import list_package_effects, load_installed_effects
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia

@@ -28,7 +28,7 @@ class EffectChoice:
 
     def __repr__(self) -> str:
         # Imported here: the catalogue, which has the words for constants, loads CasADi.
-        from dynident.effects.written import format_effect
+        from dynident.effects.text_format import format_effect
 
         runs = f", runs={self.runs!r}" if self.runs else ""
         return f"EffectChoice({format_effect(self)}{runs})"

@@ -14,7 +14,7 @@ from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, S
 from dynident.effects.newton_euler import build_link_jacobian
 from dynident.effects.rigid_body import get_base_wrench, get_stored_energy
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import UsualSize, get_usual_force
+from dynident.effects.usual_sizes import UsualSize, get_usual_force
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)

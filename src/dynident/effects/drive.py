@@ -11,7 +11,7 @@ import casadi as ca
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.mechanics import build_frames, to_constant
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import ROTOR_SHARE, UsualSize, get_largest_torque
+from dynident.effects.usual_sizes import ROTOR_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 # Gear ratio of a usual direct gear.

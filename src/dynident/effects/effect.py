@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import UsualSize
+from dynident.effects.usual_sizes import UsualSize
 from dynident.robot.model import Robot
 
 

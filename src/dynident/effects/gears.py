@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynident.effects.effect import RATIO, Column, Effect, Estimate, ParameterSpec, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import UsualSize, get_largest_torque
+from dynident.effects.usual_sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 # Torsional stiffness of a joint per unit of the largest torque, N m/rad per N m.

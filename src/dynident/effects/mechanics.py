@@ -13,7 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.robot.model import Joint, Robot
 
 # Rounded right angles in a description leave 1e-17 where zero is meant, and each such entry costs instructions.

@@ -12,8 +12,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.effects.linked import build_link_torque
+from dynident.array_types import FloatArray
+from dynident.effects.closed_loops import build_link_torque
 from dynident.effects.mechanics import to_constant
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot

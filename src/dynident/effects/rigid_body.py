@@ -9,7 +9,7 @@ import casadi as ca
 
 from dynident.effects.effect import Column, Effect, ParameterSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import ROTOR_SHARE, UsualSize, get_largest_torque
+from dynident.effects.usual_sizes import ROTOR_SHARE, UsualSize, get_largest_torque
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
 _UNITS = ("kg m²",) * 6 + ("kg m",) * 3 + ("kg",)

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import casadi as ca
 
-from dynident.effects.linked import DependentMechanics
+from dynident.effects.closed_loops import DependentMechanics
+from dynident.effects.hysteresis_operators import Operator
 from dynident.effects.mechanics import Mechanics
-from dynident.effects.operators import Operator
 from dynident.effects.prediction import Prediction, count_reference_parameters
 from dynident.robot.model import Robot
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects.effect import RATIO, Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import UsualSize, get_largest_torque
+from dynident.effects.usual_sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
 _FIRST_JOINTS = 3

@@ -9,10 +9,10 @@ from types import MappingProxyType
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects.effect import Column, Effect, ParameterSpec, Refinement, ShapeSpec
 from dynident.effects.signals import Signals
-from dynident.effects.sizes import (
+from dynident.effects.usual_sizes import (
     COULOMB_SHARE,
     ROTOR_SHARE,
     VISCOUS_SHARE,

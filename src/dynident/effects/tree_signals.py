@@ -8,8 +8,8 @@ from functools import partial
 
 import casadi as ca
 
+from dynident.effects.closed_loops import TreeMotion
 from dynident.effects.effect import Column
-from dynident.effects.linked import TreeMotion
 from dynident.effects.prediction import DRIVE_PARAMETERS
 from dynident.effects.signals import MemorySignal, RunSignal, Signals
 from dynident.expressions.angles import substitute_angles

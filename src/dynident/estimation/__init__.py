@@ -1,9 +1,8 @@
 """y = W χ: solvers and statistics on triangular factors. Knows nothing of robots."""
 
-from dynident.estimation.beside import RestRowAccumulator, RestRows, RowGroup, compute_band_distance
-from dynident.estimation.bootstrap import Bootstrap, Drawing, bootstrap_estimates
-from dynident.estimation.correlation import compute_correlation_factor, count_effective_rows
-from dynident.estimation.essential import Elimination, EliminationPath, eliminate_parameters
+from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
+from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
+from dynident.estimation.delta_method import LinearisedSolution, linearise_constants
 from dynident.estimation.factors import (
     EquationFactors,
     FactorAccumulator,
@@ -11,8 +10,7 @@ from dynident.estimation.factors import (
     concatenate_reductions,
     merge_reversal_equations,
 )
-from dynident.estimation.information import PriorInformation, build_prior
-from dynident.estimation.instrumental import InstrumentalSolution, solve_instrumental
+from dynident.estimation.instrumental_variables import InstrumentalSolution, solve_instrumental
 from dynident.estimation.least_squares import (
     Errors,
     EstimationError,
@@ -29,11 +27,18 @@ from dynident.estimation.least_squares import (
     solve,
     weighted,
 )
-from dynident.estimation.linearised import LinearisedSolution, linearise_constants
 from dynident.estimation.outlying_spans import OutlyingSpan, OutlyingSpans, find_outlying_spans
-from dynident.estimation.statistics import CovarianceName, Statistics, compute_row_freedom, statistics
-from dynident.estimation.turned import ReversalRows
-from dynident.estimation.turning_noise import estimate_reversal_weights
+from dynident.estimation.prior_information import PriorInformation, build_prior
+from dynident.estimation.residual_correlation import compute_correlation_factor, count_effective_rows
+from dynident.estimation.rest_and_reversal_rows import (
+    RestRowAccumulator,
+    RestRows,
+    ReversalRows,
+    RowGroup,
+    compute_band_distance,
+)
+from dynident.estimation.reversal_weights import estimate_reversal_weights
+from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 
 __all__ = [
     "Bootstrap",

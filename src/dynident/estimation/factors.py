@@ -12,11 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray, IndexArray
-from dynident.estimation.beside import RestRows, RowGroup, join_rest_rows
-from dynident.estimation.triangles import compute_r_factor, join_factors, pad_to_square
-from dynident.estimation.turned import ReversalRows
-from dynident.estimation.whitening import WhitenedColumns, whiten_columns
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.estimation.qr import WhitenedColumns, compute_r_factor, join_factors, pad_to_square, whiten_columns
+from dynident.estimation.rest_and_reversal_rows import RestRows, ReversalRows, RowGroup, join_rest_rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.correlation import compute_correlation_factors
 from dynident.estimation.factors import Reduction
-from dynident.estimation.information import PriorInformation, invert_factor
-from dynident.estimation.triangles import compute_r_factor
+from dynident.estimation.prior_information import PriorInformation, invert_factor
+from dynident.estimation.qr import compute_r_factor
+from dynident.estimation.residual_correlation import compute_correlation_factors
 
 MOST_ROUNDS = 20
 """Largest number of rounds that estimate the noise of every equation; on sound data the third changes no visible digit.

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.excitation.criteria.baseline import Baseline
-    from dynident.excitation.criteria.choice import CRITERIA, CriterionChoice
-    from dynident.excitation.criteria.expected import ExpectedParameter
-    from dynident.excitation.criteria.values import CriterionValues
+    from dynident.excitation.criteria.criterion_choice import CRITERIA, CriterionChoice
+    from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
+    from dynident.excitation.criteria.parameter_variances import ExpectedParameter
     from dynident.excitation.design import design_experiment
-    from dynident.excitation.formats.files import (
+    from dynident.excitation.formats.design_files import (
         FORMATS,
         design_document,
         design_table,
         trajectory_document,
         write_design,
     )
-    from dynident.excitation.quick import Rehearsal, rehearse_motion, rehearse_quickly
+    from dynident.excitation.rehearsal import Rehearsal, rehearse_motion, rehearse_quickly
     from dynident.excitation.request import KINDS, DesignRequest, TrajectoryRequest
     from dynident.excitation.result import Design, Run
 

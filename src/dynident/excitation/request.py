@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from dynident.asking import LARGEST_SEED, Choice, OneOf, declare_field
 from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoice
-from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
-from dynident.motion.surroundings.stated import Surroundings
-from dynident.robot.stated import Limits
+from dynident.excitation.criteria.criterion_choice import CriterionChoice
+from dynident.excitation.observation.row_model_names import ROW_MODELS, RowModelName
+from dynident.motion.collision.surroundings import Surroundings
+from dynident.robot.limits import Limits
+from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 DESIGN_KINDS = OneOf(

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
-from dynident.excitation.criteria.baseline import Baseline
-from dynident.excitation.criteria.expected import ExpectedParameter
-from dynident.excitation.criteria.values import CriterionValues
+from dynident.array_types import FloatArray, IntArray
+from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
+from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.excitation.request import DesignRequest
+from dynident.motion.collision.reach import FLOOR_ALONE, NOTHING_STATED
 from dynident.motion.limits.margins import Margin
-from dynident.motion.surroundings.reach import FLOOR_ALONE, NOTHING_STATED
 from dynident.robot.collision import UNCHECKED
 
 _WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)

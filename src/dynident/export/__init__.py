@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.export.c_code import to_c
     from dynident.export.casadi_function import to_casadi
-    from dynident.export.completion import Completion, complete_parameters
+    from dynident.export.dispatch import export_model
     from dynident.export.document import model_from_json, model_to_document, to_json
-    from dynident.export.export import export_model
     from dynident.export.exported import ExportedFile
+    from dynident.export.feasible_completion import Completion, complete_parameters
     from dynident.export.mjcf import to_mjcf
     from dynident.export.predicting_model import PredictingModel, TorquePredictor
-    from dynident.export.stated import ExportChoices, ExportFormat
+    from dynident.export.request import ExportChoices, ExportFormat
     from dynident.export.urdf import to_urdf
-    from dynident.regressors.further_signals import FurtherSignals
+    from dynident.regressors.observation import FurtherSignals
 
 __all__ = [
     "Completion",

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from dynident.effects import MemorySignal, RunSignal, Signals
-from dynident.effects.linked import build_all_positions
-from dynident.effects.memory import build_step_expression
+from dynident.effects.closed_loops import build_all_positions
+from dynident.effects.hysteresis_states import build_step_expression
 from dynident.identification import Estimate
 from dynident.robot.model import Robot
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters
-from dynident.effects.memory import MemoryStates
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
 from dynident.regressors.model import Model
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation import NOTHING_FURTHER, FurtherSignals, Observation
 from dynident.robot.model import Robot
 
 FAR = 1e6

@@ -14,12 +14,11 @@ from xml.dom import minidom
 import numpy as np
 import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import Role
 from dynident.encoding import encode_text
 from dynident.export.exported import ExportedFile, FeasibleLinks
-from dynident.export.names import escape_xml_comment, make_slug
-from dynident.export.summary import SIGNS, describe_identification, describe_origin
+from dynident.export.summary import SIGNS, describe_identification, describe_origin, escape_xml_comment, make_slug
 from dynident.identification import Identification
 from dynident.robot import urdf_from_robot
 from dynident.robot.urdf_writer import build_inertial

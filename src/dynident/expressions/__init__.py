@@ -1,7 +1,7 @@
 """Symbolic expressions as machine code over many samples."""
 
+from dynident.expressions.llvm_translation import UnsupportedOperationError
 from dynident.expressions.program import Program
 from dynident.expressions.recurrence import Recurrence
-from dynident.expressions.translation import UnsupportedOperationError
 
 __all__ = ["Program", "Recurrence", "UnsupportedOperationError"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 
 _SMALL, _ROUNDING = 0.25, 1e-17
 """An angle (rad) whose series is shorter than a sine, and what of its series is too little to be seen."""

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 from llvmlite import binding as llvm
 
-from dynident.arrays import FloatArray
-from dynident.expressions.kept_code import load_or_compile
-from dynident.expressions.translation import LIBRARY_FUNCTIONS, translate_to_llvm
+from dynident.array_types import FloatArray
+from dynident.expressions.code_cache import load_or_compile
+from dynident.expressions.llvm_translation import LIBRARY_FUNCTIONS, translate_to_llvm
 
 NUMBER = 8
 """Bytes of a number."""

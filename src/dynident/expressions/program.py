@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.expressions.machine_code import NUMBER, Compiled
 
 _LANES = 4

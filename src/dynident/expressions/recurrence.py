@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.expressions.machine_code import Compiled
 
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices
     from dynident.identification.loads.current_units import CurrentModel, identify_currents
     from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, identify_gains, payload_mass
-    from dynident.identification.loads.weighing import PayloadVerdict, payload_from_pair
-    from dynident.identification.parameters.standard import StandardParameters
+    from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
+    from dynident.identification.parameters.standard_parameters import StandardParameters
     from dynident.identification.shapes.shape_constants import ShapeConstant
-    from dynident.identification.study.again import reidentify
     from dynident.identification.study.estimate import Estimate, IdentifiedParameter
     from dynident.identification.study.extending import extend
-    from dynident.identification.study.fitting import identify_model
+    from dynident.identification.study.fit_model import identify_model
     from dynident.identification.study.identifying import identify
     from dynident.identification.study.reduced_data import ReducedData
+    from dynident.identification.study.reidentify import reidentify
     from dynident.identification.study.removing import remove
     from dynident.identification.study.result import Identification, LadderStep
     from dynident.identification.study.same_recordings import check_same_recordings

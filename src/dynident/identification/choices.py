@@ -1,4 +1,4 @@
-"""The independent choices of an identification: effects, model, strategy, estimator; and the preprocessing."""
+"""The choices of an identification: effects, model, strategy, estimator and preprocessing, with their options."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
-from dynident.asking import Choice, OneOf, check_ranges, declare_field
 from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
-from dynident.identification.asked import DescriptionTrust, RowOptions
 from dynident.identification.methods.bases import (
     ESTIMATORS,
     MODELS,
@@ -20,11 +18,56 @@ from dynident.identification.methods.bases import (
     Prior,
     Strategy,
 )
-from dynident.kinds import get_kind_name
+from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field
+from dynident.schema.registry import get_kind_name
 
 if TYPE_CHECKING:
     from dynident.estimation import CovarianceName
     from dynident.recordings import Preprocessing
+
+
+@dataclass(frozen=True)
+class EssentialChoices:
+    """How far the backward elimination of parameters goes."""
+
+    ratio: float = declare_field(
+        "Largest over smallest relative standard deviation to end at (§12.7)", default=10.0, above=1, at_most=1e6
+    )
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """Options of the rows that are made of recordings: the name of their model, and what its equations need.
+
+    `pole` is a of [12.29] in rad/s, for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model;
+    None where the data decide. `tolerance` and `weighted` are for the base's wrench: which columns count as dependent,
+    and whether what it alone shows is fitted with its six equations weighed by their noise.
+    """
+
+    model: str
+    pole: float | None
+    interval: float | None
+    tolerance: float
+    weighted: bool
+
+
+@dataclass(frozen=True)
+class DescriptionTrust:
+    """Trust in the inertias of the robot's description.
+
+    `prior` is its kind, None where the data alone count; `free_links`, by their joints, are those that it does not hold
+    for, and `error` is the share by which the others are usually off.
+    """
+
+    prior: Prior | None
+    free_links: tuple[str, ...]
+    error: float
+
+    @property
+    def of_bodies(self) -> bool:
+        """Whether the prior is a distance between bodies that can exist."""
+        return self.prior is not None and self.prior.of_bodies
+
 
 ModelName = str
 StrategyName = str

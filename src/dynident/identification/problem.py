@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.estimation import CovarianceName, PriorInformation, estimate_reversal_weights
-from dynident.identification.asked import DescriptionTrust
-from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import Data
-from dynident.identification.prior.prior import build_prior
+from dynident.identification.choices import DescriptionTrust, IdentificationChoices
+from dynident.identification.equations.reduce_data import Data
+from dynident.identification.prior.description_prior import build_prior
 from dynident.regressors.model import Model
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynident.identification.mistakes import build_dynamics_checks
+from dynident.identification.recording_faults import build_dynamics_checks
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import (
     Check,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
+    from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
     from dynident.motion.limits.bounds import ImpossibleLimitsError
     from dynident.motion.limits.margins import Margin
-    from dynident.motion.surroundings.stated import Box, Surroundings, ToolRange, Wall
 
 __all__ = [
     "Box",

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.recordings.choosing import choose_preprocessing, find_motion_band, preprocessing_from_request
-    from dynident.recordings.filtering import compute_edge_margin, filtered_blocks
+    from dynident.recordings.auto_filters import choose_preprocessing, find_motion_band, preprocessing_from_request
     from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
-    from dynident.recordings.parallel import FilteredRows, ParallelFilter, low_pass
+    from dynident.recordings.metadata import RecordingMetadata, Revision
+    from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.phases import PhaseShares, phase_shares
+    from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
     from dynident.recordings.preprocessing import Preprocessing
-    from dynident.recordings.sources import open_recording
-    from dynident.recordings.stated import RecordingMetadata, Revision
-    from dynident.recordings.types import (
+    from dynident.recordings.recording import (
         Check,
         JointLimits,
         RecordedJoints,
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
         SampleBlock,
         Segment,
     )
+    from dynident.recordings.sources import open_recording
 
 __all__ = [
     "Check",

@@ -19,7 +19,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.encoding import escape_surrogates
 
 READ_BYTES = 1 << 16

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.recordings.checks_of_motion import check_motion
-from dynident.recordings.checks_of_torque import check_torque
 from dynident.recordings.columns import Layout
+from dynident.recordings.metadata import RecordingMetadata
+from dynident.recordings.position_checks import check_motion
+from dynident.recordings.raw_sample import RawSample
+from dynident.recordings.recording import ACCEPTED, Check, JointLimits, ModelChecks, Recording, RecordingError
 from dynident.recordings.revisions import adapt_cures
-from dynident.recordings.sampling import RawSample
-from dynident.recordings.stated import RecordingMetadata
-from dynident.recordings.types import ACCEPTED, Check, JointLimits, ModelChecks, Recording, RecordingError
+from dynident.recordings.torque_checks import check_torque
 
 
 def run_checks(

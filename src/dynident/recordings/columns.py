@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.array_types import FloatArray, IntArray
+from dynident.recordings.metadata import RecordingMetadata
+from dynident.recordings.recording import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
 from dynident.recordings.revisions import ColumnArrangement
-from dynident.recordings.stated import RecordingMetadata
-from dynident.recordings.types import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
 from dynident.recordings.units import JOINT_KINDS, KINDS, find_conversion, find_unit
 
 NOT_RECORDED = "none"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray, IntArray
+from dynident.array_types import BoolArray, FloatArray, IntArray
 
 _SLOWEST = 5e-3
 """Speed in rad/s or m/s below which a joint may as well stick."""

@@ -10,24 +10,17 @@ from tempfile import NamedTemporaryFile
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IntArray
+from dynident.array_types import FloatArray, IntArray
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.checks import run_checks
-from dynident.recordings.columns import Column, Layout, check_surplus_columns, find_columns
+from dynident.recordings.columns import Column, Layout, check_surplus_columns, find_columns, mark_not_recorded
 from dynident.recordings.conditioning import Conditioning
+from dynident.recordings.file_source import FileSource, RawRows, RawSource
 from dynident.recordings.formats import open_source
-from dynident.recordings.missing_torque import mark_empty_torques, report_missing_torques
+from dynident.recordings.metadata import RecordingMetadata, Windows
 from dynident.recordings.poses import POSES, read_poses, report_poses, write_poses
-from dynident.recordings.raw import RawRows, RawSource
-from dynident.recordings.restarts import RestartingSource
-from dynident.recordings.revisions import exclude_from_windows
-from dynident.recordings.sampling import RawSample, SampleCollector
-from dynident.recordings.segmenting import Segmenter
-from dynident.recordings.sinks import ArraySink, ParquetSink
-from dynident.recordings.sources import ArraySource, ParquetSource
-from dynident.recordings.stated import RecordingMetadata, Windows
-from dynident.recordings.timebase import TimeBase, TimeScan, check_time
-from dynident.recordings.types import (
+from dynident.recordings.raw_sample import RawSample, SampleCollector
+from dynident.recordings.recording import (
     WRENCH_NAMES,
     Check,
     ModelChecks,
@@ -37,6 +30,65 @@ from dynident.recordings.types import (
     Segment,
     is_inside_windows,
 )
+from dynident.recordings.revisions import exclude_from_windows
+from dynident.recordings.segmenting import Segmenter
+from dynident.recordings.sinks import ArraySink, ParquetSink
+from dynident.recordings.sources import ArraySource, ParquetSource
+from dynident.recordings.time_restarts import RestartingSource
+from dynident.recordings.timebase import TimeBase, TimeScan, check_time
+
+
+def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
+    """Mark torques without a number in any row of a file as not recorded.
+
+    Not where motors act on several joints: each torque is then made of several columns. Nor where no torque holds a
+    number, of which the checks say that nothing can be identified from it.
+
+    Parameters
+    ----------
+    layout : Layout
+    file : FileSource
+
+    Returns
+    -------
+    Layout
+    """
+    if layout.mixing is not None:
+        return layout
+    torques = Layout(t=layout.t, segment=None, q=layout.tau, tau=())
+    holds_numbers = np.zeros(len(layout.tau), dtype=bool)
+    for rows in file.rows(torques):
+        holds_numbers |= np.isfinite(rows.values).any(axis=0)
+        # As a rule the first rows show that every torque was recorded.
+        if holds_numbers.all():
+            return layout
+    if not holds_numbers.any():
+        return layout
+    tau = tuple(
+        torque if recorded else mark_not_recorded(position)
+        for torque, position, recorded in zip(layout.tau, layout.q, holds_numbers, strict=True)
+    )
+    empty = {int(joint) for joint in np.flatnonzero(~holds_numbers)}
+    return replace(layout, tau=tau, without_torque=tuple(sorted(empty | set(layout.without_torque))))
+
+
+def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[Check, ...]:
+    """Return a warning that names the joints without torque, if there are any."""
+    if not layout.without_torque:
+        return ()
+    names = [joint_names[joint] for joint in layout.without_torque]
+    several = len(names) > 1
+    return (
+        Check(
+            "joint_torque",
+            "warning",
+            f"{', '.join(names)} {'have' if several else 'has'} no torque: {'their' if several else 'its'} equation"
+            f"{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. What only "
+            f"{'these torques' if several else 'this torque'} would show ({'their' if several else 'its'} friction and "
+            "drive inertia, of a first joint its inertia, too) is not identifiable. If a joint is none of the robot's, "
+            f"as a finger is not, lock it: {', '.join(names)}.",
+        ),
+    )
 
 
 def import_recording(

@@ -17,11 +17,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import BoolArray, FloatArray, IntArray
-from dynident.recordings.filtering import READ_LENGTH
+from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.poses import has_poses
+from dynident.recordings.position_filter import READ_LENGTH
 from dynident.recordings.preprocessing import Preprocessing
-from dynident.recordings.types import Recording
+from dynident.recordings.recording import Recording
 
 SLOW = 0.01
 """Speed in rad/s or m/s below which a joint may as well stand: half and four times as much change little

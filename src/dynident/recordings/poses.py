@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.recordings.columns import Layout
-from dynident.recordings.raw import RawRows, RawSource
+from dynident.recordings.file_source import RawRows, RawSource
+from dynident.recordings.recording import Check, Recording, Segment, are_readings
 from dynident.recordings.segmenting import GridRows
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.timebase import LONGEST_PERIOD, TimeBase
-from dynident.recordings.types import Check, Recording, Segment, are_readings
 
 POSES = "poses"
 """Role of such a recording."""

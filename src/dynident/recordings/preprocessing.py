@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import isfinite
 
-from dynident.recordings.stated import PreprocessingChoices
-from dynident.recordings.types import RecordingError
+from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.recording import RecordingError
 
 
 @dataclass(frozen=True)

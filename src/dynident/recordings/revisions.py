@@ -8,8 +8,8 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.recordings.stated import Axis, RecordingMetadata, Revision, Windows
-from dynident.recordings.types import Check, RecordingError
+from dynident.recordings.metadata import Axis, RecordingMetadata, Revision, Windows
+from dynident.recordings.recording import Check, RecordingError
 
 
 def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.recording import Recording
 from dynident.recordings.spectra import find_used_runs
-from dynident.recordings.types import Recording
 
 Hashes = NDArray[np.uint64]
 

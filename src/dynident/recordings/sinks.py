@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.recordings.arrow import from_numbers
+from dynident.recordings.recording import Recording
 from dynident.recordings.segmenting import GridRows
 from dynident.recordings.sources import METADATA_KEY, describe_recording, name_stored_columns
-from dynident.recordings.types import Recording
 
 ROW_GROUP = 65536
 

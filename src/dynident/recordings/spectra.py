@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, signal, special
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.recordings.types import Recording
+from dynident.recordings.recording import Recording
 
 LONGEST = 20.0
 """Seconds under one window: resolves a motion of 0.1 Hz."""

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from math import pi
 
-from dynident.recordings.types import JointKind, RecordingError
+from dynident.recordings.recording import JointKind, RecordingError
 
 _DEGREE = pi / 180.0
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}

@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import qr
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, ReferenceParameters, Signals, count_reference_parameters
-from dynident.regressors.further_signals import FurtherSignals
-from dynident.regressors.observation import Observation
+from dynident.regressors.observation import FurtherSignals, Observation
 from dynident.robot.model import Robot
 
 DEFAULT_TOLERANCE = 2e-5

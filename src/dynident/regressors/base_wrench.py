@@ -12,11 +12,11 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import Column
-from dynident.recordings.types import WRENCH_NAMES
+from dynident.recordings.recording import WRENCH_NAMES
 from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, evaluate_at_random_states, select_base
-from dynident.regressors.forms import EquationForm, build_wrench_form
+from dynident.regressors.equation_forms import EquationForm, build_wrench_form
 from dynident.regressors.model import Model
 
 _STATES_PER_COLUMN = 2

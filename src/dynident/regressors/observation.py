@@ -1,4 +1,4 @@
-"""The observation matrix W of [12.4] for chosen columns: derived symbolically once, then evaluated block by block."""
+"""The observation matrix W of [12.4] for chosen columns: its signals, its symbolic form, its evaluation in blocks."""
 
 from __future__ import annotations
 
@@ -7,13 +7,85 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, MemorySignal, ReferenceParameters, RunSignal, Signals
 from dynident.expressions import Program
-from dynident.regressors.further_signals import NOTHING_FURTHER, FurtherSignals
-from dynident.regressors.joined_programs import ConcatenatedPrograms
 from dynident.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherSignals:
+    """Values at m samples; what is left out counts as zero.
+
+    Parameters
+    ----------
+    dddq, ddddq : (m, n), optional
+        Third and fourth derivative of q in rad/s³ and rad/s⁴, or m/s³ and m/s⁴.
+    time : (m,), optional
+        s.
+    temperature : (m, n), optional
+        °C.
+    runs : (number of run signals,) or (m, number of run signals), optional
+        1 where the samples' run is one of the signal's.
+    period : float
+        Sampling period in s, for columns that jump.
+    """
+
+    dddq: FloatArray | None = None
+    ddddq: FloatArray | None = None
+    time: FloatArray | None = None
+    temperature: FloatArray | None = None
+    runs: FloatArray | None = None
+    period: float = 1e-3
+
+
+NOTHING_FURTHER = FurtherSignals()
+"""For columns that depend on the motion alone, to its second derivative."""
+
+
+class ConcatenatedPrograms:
+    """Two programs evaluated together: the entries of the first, then those of the second.
+
+    Parameters
+    ----------
+    first, second : programs
+    widths : widths of the inputs of both together
+    picks : one an input
+        Which of its columns the second program reads, in its order; the first reads the leading ones.
+    """
+
+    def __init__(
+        self,
+        first: Program | ConcatenatedPrograms,
+        second: Program | ConcatenatedPrograms,
+        widths: Sequence[int],
+        picks: Sequence[NDArray[np.intp] | slice],
+    ) -> None:
+        self._first, self._second = first, second
+        self.widths = tuple(widths)
+        self._picks = tuple(picks)
+        self.n_outputs: int = first.n_outputs + second.n_outputs
+
+    @property
+    def n_instructions(self) -> int:
+        """Number of operations a sample."""
+        return self._first.n_instructions + self._second.n_instructions
+
+    def __call__(self, *inputs: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """Evaluate on samples, as a `Program` does."""
+        if out is None:
+            length = next(len(item) for item in inputs if item.ndim == 2)
+            out = np.empty((length, self.n_outputs))
+        border = self._first.n_outputs
+        # Inputs only ever grow at their ends, so that the first program reads the leading columns.
+        leading = [item[..., :width] for item, width in zip(inputs, self._first.widths, strict=True)]
+        self._first(*leading, out=out[:, :border])
+        picked = [item[..., pick] for item, pick in zip(inputs, self._picks, strict=True)]
+        self._second(*picked, out=out[:, border:])
+        return out
+
 
 # Places of these inputs in a program.
 _MEMORY, _RUNS = 8, 9

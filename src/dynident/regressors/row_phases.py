@@ -13,9 +13,9 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import Column, Signals, get_effect
-from dynident.effects.sizes import get_velocity_scale
+from dynident.effects.usual_sizes import get_velocity_scale
 from dynident.recordings import Preprocessing, Recording
 from dynident.recordings.phases import (
     SLOW,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.reports.printing.pdf import render_pdf
+    from dynident.reports.pdf import render_pdf
     from dynident.reports.report import html_report
-    from dynident.reports.run import ReportedRecording
-    from dynident.reports.stated import ReportChoices
-    from dynident.reports.tables import Cell, ReportedTable
-    from dynident.reports.validated import ReportedValidation
+    from dynident.reports.report_data import ReportedRecording, ReportedValidation
+    from dynident.reports.report_tables import Cell, ReportedTable
+    from dynident.reports.request import ReportChoices
 
 __all__ = [
     "Cell",

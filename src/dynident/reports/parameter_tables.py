@@ -8,16 +8,16 @@ from math import isfinite
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
 from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.identification.study.essential import EssentialPath
-from dynident.reports.numbers import format_estimate, format_number
-from dynident.reports.tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
-from dynident.reports.words import (
+from dynident.identification.study.essential_parameters import EssentialPath
+from dynident.reports.labels import (
     PARAMETER_JUDGEMENTS,
     SHAPE_JUDGEMENTS,
     format_joints,
     format_shape_constants,
     format_shape_interval,
 )
+from dynident.reports.number_format import format_estimate, format_number
+from dynident.reports.report_tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
 
 GROUPING, TIMES_SMALLEST = "in standard parameters", "times smallest"
 

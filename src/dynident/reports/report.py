@@ -13,22 +13,16 @@ from dynident.diagnosis import Diagnosis
 from dynident.errors import DynidentError
 from dynident.excitation import Design
 from dynident.identification import Identification
-from dynident.reports.run import ReportedRecording
+from dynident.reports.report_data import ReportedRecording, ReportedValidation
 from dynident.reports.section import Section
+from dynident.reports.sections.accuracy import build_errors_section, build_residuals_section, build_validation_section
 from dynident.reports.sections.data import build_data_section
-from dynident.reports.sections.design import build_design_section
+from dynident.reports.sections.design import build_design_section, build_promises_section
 from dynident.reports.sections.diagnosis import build_diagnosis_section
-from dynident.reports.sections.errors import build_errors_section
 from dynident.reports.sections.ladder import build_ladder_section
-from dynident.reports.sections.model import build_model_section
-from dynident.reports.sections.parameters import build_parameters_section
-from dynident.reports.sections.promises import build_promises_section
+from dynident.reports.sections.model import build_model_section, build_parameters_section, build_robot_section
 from dynident.reports.sections.provenance import build_provenance_section
-from dynident.reports.sections.residuals import build_residuals_section
-from dynident.reports.sections.robot import build_robot_section
 from dynident.reports.sections.summary import build_summary_section
-from dynident.reports.sections.validation import build_validation_section
-from dynident.reports.validated import ReportedValidation
 
 
 def html_report(

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.robot.collision import CollisionGeometry, collision_geometry
-    from dynident.robot.description import robot_from_description
-    from dynident.robot.drive_chain import coupling_matrix
+    from dynident.robot.document import robot_from_description
     from dynident.robot.kinematics import joint_frames, tool_path
+    from dynident.robot.library import library_names, library_source, library_table, robot_from_library
+    from dynident.robot.limits import Drive, Limits
     from dynident.robot.mjcf import robot_from_mjcf
-    from dynident.robot.model import INERTIAL_NAMES, Description, Joint, Robot
+    from dynident.robot.model import INERTIAL_NAMES, Description, Joint, Robot, coupling_matrix
     from dynident.robot.modified_dh import robot_from_modified_dh
     from dynident.robot.pinocchio_model import to_pinocchio
-    from dynident.robot.stated import Drive, Limits
     from dynident.robot.urdf import robot_from_urdf
     from dynident.robot.urdf_writer import urdf_from_robot
-    from dynident.robot.well_known import library_names, library_source, library_table, robot_from_library
 
 __all__ = [
     "INERTIAL_NAMES",

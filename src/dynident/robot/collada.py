@@ -10,7 +10,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 
 DEEPEST = 100
 """Elements inside each other, and nodes of a scene; links with their parts take some twenty."""

@@ -9,7 +9,7 @@ import reprlib
 from collections.abc import Iterable, Mapping
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import check_unicode, join_names, make_pointer
+from dynident.robot.json_pointer import check_unicode, join_names, make_pointer
 
 DEEPEST = 64
 """Largest depth of nested lists and objects; a table of a robot with loops has six."""

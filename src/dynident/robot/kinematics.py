@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.robot.model import Joint, Robot
 
 

@@ -16,23 +16,24 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.expressions.angles import AngleTerms, substitute_angles
-from dynident.robot.cut_joints import Loop, build_gap, to_sparse_constant
-from dynident.robot.elimination import Pivots, choose_pivots, solve_sparse
-from dynident.robot.loop_errors import (
+from dynident.robot.cut_joints import (
     LOOP_TITLE,
+    Loop,
+    build_gap,
     make_approximation_error,
     make_loop_error,
     make_reach_error,
     make_redundancy_error,
+    to_sparse_constant,
 )
-from dynident.robot.loop_numbers import compute_condition, group_equations
+from dynident.robot.json_pointer import join_names
+from dynident.robot.loop_numbers import Pivots, choose_pivots, compute_condition, group_equations, solve_sparse
 from dynident.robot.model import Joint
 from dynident.robot.passive_positions import build_passive_positions
-from dynident.robot.pointers import join_names
 
 CLOSED = 1e-9
 """Largest gap of a closed loop (m, rad): rounding."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from dynident.errors import DynidentError
-from dynident.robot.pointers import join_names
+from dynident.robot.json_pointer import join_names
 
 _PREFIXES = ("package://", "model://", "file://")
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.robot.collada import read_dae
 
 MOST_BYTES = 100 * 2**20

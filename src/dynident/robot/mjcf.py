@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.extras import format_install_hint
+from dynident.optional_dependencies import format_install_hint
 from dynident.robot.cut_joints import FrameOnJoint, Loop
+from dynident.robot.json_pointer import join_names
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loops import CLOSED
 from dynident.robot.mjcf_equality import Equalities, read_equalities
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, lock_joints
-from dynident.robot.pointers import join_names
 from dynident.robot.settings import settings_from
-from dynident.robot.stated import Drive, Limits
 from dynident.robot.xml_text import Element, write_with_line_numbers
 
 if TYPE_CHECKING:

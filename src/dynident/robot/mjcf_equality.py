@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.robot.cut_joints import LoopKind
+from dynident.robot.json_pointer import join_names
 from dynident.robot.linkage import Tie
 from dynident.robot.mjcf_xml import make_mjcf_error
-from dynident.robot.pointers import join_names
 
 if TYPE_CHECKING:
     import mujoco

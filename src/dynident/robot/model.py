@@ -1,4 +1,4 @@
-"""The robot: joints on a tree, with their limits and drive chains."""
+"""The robot: joints on a tree, with their limits, drive chains and the coupling of motors (§12.3.6, chapter 9)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,48 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
-from dynident.descriptions import DescriptionFormat
+from dynident.array_types import BoolArray, FloatArray
 from dynident.encoding import escape_surrogates
-from dynident.html import join_html, render_paragraph, render_table
-from dynident.robot.stated import Drive, Limits
+from dynident.result_display import join_html, render_paragraph, render_table
+from dynident.robot.formats import DescriptionFormat
+from dynident.robot.limits import Drive, Limits
 
 if TYPE_CHECKING:
     from dynident.robot.linkage import Linkage
+
+
+def coupling_matrix(robot: Robot) -> FloatArray | None:
+    """Return the coupling C of motors and joints: motor j turns with Σ C_jk q̇_k times its gear ratio.
+
+    The power of the motors equals that of the joints, so the joint torques are Γ = Cᵀ diag(g) u, with the drive gains
+    g of [12.17] and the currents u. The diagonal is one: the gains of [12.17] hold for the motor's own joint.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    ndarray (n, n) or None
+        None where every motor moves one joint only.
+    """
+    if not any(drive.coupling for drive in robot.drives):
+        return None
+    matrix = np.eye(robot.n)
+    for j, drive in enumerate(robot.drives):
+        for name, share in drive.coupling.items():
+            matrix[j, robot.joint_names.index(name)] = share
+    return matrix
+
+
+def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
+    """Return the currents (m, n) that give joint torques tau (m, n); NaN where a drive gain is not known."""
+    gains = np.array([drive.gain or np.nan for drive in robot.drives])
+    matrix = coupling_matrix(robot)
+    # Γ = Cᵀ diag(g) u, solved for u.
+    motors = tau if matrix is None else np.linalg.solve(matrix.T, tau.T).T
+    return np.asarray(motors / gains)
+
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""

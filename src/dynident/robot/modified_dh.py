@@ -36,9 +36,21 @@ Frame j is placed in its antecedent's frame by Rot(z, γ) Trans(z, b) Rot(x, α)
 joint turns about or slides along its own z axis. Where γ and b are 0, as in most serial arms, this is Craig's notation
 too: its α and a of index j - 1 are α and d of row j here. Where the machine has closed loops, the rows are those of the
 tree that is left when each is cut open, and the top-level field `loops` says what coincides at the cuts
-(`dynident.robot.cuts`). The top-level field `base_capsules` is what of the base can
+as below. The top-level field `base_capsules` is what of the base can
 be touched; `title` and `source` are kept, not read.
-"""
+
+The closed loops are a list of objects::
+
+    [{"name": "rod", "kind": "planar",
+      "between": [{"joint": "lever", "at": [0.4, 0, 0]}, {"joint": "elbow", "at": [-0.2, 0, 0]}]}]
+
+======================  ================================================================================================
+name                    of the loop, for messages; `loop<k>` by default
+kind                    planar: a pin, the origins coincide in the xy plane of the first frame (2 equations); point: a
+                        ball joint, the origins coincide (3); full: the frames coincide (6)
+between                 the two frames: `joint` is the joint of the table that carries it, or "base"; `at` its origin in
+                        that joint's frame (m); `rpy` its rotation, about x, then y, then z (rad), none by default
+======================  ================================================================================================"""
 
 from __future__ import annotations
 
@@ -51,9 +63,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.cuts import read_loops
+from dynident.robot.cut_joints import EQUATIONS, FrameOnJoint, Loop, LoopKind
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -61,6 +73,8 @@ from dynident.robot.json_fields import (
     expect_text,
     parse_json,
 )
+from dynident.robot.json_pointer import join_names, make_pointer
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, Tie, link_joints, lock_followers
 from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
 from dynident.robot.pinocchio_model import (
@@ -69,11 +83,70 @@ from dynident.robot.pinocchio_model import (
     from_pinocchio,
     to_dynamic_parameters,
 )
-from dynident.robot.pointers import join_names, make_pointer
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
 from dynident.robot.settings import check_limits, gravity_from, settings_from
 from dynident.robot.shapes import Capsule
-from dynident.robot.stated import Drive, Limits
+
+_BASE_NAME = "base"
+
+
+def read_loops(value: object, tree: Robot, at: str, title: str) -> tuple[Loop, ...]:
+    """Return the loops of a document, between joints of the tree.
+
+    Parameters
+    ----------
+    value : object
+        JSON value of the field `loops`.
+    tree : Robot
+        The tree that is left when all loops are cut open.
+    at : str
+        JSON pointer to the field.
+    title : str
+        Title of errors.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used.
+    """
+    if not isinstance(value, (list, tuple)):
+        raise DynidentError("Expected a list of closed loops.", pointer=at, title=title)
+    return tuple(
+        _read_loop(item, index, tree, make_pointer(index, within=at), title) for index, item in enumerate(value)
+    )
+
+
+def _read_loop(item: object, index: int, tree: Robot, at: str, title: str) -> Loop:
+    fields = expect_mapping(item, ("name", "kind", "between"), at, title)
+    name = expect_text(fields.get("name", f"loop{index + 1}"), f"{at}/name", title)
+    kinds: dict[str, LoopKind] = {"planar": "planar", "point": "point", "full": "full"}
+    kind = fields.get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        raise DynidentError(f"Expected {join_names(EQUATIONS)}.", pointer=f"{at}/kind", title=title)
+    between = fields.get("between")
+    if not isinstance(between, (list, tuple)) or len(between) != 2:
+        raise DynidentError("Expected the two frames that coincide.", pointer=f"{at}/between", title=title)
+    first, second = (
+        _read_end(fields_of_end, tree, f"{at}/between/{k}", title) for k, fields_of_end in enumerate(between)
+    )
+    if first.joint == second.joint:
+        detail = f"Both frames of loop '{name}' are on the same body, so they cannot close anything."
+        raise DynidentError(detail, pointer=f"{at}/between", title=title)
+    return Loop(name, kinds[kind], (first, second), at)
+
+
+def _read_end(item: object, tree: Robot, at: str, title: str) -> FrameOnJoint:
+    fields = expect_mapping(item, ("joint", "at", "rpy"), at, title)
+    name = fields.get("joint")
+    if name != _BASE_NAME and name not in tree.joint_names:
+        detail = f"There is no moving joint {name!r}; expected {_BASE_NAME} or one of {join_names(tree.joint_names)}."
+        raise DynidentError(detail, pointer=f"{at}/joint", title=title)
+    frame = np.eye(4)
+    frame[:3, 3] = expect_numbers(fields.get("at", [0.0, 0.0, 0.0]), 3, f"{at}/at", title)
+    if "rpy" in fields:
+        frame[:3, :3] = pin.rpy.rpyToMatrix(np.array(expect_numbers(fields["rpy"], 3, f"{at}/rpy", title)))
+    return FrameOnJoint(-1 if name == _BASE_NAME else tree.joint_names.index(str(name)), frame)
+
 
 TITLE = "Unusable modified Denavit-Hartenberg table"
 _RESERVED = ("base", "universe")

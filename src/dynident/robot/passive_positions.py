@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.expressions.angles import AngleTerms, substitute_angles
 from dynident.robot.dyads import solve_by_triangles
 from dynident.robot.loop_numbers import list_products

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.json_pointer import check_name
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.model import Description, Joint, JointKind, Robot
-from dynident.robot.pointers import check_name
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merge_limits
-from dynident.robot.stated import Drive, Limits
 
 MOST_JOINTS = 100
 """Most moving joints of a robot: a model of more takes gigabytes, and no machine that is identified as one has more."""

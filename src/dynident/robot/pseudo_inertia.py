@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.robot.model import INERTIAL_NAMES
 
 _PLACES = {"X": 0, "Y": 1, "Z": 2}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 
 ROUNDING_TOLERANCE = 1e-10
 _EXACT = np.array([0.0, 0.5, -0.5, 1.0, -1.0])

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.asking import get_description
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.pointers import join_names, make_pointer
-from dynident.robot.stated import Drive, Limits
+from dynident.robot.json_pointer import join_names, make_pointer
+from dynident.robot.limits import Drive, Limits
+from dynident.schema.fields import get_description
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the base frame where nobody states another (m/s²)."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 
 _RIM = 24
 _AROUND = np.arange(_RIM) * (2 * np.pi / _RIM)

@@ -1,20 +1,295 @@
-"""Read robots from URDF by Pinocchio."""
+"""Read robots from URDF: check the XML with line numbers, reduce it to what the dynamics need, and parse it by Pinocchio."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import pinocchio as pin
 
-from dynident.robot.linkage import link_joints, lock_followers
+from dynident.errors import DynidentError
+from dynident.robot.json_pointer import join_names
+from dynident.robot.limits import Drive, Limits
+from dynident.robot.linkage import Tie, link_joints, lock_followers
 from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from
-from dynident.robot.stated import Drive, Limits
-from dynident.robot.urdf_xml import TITLE, find_clamped_joints, make_urdf_error, parse_urdf, read_mimics, reduce_urdf
-from dynident.robot.xml_text import Element, write_xml
+from dynident.robot.xml_text import Element, parse_xml, write_xml
+
+TITLE = "Unusable URDF"
+MOVING = ("revolute", "continuous", "prismatic")
+MOST_LINKS = 2000
+"""Most links, fixed ones included: Pinocchio walks the tree by recursion, and the stack is limited."""
+_SHORTEST_AXIS = 1e-6
+"""Shortest axis, and the inverse of the longest: beyond, the direction is lost in rounding."""
+_OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
+
+
+def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
+    """Return an error that names the line."""
+    return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
+
+
+def parse_urdf(text: str, pointer: str = "") -> Element:
+    """Return the root element `<robot>` of a URDF text.
+
+    Raises
+    ------
+    DynidentError
+        The text is not XML (with line and column), is a xacro file, its root is another element, or it has more
+        elements, or more deeply nested ones, than any robot needs.
+    """
+    if not text.strip():
+        raise make_urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
+    root = parse_xml(text, "A URDF", pointer, TITLE)
+    if root.tag != "robot":
+        raise make_urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
+    xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
+    if xacro is not None:
+        raise make_urdf_error(
+            f"<{xacro.tag}> is xacro; expand the file first (xacro robot.xacro).", xacro.line, pointer
+        )
+    return root
+
+
+def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
+    """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
+
+    Raises
+    ------
+    DynidentError
+        If one is locked elsewhere than at its origin: one number cannot say where.
+    """
+    clamped = set()
+    for joint in root.iter_children("joint"):
+        name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
+        if kind in _OF_MORE_FREEDOMS and name in locked:
+            if locked[name] != 0.0:
+                detail = f"Joint '{name}' is {kind} and locked at {locked[name]:g}; only its origin (0) can be."
+                raise make_urdf_error(detail, joint.line, pointer)
+            clamped.add(name)
+    return frozenset(clamped)
+
+
+def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ()) -> Element:
+    """Return the `<robot>` reduced to links, inertias, joints and limits, all of them checked.
+
+    Dropping visual elements and vendor extensions also keeps the URDF parser below from complaining on the console. A
+    joint without `<limit>` gets one of zeros, and zeros also replace infinite limits: both mean that no limit is known.
+    The joints that mimic joints follow are read by `mimics`.
+
+    Parameters
+    ----------
+    root : Element
+    pointer : str
+        Where the text is in the user's request.
+    clamped : collection of str
+        Joints that become fixed ones.
+    """
+
+    def fail(detail: str, line: int) -> DynidentError:
+        return make_urdf_error(detail, line, pointer)
+
+    links = dict(_iter_named(root, "link", fail))
+    joints = {
+        name: replace(joint, attributes={**joint.attributes, "type": "fixed"}) if name in clamped else joint
+        for name, joint in _iter_named(root, "joint", fail)
+    }
+    if not links:
+        raise fail("The robot has no <link>.", root.line)
+    if len(links) > MOST_LINKS:
+        raise fail(f"The robot has {len(links)} links; at most {MOST_LINKS} are supported.", root.line)
+    for name, joint in joints.items():
+        _check_kind(name, joint, fail)
+    _check_tree(joints, links, fail)
+    if all(joint.attributes["type"] == "fixed" for joint in joints.values()):
+        raise fail("The robot has no moving joint; expected a revolute, continuous or prismatic one.", root.line)
+    robot = Element("robot", {"name": root.attributes.get("name", "") or "robot"}, root.line)
+    robot.children.extend(_reduce_link(name, link, fail) for name, link in links.items())
+    robot.children.extend(_reduce_joint(name, joint, fail) for name, joint in joints.items())
+    return robot
+
+
+def read_mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
+    """Return the ties of the mimic joints of a `<robot>`, by name: multiplier (1 by default) and offset (0)."""
+
+    def fail(detail: str, line: int) -> DynidentError:
+        return make_urdf_error(detail, line, pointer)
+
+    ties = {}
+    for joint in root.iter_children("joint"):
+        mimic = joint.find_child("mimic")
+        if mimic is None or joint.attributes.get("type") == "fixed":
+            continue
+        owner = f"joint '{joint.attributes.get('name', '')}'"
+        other = mimic.attributes.get("joint", "")
+        if not other:
+            raise fail(f'The <mimic> of {owner} names no joint; expected <mimic joint="…"/>.', mimic.line)
+        ratio, offset = (
+            _parse_number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
+            for attribute, usual in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        ties[joint.attributes.get("name", "")] = Tie({other: ratio}, offset, pointer, mimic.line)
+    return ties
+
+
+_Fail = Callable[[str, int], DynidentError]
+
+
+def _iter_named(root: Element, tag: str, fail: _Fail) -> Iterator[tuple[str, Element]]:
+    first_line: dict[str, int] = {}
+    for element in root.iter_children(tag):
+        name = element.attributes.get("name", "")
+        if not name:
+            raise fail(f"A <{tag}> has no name.", element.line)
+        if name in first_line:
+            raise fail(f"The {tag} name '{name}' is used twice (first on line {first_line[name]}).", element.line)
+        if tag == "joint" and name == "universe":
+            raise fail("A joint cannot be called 'universe': that is the name of the fixed base.", element.line)
+        first_line[name] = element.line
+        yield name, element
+
+
+def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
+    kind = joint.attributes.get("type", "")
+    if kind == "fixed":
+        return
+    if kind in _OF_MORE_FREEDOMS:
+        raise fail(
+            f"Joint '{name}' is {kind}; joints that move are revolute, continuous or prismatic, and the base is fixed. "
+            f'If it was clamped while the robot was recorded, lock it: --lock {name}, or "locked_joints": '
+            f'{{"{name}": 0}}.',
+            joint.line,
+        )
+    if kind not in MOVING:
+        raise fail(f"Joint '{name}' has the type '{kind}'; expected {join_names((*MOVING, 'fixed'))}.", joint.line)
+
+
+def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fail) -> None:
+    parent_of: dict[str, tuple[str, str]] = {}
+    for name, joint in joints.items():
+        parent, child = (_get_linked(name, joint, end, links, fail) for end in ("parent", "child"))
+        if child in parent_of:
+            raise fail(
+                f"Link '{child}' is the child of two joints, '{parent_of[child][1]}' and '{name}'; closed loops are "
+                "not supported.",
+                joint.line,
+            )
+        parent_of[child] = (parent, name)
+    roots = [name for name in links if name not in parent_of]
+    if not roots:
+        first = next(iter(joints.values()))
+        raise fail("Every link is the child of a joint: the joints form a loop without a base.", first.line)
+    if len(roots) > 1:
+        raise fail(
+            f"{len(roots)} links have no parent ({join_names(roots)}); a robot has one base. Connect them by joints.",
+            links[roots[1]].line,
+        )
+    # One root is no proof of a tree: joints that form a circle have no root. Walk from every link to the base.
+    for name, (parent, joint_name) in parent_of.items():
+        visited = {name}
+        while parent in parent_of:
+            if parent in visited:
+                raise fail(f"Link '{name}' hangs on a loop of joints, not on the base.", joints[joint_name].line)
+            visited.add(parent)
+            parent = parent_of[parent][0]
+
+
+def _get_linked(name: str, joint: Element, end: str, links: dict[str, Element], fail: _Fail) -> str:
+    element = joint.find_child(end)
+    link = element.attributes.get("link", "") if element is not None else ""
+    line = (element or joint).line
+    if not link:
+        raise fail(f"Joint '{name}' names no {end} link; expected <{end} link=\"…\"/>.", line)
+    if link not in links:
+        raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {join_names(links)}.", line)
+    return link
+
+
+def _reduce_link(name: str, link: Element, fail: _Fail) -> Element:
+    reduced = Element("link", {"name": name}, link.line)
+    inertial = link.find_child("inertial")
+    if inertial is None:
+        return reduced
+    owner = f"link '{name}'"
+    mass, inertia = inertial.find_child("mass"), inertial.find_child("inertia")
+    if mass is None or inertia is None:
+        missing = "<mass>" if mass is None else "<inertia>"
+        raise fail(f"The <inertial> of {owner} has no {missing}.", inertial.line)
+    for element, names in ((mass, ("value",)), (inertia, ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
+        for attribute in names:
+            _parse_number(element, attribute, owner, fail)
+    if _parse_number(mass, "value", owner, fail) < 0:
+        raise fail(f"The mass of {owner} is negative.", mass.line)
+    reduced_inertial = Element("inertial", {}, inertial.line)
+    reduced_inertial.children.extend([*_check_origin(inertial, owner, fail), mass, inertia])
+    reduced.children.append(reduced_inertial)
+    return reduced
+
+
+def _reduce_joint(name: str, joint: Element, fail: _Fail) -> Element:
+    owner, kind = f"joint '{name}'", joint.attributes["type"]
+    reduced = Element("joint", {"name": name, "type": kind}, joint.line)
+    reduced.children.extend(_check_origin(joint, owner, fail))
+    reduced.children.extend(child for child in joint.children if child.tag in ("parent", "child"))
+    if kind == "fixed":
+        return reduced
+    axis = joint.find_child("axis")
+    if axis is not None:
+        length = math.hypot(*_parse_numbers(axis, "xyz", owner, fail))
+        if not _SHORTEST_AXIS < length < 1.0 / _SHORTEST_AXIS:
+            detail = f"The axis of {owner} has no direction (xyz is {length:.3g} long; write a unit vector)."
+            raise fail(detail, axis.line)
+        reduced.children.append(axis)
+    reduced.children.append(_reduce_limit(joint, owner, fail))
+    return reduced
+
+
+def _reduce_limit(joint: Element, owner: str, fail: _Fail) -> Element:
+    element = joint.find_child("limit") or Element("limit", {}, joint.line)
+    values = {
+        attribute: _parse_number(element, attribute, owner, fail) if attribute in element.attributes else 0.0
+        for attribute in ("lower", "upper", "velocity", "effort")
+    }
+    if values["lower"] > values["upper"]:
+        raise fail(f"The lower limit of {owner} is above its upper limit.", element.line)
+    bounds = {name: value if math.isfinite(value) else 0.0 for name, value in values.items()}
+    # A range that is infinite on one side limits nothing that can be stated: drop both ends.
+    if not all(math.isfinite(values[bound]) for bound in ("lower", "upper")):
+        bounds["lower"] = bounds["upper"] = 0.0
+    return Element("limit", {name: repr(value) for name, value in bounds.items()}, element.line)
+
+
+def _check_origin(parent: Element, owner: str, fail: _Fail) -> list[Element]:
+    origin = parent.find_child("origin")
+    if origin is None:
+        return []
+    for attribute, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
+        if attribute in origin.attributes:
+            _parse_numbers(origin, attribute, owner, fail, count)
+    return [origin]
+
+
+def _parse_number(element: Element, attribute: str, owner: str, fail: _Fail) -> float:
+    return _parse_numbers(element, attribute, owner, fail, 1)[0]
+
+
+def _parse_numbers(element: Element, attribute: str, owner: str, fail: _Fail, count: int = 3) -> tuple[float, ...]:
+    written = element.attributes.get(attribute)
+    expected = "a number" if count == 1 else f"{count} numbers"
+    if written is None:
+        raise fail(f"The <{element.tag}> of {owner} has no {attribute}; expected {expected}.", element.line)
+    try:
+        values = tuple(float(word) for word in written.split())
+    except ValueError:
+        values = ()
+    if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
+    if any(map(math.isnan, values)):
+        raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner} is not a number.', element.line)
+    return values
 
 
 def robot_from_urdf(

@@ -4,35 +4,35 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.lazy import make_lazy_getattr
+from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.simulation.control import Controller
-    from dynident.simulation.measurement import (
-        SimulatedRecording,
-        Truth,
-        build_recording_table,
-        join_runs,
-        write_simulated_recording,
+    from dynident.simulation.ground_truth import TrueEffect, spread_over_joints
+    from dynident.simulation.joint_control import Controller
+    from dynident.simulation.reference_motion import Reference, add_warming
+    from dynident.simulation.request_resolution import (
+        build_simulation_request,
+        check_acting_effects,
+        replace_usual_effects,
+        resolve_true_effects,
     )
-    from dynident.simulation.reference import Reference, add_warming
-    from dynident.simulation.request import (
+    from dynident.simulation.session_runs import (
         SimulationRequest,
         StandardParameters,
         build_standard_parameters,
         check_run_labels,
         simulate,
     )
-    from dynident.simulation.resolved import (
-        build_simulation_request,
-        check_acting_effects,
-        replace_usual_effects,
-        resolve_true_effects,
+    from dynident.simulation.simulated_recording import (
+        SimulatedRecording,
+        Truth,
+        build_recording_table,
+        join_runs,
+        write_simulated_recording,
     )
-    from dynident.simulation.stated import ActingEffect, Sensors, Session, Simulated, Warming
-    from dynident.simulation.truth import TrueEffect, spread_over_joints
-    from dynident.simulation.typical import build_typical_effect, list_drive_effects
+    from dynident.simulation.typical_effects import build_typical_effect, list_drive_effects
     from dynident.simulation.virtual_robot import VirtualRobot
+    from dynident.simulation.virtual_robot_request import ActingEffect, Sensors, Session, Simulated, Warming
 
 __all__ = [
     "ActingEffect",

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, RunSignal
 from dynident.expressions import Program
 from dynident.robot.model import Robot
+from dynident.simulation.ground_truth import TrueColumns, TrueEffect, build_reference, build_true_columns
 from dynident.simulation.signals import SimulatedSignals, Sliding
-from dynident.simulation.truth import TrueColumns, TrueEffect, build_reference, build_true_columns
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,169 @@
-"""Sensors of a virtual robot: quantisation, noise and sampling instants."""
+"""Sensors of a virtual robot: quantisation, noise, sampling instants, and effects of the measurement.
+
+Such effects are drive gains, delayed torque and positions that are not those of the links. They do not change the
+motion. A sensor shows the torque of the motors and what these effects add to it at the measured position. Delayed
+torque is the torque of an earlier instant, jumps included."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from dynident.arrays import FloatArray, IndexArray
-from dynident.asking import check_ranges
+import casadi as ca
+import numpy as np
+from scipy import signal
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.effects import ReferenceParameters, get_effect
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
+from dynident.expressions import Program
 from dynident.robot.model import Robot
-from dynident.simulation.stated import Sensors
+from dynident.schema.fields import check_ranges
+from dynident.simulation.ground_truth import TrueEffect, build_reference, build_true_columns
+from dynident.simulation.signals import SensorSignals, SimulatedSignals
+from dynident.simulation.simulated_recording import Truth
+from dynident.simulation.virtual_robot_request import Sensors
+
+# Hz: links behind elastic gears do not follow what is faster.
+_ELASTIC_BAND = 25.0
+_ORDER = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SensorEffects:
+    """Effects of the sensors of one virtual robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    effects : tuple of TrueEffect
+        Effects that add torque to what a sensor shows.
+    delay : float
+        Delay of the torque, s.
+    added : Program or None
+        The added torque; None where no effect adds any.
+    signals : SensorSignals
+    """
+
+    robot: Robot
+    effects: tuple[TrueEffect, ...]
+    delay: float
+    added: Program | None
+    signals: SensorSignals
+
+    @classmethod
+    def from_effects(
+        cls, effects: Sequence[TrueEffect], inertias: FloatArray, inside: SimulatedSignals
+    ) -> SensorEffects:
+        """Select those of all effects that do not take part in the motion.
+
+        Parameters
+        ----------
+        effects : sequence of TrueEffect
+            All effects of the robot.
+        inertias : (n, 10)
+        inside : SimulatedSignals
+            Signals of the steps, which tell what takes part in the motion.
+
+        Returns
+        -------
+        Sensing
+        """
+        robot, signals = inside.robot, SensorSignals(inside.robot)
+        sensor_effects = tuple(
+            effect
+            for effect in effects
+            if not all(
+                inside.is_part_of_motion(column.torque) for column in build_true_columns([effect], inside).columns
+            )
+        )
+        others = [effect for effect in sensor_effects if not _list_delay_parameters(effect)]
+        delay = sum(
+            dict(effect.values).get(name, 0.0) for effect in sensor_effects for name in _list_delay_parameters(effect)
+        )
+        reference = build_reference(robot, effects, inertias)
+        added = _build_added_torque(signals, others, reference) if others else None
+        return cls(robot, tuple(others), delay, added, signals)
+
+    def compute_torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
+        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
+        torque = truth.tau
+        if self.added is not None:
+            third, fourth = _differentiate_twice(t, truth.ddq)
+            memory = MemoryStates(self.signals.memory_signals).push(self.signals.robot.positions(truth.q))
+            present = np.array([float(effect.is_in(run)) for effect in self.effects])
+            clock, period = t[:, None], np.array([_compute_period(t)])
+            state = (truth.q, truth.dq, truth.ddq, third, fourth)
+            inputs = (*state, clock, period, temperature, memory, truth.tau, present)
+            torque = torque + self.added(*inputs)
+        if self.delay:
+            torque = np.column_stack([np.interp(t - self.delay, t, column) for column in torque.T])
+        return torque
+
+
+def _list_delay_parameters(effect: TrueEffect) -> list[str]:
+    """Return the names of the parameters by which an effect delays torque."""
+    return [spec.name for spec in get_effect(effect.effect).parameters if spec.role == "delay"]
+
+
+def _build_added_torque(
+    signals: SensorSignals, effects: Sequence[TrueEffect], reference: ReferenceParameters
+) -> Program:
+    """Return (q, dq, ddq, dddq, ddddq, t, T, temperature, z, motor torque, presence of each effect) -> torque."""
+    n, motor = signals.robot.n, signals.predicted.motor
+    present = ca.SX.sym("present", len(effects))
+    of_motion, of_torque = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
+    for k, effect in enumerate(effects):
+        truth = build_true_columns([effect], signals)
+        for column, value in zip(truth.columns, truth.parameters, strict=True):
+            torque = _set_all_runs(column.torque, signals) * float(value) * present[k]
+            if ca.depends_on(torque, motor):
+                of_torque += torque
+            else:
+                of_motion += torque
+    # Motors give the torque that the motion takes, and the gains belong to all of it.
+    of_torque = ca.substitute(of_torque, motor, motor + of_motion)
+    total = ca.substitute(of_motion + of_torque, signals.reference, ca.SX(ca.DM(reference.vector)))
+    inputs = [
+        signals.q,
+        signals.dq,
+        signals.ddq,
+        signals.dddq,
+        signals.ddddq,
+        signals.time,
+        signals.period,
+        signals.temperature,
+        signals.memory_symbols,
+        motor,
+        present,
+    ]
+    return Program(inputs, ca.densify(total))
+
+
+def _set_all_runs(torque: ca.SX, signals: SensorSignals) -> ca.SX:
+    """Return the torque with all run signals at 1: the presence of an effect multiplies all of its columns."""
+    runs = [signals.in_runs(run) for run in signals.find_run_signals(torque)]
+    return ca.substitute(torque, ca.vertcat(*runs), ca.SX.ones(len(runs), 1)) if runs else torque
+
+
+def _differentiate_twice(t: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the third and fourth derivative (m, n) of the positions from ddq (m, n), as elastic gears pass them."""
+    period = _compute_period(t)
+    # Filters need an even clock, and the samples may have jitter.
+    even: FloatArray = t[0] + period * np.arange(len(t))
+    regular = np.column_stack([np.interp(even, t, column) for column in ddq.T])
+    # Differentiating twice would amplify the corners of friction without limit. The band also stays below half the
+    # sampling rate.
+    sections = signal.butter(_ORDER, min(_ELASTIC_BAND, 0.2 / period), fs=1 / period, output="sos")
+    smooth = signal.sosfiltfilt(sections, regular, axis=0, padlen=min(len(t) - 1, 6 * _ORDER))
+    third = np.gradient(smooth, period, axis=0)
+    return third, np.gradient(third, period, axis=0)
+
+
+def _compute_period(t: FloatArray) -> float:
+    return float(t[-1] - t[0]) / (len(t) - 1)
+
 
 _TITLE = "Unusable sensors"
 

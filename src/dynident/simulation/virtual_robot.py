@@ -7,27 +7,31 @@ from functools import cached_property
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import get_effect
 from dynident.errors import DynidentError
 from dynident.progress import Progress, ignore_progress
-from dynident.robot.drive_chain import compute_currents
-from dynident.robot.model import Robot
-from dynident.simulation.control import (
+from dynident.robot.model import Robot, compute_currents
+from dynident.simulation.dynamics import Dynamics, build_dynamics
+from dynident.simulation.ground_truth import TrueEffect, select_inertias
+from dynident.simulation.joint_control import (
     FEED_FORWARD_RATE,
     Controller,
     Gains,
     compute_feed_forward_torque,
     compute_joint_gains,
 )
-from dynident.simulation.dynamics import Dynamics, build_dynamics
-from dynident.simulation.measurement import SimulatedRecording, Truth
-from dynident.simulation.reference import Reference, ReferencePath, check_reference
-from dynident.simulation.sensing import SensorEffects
-from dynident.simulation.sensors import check_sensors, compute_noise_deviation, draw_sampling_steps, quantise_positions
-from dynident.simulation.stated import Sensors
-from dynident.simulation.step import Step, build_first_state, build_step
-from dynident.simulation.truth import TrueEffect, select_inertias
+from dynident.simulation.reference_motion import Reference, ReferencePath, check_reference
+from dynident.simulation.sensors import (
+    SensorEffects,
+    check_sensors,
+    compute_noise_deviation,
+    draw_sampling_steps,
+    quantise_positions,
+)
+from dynident.simulation.simulated_recording import SimulatedRecording, Truth
+from dynident.simulation.time_step import Step, build_first_state, build_step
+from dynident.simulation.virtual_robot_request import Sensors
 
 LONGEST_STEP = 0.25e-3
 """Longest internal step, s."""

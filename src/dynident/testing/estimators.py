@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.identification.equations.data import Data
+from dynident.identification.equations.reduce_data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
-from dynident.simulation.typical import list_drive_effects
-from dynident.testing.failing import require
+from dynident.simulation.typical_effects import list_drive_effects
+from dynident.testing.errors import require
 from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial
 
 _NOISE = 0.2

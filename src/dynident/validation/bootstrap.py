@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynident.blas_threads import single_threaded
 from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
-from dynident.estimation.bootstrap import DRAWS
-from dynident.estimation.clusters import FEWEST_CLUSTERS, find_occupied_blocks
+from dynident.estimation.block_bootstrap import DRAWS
+from dynident.estimation.cluster_robust import FEWEST_CLUSTERS, find_occupied_blocks
 from dynident.identification import Identification
 from dynident.identification.shapes.shape_columns import list_shape_variables
 from dynident.identification.shapes.shape_constants import linearise_shapes
 from dynident.progress import Progress, ignore_progress
-from dynident.threads import single_threaded
-from dynident.validation.verdict import ValidationOutcome
+from dynident.validation.outcome import ValidationOutcome
 
 _TWICE = 2.0
 _MOST_OUTSIDE = 0.1

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.effects.memory import MemoryStates
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification import Identification
-from dynident.identification.estimators.recorded_motion import RecordedMotion, read_longest_piece
+from dynident.identification.estimators.reference_motion import RecordedMotion, read_longest_piece
 from dynident.identification.estimators.simulator import Simulator, build_simulator
 from dynident.recordings import Recording
 from dynident.recordings.phases import STANDS
-from dynident.threads import single_threaded
 
 AFTER = (0.1, 0.5, 2.0)
 """Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""

@@ -13,16 +13,16 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
 from dynident.effects import get_effect
-from dynident.estimation.statistics import NORMAL_95
+from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification import Identification
-from dynident.identification.parameters.inertia import draw_postures, get_joint_range
+from dynident.identification.parameters.inertia_matrix import draw_postures, get_joint_range
 from dynident.progress import Progress, ignore_progress
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot
-from dynident.threads import single_threaded
-from dynident.validation.verdict import ValidationOutcome
+from dynident.validation.outcome import ValidationOutcome
 
 # Random postures, the worst of them that descents start from, and steps of a descent at most.
 _SAMPLES = 2000

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from dynident.asking import declare_field
 from dynident.identification.choices import (
     STEPS,
     EstimatorName,
@@ -16,7 +15,8 @@ from dynident.identification.choices import (
     StrategyName,
 )
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
-from dynident.kinds import format_kind
+from dynident.schema.fields import declare_field
+from dynident.schema.registry import format_kind
 
 
 @dataclass(frozen=True)

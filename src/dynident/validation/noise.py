@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.estimation.robust import estimate_robust_scale
+from dynident.estimation.robust_weights import estimate_robust_scale
 from dynident.recordings import Recording, filtered_blocks
 from dynident.recordings.preprocessing import Preprocessing
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, fields, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from dynident.asking import LARGEST_SEED, Choice, check_ranges, declare_field, get_description, redescribe_field
 from dynident.errors import DynidentError
-from dynident.kinds import RegistryEntry
+from dynident.schema.fields import LARGEST_SEED, Choice, check_ranges, declare_field, get_description, redescribe_field
+from dynident.schema.registry import RegistryEntry
 from dynident.validation.method import Method
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ class Filters(Trial):
     def judge(self, tried: ValidationData) -> FiltersBySimulation:
         """Make the validation on the first recording."""
         from dynident.validation import filters_by_simulation
-        from dynident.validation.filters import LONGEST
+        from dynident.validation.filter_choice import LONGEST
 
         return filters_by_simulation(
             tried.model,
@@ -235,7 +235,7 @@ class Bootstrap(Trial):
 
     def judge(self, tried: ValidationData) -> BootstrapValidation:
         """Make the validation."""
-        from dynident.estimation.bootstrap import DRAWS
+        from dynident.estimation.block_bootstrap import DRAWS
         from dynident.validation import validate_bootstrap
 
         return validate_bootstrap(tried.model, draws=self.draws or DRAWS, seed=self.seed, progress=tried.progress)

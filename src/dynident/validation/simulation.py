@@ -7,21 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
+from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import Errors
-from dynident.estimation.statistics import NORMAL_95
+from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification import Estimate, Identification
-from dynident.identification.estimators.recorded_motion import RecordedMotion, read_longest_piece
+from dynident.identification.estimators.reference_motion import RecordedMotion, read_longest_piece
 from dynident.identification.estimators.simulator import build_simulator
 from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording, low_pass
 from dynident.recordings.phases import SLOW
-from dynident.simulation.truth import may_be_negative
-from dynident.threads import single_threaded
-from dynident.validation.on_recordings import check_limit
-from dynident.validation.verdict import ValidationOutcome
+from dynident.simulation.ground_truth import may_be_negative
+from dynident.validation.outcome import ValidationOutcome
+from dynident.validation.torque_errors import check_limit
 
 LONGEST = 20.0
 """Seconds of a recording that are simulated at most."""

@@ -1,10 +1,10 @@
 """State what a model is fit for, what not, and what to do about it."""
 
-from dynident.diagnosis.comparing.content import DataOverlap, find_overlaps
+from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
+from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.evidence import Outcome
-from dynident.verdict.judge import ModelVerdict, is_stopped, verdict
-from dynident.verdict.stopping import Stop
-from dynident.verdict.tool_loads import DetectableForce
+from dynident.verdict.model_verdict import ModelVerdict, is_stopped, verdict
+from dynident.verdict.stop_causes import Stop
 from dynident.verdict.use import MARKS, State, Use, UseName
 
 __all__ = [

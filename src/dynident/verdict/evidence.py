@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.errors import DynidentError
 from dynident.estimation import Errors

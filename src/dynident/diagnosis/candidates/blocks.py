@@ -6,18 +6,307 @@ Products of two candidates with each other are never needed, and there are very 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
-from dynident.diagnosis.candidates.batches import Amplitudes, Batch, list_extra_columns, split_batches, split_by_portion
-from dynident.diagnosis.candidates.fit import FoldFit, JointSums, ProductSums
+from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis.candidates.fold_fit import (
+    Amplitudes,
+    Batch,
+    FoldFit,
+    JointSums,
+    ProductSums,
+    list_extra_columns,
+    split_batches,
+    split_by_portion,
+)
 from dynident.diagnosis.candidates.pool import Candidate
-from dynident.diagnosis.candidates.product_block import ProductBlock
-from dynident.diagnosis.candidates.products import Products, RowStack
-from dynident.diagnosis.candidates.row_block import RowBlock
+from dynident.diagnosis.candidates.products import Products, RowStack, find_present, locate_columns, sum_by_stretch
+
+
+@dataclass(frozen=True, eq=False)
+class _SharedColumns:
+    """Candidates with p columns on the joint: these (g, p), and where their products (g, p, p) belong."""
+
+    columns: IndexArray
+    where: IndexArray
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Where products within candidates belong among those of all portions in a row, `size` of them.
+
+    `squares` (d,) of the columns `own` (d,); `several` those of candidates that have more than one of them.
+    """
+
+    size: int
+    squares: IndexArray
+    own: IndexArray
+    several: tuple[_SharedColumns, ...]
+
+    @classmethod
+    def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
+        """Of a joint that has `n_columns` of the candidates': the `place` (c,) of each, at the end if it lacks it."""
+        squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
+        for portion in portions:
+            k = portion.width
+            places = place[portion.columns]
+            has = places < n_columns
+            flat = start + np.arange(places.size * k).reshape(-1, k, k)
+            squares.append(np.einsum("gkk->gk", flat)[has])
+            own.append(places[has])
+            counts = has.sum(axis=1)
+            for p in sorted(set(counts[counts > 1].tolist())):
+                members = np.flatnonzero(counts == p)
+                which = np.nonzero(has[members])[1].reshape(-1, p)
+                rows = members[:, None]
+                where = flat[rows[:, :, None], which[:, :, None], which[:, None, :]]
+                several.append(_SharedColumns(places[rows, which], where))
+            start += places.size * k
+        return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
+
+    def compute_products(self, x: FloatArray) -> FloatArray:
+        """(size,): of the columns x (c, m)."""
+        products = np.zeros(self.size)
+        products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
+        for group in self.several:
+            columns = x[group.columns]
+            products[group.where] = columns @ columns.transpose(0, 2, 1)
+        return products
+
+
+@dataclass(frozen=True, eq=False)
+class ProductBlock:
+    """One joint's products over some stretches: of the model's columns W that it has, the candidates' X, and Y.
+
+    `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
+    x that the joint has: for those that it lacks at the end, where there are zeros. WᵀW (s, w, w), WᵀX (s, w, x + 1),
+    Wᵀy (s, w), Xᵀy (s, x + 1), yᵀy (s,); `pairs` are XᵀX within the candidates of every portion (s, g, k, k).
+    """
+
+    have: IndexArray
+    place: IndexArray
+    ww: FloatArray
+    wx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+    yy: FloatArray
+    pairs: tuple[FloatArray, ...]
+    portions: tuple[Batch, ...]
+
+    @classmethod
+    def from_products(
+        cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
+    ) -> ProductBlock:
+        """Take what is needed out of a joint's products."""
+        where = data.position[joint]
+        have, wp = find_present(where, base)
+        place, xp = locate_columns(where, extra)
+        y = np.full(1, int((where >= 0).sum()), dtype=np.intp)
+        # Whatever stands at the end for the columns that the joint lacks is set to zero.
+        padded = np.append(xp, 0)
+        wx, xy = data.take_products(joint, wp[:, None], padded), data.take_products(joint, padded, y)
+        wx[:, :, -1], xy[:, -1] = 0.0, 0.0
+        pairs = []
+        for portion in portions:
+            places = where[extra[portion.columns]]
+            lacking = places < 0
+            places = np.where(lacking, 0, places)
+            own = data.take_products(joint, places[:, :, None], places[:, None, :])
+            own[:, lacking[:, :, None] | lacking[:, None, :]] = 0.0
+            pairs.append(own)
+        ww, wy = data.take_products(joint, wp[:, None], wp), data.take_products(joint, wp, y)
+        return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
+
+    def select_stretches(self, stretches: IndexArray) -> ProductBlock:
+        """Of some of the stretches."""
+        return ProductBlock(
+            self.have,
+            self.place,
+            self.ww[stretches],
+            self.wx[stretches],
+            self.wy[stretches],
+            self.xy[stretches],
+            self.yy[stretches],
+            tuple(own[stretches] for own in self.pairs),
+            self.portions,
+        )
+
+    def sum_products(self) -> JointSums:
+        """Over all stretches."""
+        return JointSums(
+            self.ww.sum(axis=0),
+            self.wx.sum(axis=0)[:, :-1],
+            self.wy.sum(axis=0),
+            self.xy.sum(axis=0)[:-1],
+            np.concatenate([np.zeros(0), *(pairs.sum(axis=0).ravel() for pairs in self.pairs)]),
+        )
+
+    def compute_errors(self, fit: FoldFit) -> ProductErrors:
+        """Its squared errors for a fit."""
+        return ProductErrors(self, fit)
+
+
+class ProductErrors:
+    """One joint's squared errors in stretches, for a fit on others.
+
+    A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
+    """
+
+    def __init__(self, block: ProductBlock, fit: FoldFit) -> None:
+        self._block = block
+        chi = fit.chi[block.have]
+        self._projection = fit.projection[block.have]
+        errors = block.yy - 2 * block.wy @ chi + np.einsum("i,sij,j->s", chi, block.ww, chi)
+        self.alone = np.maximum(errors, 0.0)
+        # Wᵀρ (s, w) and Xᵀρ (s, x + 1) of what the model leaves.
+        self._w_rest = block.wy - block.ww @ chi
+        self._x_rest = block.xy - chi @ block.wx
+
+    def compute_scores(self) -> FloatArray:
+        """(s, c): Zᵀρ."""
+        return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
+
+    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion."""
+        each = zip(self._block.portions, self._block.pairs, amplitudes.each, strict=True)
+        return np.concatenate([self._compute_portion_errors(portion, pairs, own) for portion, pairs, own in each])
+
+    def _compute_portion_errors(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
+        """(g, s)"""
+        block = self._block
+        shift = np.einsum("bgk,gk->bg", self._projection[:, portion.columns], amplitudes)
+        along = -(self._w_rest @ shift)
+        size = np.einsum("sbg,bg->sg", block.ww @ shift, shift)
+        size += np.einsum("sgkl,gk,gl->sg", pairs, amplitudes, amplitudes)
+        places = block.place[portion.columns]
+        for k in range(portion.width):
+            own, place = amplitudes[:, k], places[:, k]
+            along += own * self._x_rest[:, place]
+            size -= 2 * own * np.einsum("sbg,bg->sg", block.wx[:, :, place], shift)
+        return np.asarray(np.maximum(self.alone[:, None] - 2 * along + size, 0.0).T)
+
+
+@dataclass(frozen=True, eq=False)
+class RowBlock:
+    """One joint's `columns` (w + x + 1, m) in some stretches: W of the model, X of the candidates, and Y.
+
+    `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
+    x that the joint has, ascending, x for those that it lacks. `stretch` (m,) is that of every row, ascending, of
+    `n_stretches`; `pairs` the products within candidates that it has a share in. Column by column: what a score takes
+    of them is some columns of all rows.
+    """
+
+    have: IndexArray
+    place: IndexArray
+    columns: FloatArray
+    stretch: IndexArray
+    n_stretches: int
+    pairs: Pairs
+
+    @classmethod
+    def from_stacks(
+        cls,
+        stacks: Sequence[RowStack],
+        where: IndexArray,
+        columns: tuple[IndexArray, IndexArray],
+        portions: Sequence[Batch],
+        n_stretches: int,
+    ) -> RowBlock:
+        """Take what is needed out of a joint's rows.
+
+        Parameters
+        ----------
+        stacks : its rows, by kind
+        where : where every column stands in them
+        columns : the model's (b,), and the candidates' (c,)
+        """
+        base, extra = columns
+        have, wp = find_present(where, base)
+        place, xp = locate_columns(where, extra)
+        needed = np.concatenate([wp, xp, [-1]])
+        parts = [stack.columns[needed] for stack in stacks]
+        stretch = np.concatenate([stack.stretch for stack in stacks])
+        whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        if len(stacks) > 1:
+            order = np.argsort(stretch, kind="stable")
+            whole, stretch = whole.take(order, axis=1), stretch[order]
+        return cls(have, place, whole, stretch, n_stretches, Pairs.from_places(place, len(xp), portions))
+
+    @property
+    def w(self) -> FloatArray:
+        """(w, m)"""
+        return self.columns[: len(self.have)]
+
+    @property
+    def x(self) -> FloatArray:
+        """(x, m)"""
+        return self.columns[len(self.have) : -1]
+
+    @property
+    def y(self) -> FloatArray:
+        """(m,)"""
+        return np.asarray(self.columns[-1])
+
+    def select_stretches(self, stretches: IndexArray) -> RowBlock:
+        """Of some of the stretches, ascending."""
+        number = np.full(self.n_stretches, -1, dtype=np.intp)
+        number[stretches] = np.arange(len(stretches))
+        stretch = number[self.stretch]
+        own = np.flatnonzero(stretch >= 0)
+        return replace(self, columns=self.columns.take(own, axis=1), stretch=stretch[own], n_stretches=len(stretches))
+
+    def sum_products(self) -> JointSums:
+        """Over all stretches."""
+        w, x = len(self.have), len(self.x)
+        products = self.w @ self.columns.T
+        return JointSums(
+            products[:, :w],
+            products[:, w : w + x],
+            products[:, -1],
+            self.x @ self.y,
+            self.pairs.compute_products(self.x),
+        )
+
+    def compute_errors(self, fit: FoldFit) -> RowErrors:
+        """Its squared errors for a fit."""
+        return RowErrors(self, fit)
+
+
+class RowErrors:
+    """One joint's squared errors in stretches, for a fit on others.
+
+    A candidate with its amplitudes β is one column, Z β with Z = X - W P. `alone` (s,) are those of the model.
+    """
+
+    def __init__(self, block: RowBlock, fit: FoldFit) -> None:
+        self._block, self._projection = block, fit.projection[block.have]
+        self._has = np.flatnonzero(block.place < len(block.x))
+        self._rest = block.y - fit.chi[block.have] @ block.w
+        self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
+
+    def compute_scores(self) -> FloatArray:
+        """(s, c): Zᵀρ."""
+        scores = -self._add_up(self._block.w * self._rest).T @ self._projection
+        scores[:, self._has] += self._add_up(self._block.x * self._rest).T
+        return np.asarray(scores)
+
+    def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
+        """(g, s): squared errors with each candidate, portion by portion."""
+        # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
+        with np.errstate(over="ignore", invalid="ignore"):
+            residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
+            residuals += self._rest
+            # Most candidates have columns of their own on few joints.
+            rows, own = amplitudes.select_own_columns(self._has)
+            residuals[rows] -= own @ self._block.x
+            np.square(residuals, out=residuals)
+            return np.asarray(np.nan_to_num(self._add_up(residuals), nan=np.inf))
+
+    def _add_up(self, values: FloatArray) -> FloatArray:
+        return sum_by_stretch(values, self._block.stretch, self._block.n_stretches)
 
 
 class JointErrors(Protocol):

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dynident.arrays import BoolArray
-from dynident.diagnosis.residuals.leads import ShapeProposals
+from dynident.array_types import BoolArray
 from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
 from dynident.effects.catalogue import is_lasting_change
 from dynident.regressors.model import Model

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.estimation import Reduction
 
 N_FOLDS = 5

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.fit import FoldFit, ProductSums
+from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.repetition import split_uniform_intervals
-from dynident.estimation.statistics import NORMAL_95
+from dynident.array_types import FloatArray
+from dynident.diagnosis.comparing.repeatability import split_uniform_intervals
+from dynident.estimation.uncertainty import NORMAL_95
 
 LONGEST = 5.0
 """Seconds up to which the autocorrelation is given where nobody says how far."""

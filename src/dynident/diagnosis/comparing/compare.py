@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray, IndexArray
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.blas_threads import single_threaded
 from dynident.effects import get_role
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, compute_band_distance
-from dynident.estimation.statistics import NORMAL_95
+from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification import Identification
 from dynident.identification.study.poses import evaluate_at_rest
 from dynident.identification.study.prediction import compute_prediction_deviation
@@ -20,9 +21,8 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording, SampleBlock
 from dynident.recordings.phases import Phase, PhaseArray
 from dynident.recordings.poses import has_poses, read_pose_rows
+from dynident.regressors.filtered_rows import SampleFunction, filter_in_parallel
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
-from dynident.regressors.stream import SampleFunction, filter_in_parallel
-from dynident.threads import single_threaded
 
 _STRETCH = 0.5
 _WORST = 12

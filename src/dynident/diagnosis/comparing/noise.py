@@ -10,10 +10,10 @@ import numpy as np
 from scipy import stats
 from scipy.interpolate import make_interp_spline
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.comparing.repetition import Repeat, Track, find_own_repeats, split_tracks
+from dynident.diagnosis.comparing.repeatability import Repeat, Track, find_own_repeats, split_tracks
 from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_pass
 
 NoiseSource = Literal["repeated_periods", "high_frequency"]

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from scipy import fft, signal
 
-from dynident.arrays import FloatArray
-from dynident.diagnosis.comparing.repetition import split_uniform_intervals
+from dynident.array_types import FloatArray
+from dynident.diagnosis.comparing.repeatability import split_uniform_intervals
 from dynident.errors import DynidentError
 
 Over = Literal["time", "angle"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import ShapeSpec
 from dynident.recordings import Preprocessing

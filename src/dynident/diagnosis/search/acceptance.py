@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gate import (
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.significance import (
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
     ScoredCandidate,
 )
-from dynident.diagnosis.candidates.gathering import PhasedProducts
 from dynident.diagnosis.search.state import State
 from dynident.effects import Effect, get_effect
 from dynident.effects.catalogue import is_lasting_change

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dynident.diagnosis.candidates.gate import ScoredCandidate
-from dynident.diagnosis.candidates.gathering import PhasedProducts
-from dynident.diagnosis.candidates.plausible import is_physically_possible
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.physical_constraints import is_physically_possible
 from dynident.diagnosis.candidates.pool import Candidate, Pool, select_columns_on
+from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.search.acceptance import (
     JOINT_DROP,
     JOINT_T,

@@ -1,30 +1,112 @@
-"""What was picked, with its shape constants refined and without what has become superfluous."""
+"""Refine findings: the links that they are on, their shape constants and joints, and the products for them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynident.arrays import FloatArray
-from dynident.diagnosis.candidates.gathering import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.pool import Candidate, Pool, is_width_resolved
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices, is_width_resolved
+from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.search.acceptance import compute_explained_error
-from dynident.diagnosis.search.own_constants import merge_alike
-from dynident.diagnosis.search.placing import locate_findings
+from dynident.diagnosis.search.contacts import drop_faded_contacts
+from dynident.diagnosis.search.harm_check import select_harmless
+from dynident.diagnosis.search.per_joint_constants import merge_alike
 from dynident.diagnosis.search.pruning import prune_findings, trim_joints
-from dynident.diagnosis.search.rungs import select_harmless
-from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise
-from dynident.diagnosis.search.transients import drop_faded_contacts
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, ReferenceParameters, build_columns, get_effect
 from dynident.estimation import EstimationError, weighted
 from dynident.identification import Identification
-from dynident.identification.shapes.shapes import refine_shapes
-from dynident.progress import Progress, scale_progress
+from dynident.identification.shapes.shape_search import refine_shapes
+from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
-from dynident.regressors.extension import extend_model
-from dynident.regressors.model import Model
-from dynident.regressors.stream import reduce_recordings
+from dynident.regressors.filtered_rows import reduce_recordings
+from dynident.regressors.model import Model, extend_model
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedSource:
+    """The recordings that a search learns from; `reference` is what loads are predicted with."""
+
+    model: Model
+    recordings: tuple[Recording, ...]
+    preprocessing: Preprocessing
+    reference: ReferenceParameters
+
+    def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
+        """Inner products of all columns of a pool and of the torque."""
+        return gather_products(
+            pool.observation,
+            self.model.signals,
+            self.recordings,
+            self.preprocessing,
+            self.reference,
+            pool.n_base,
+            progress,
+        )
+
+    def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
+        """The same, with the torque predicted by the model with these findings in it."""
+        choices = [finding.judged.candidate.choice for finding in findings]
+        better = improve_reference(self.model, choices, self.recordings, self.preprocessing, self.reference)
+        return replace(self, reference=better)
+
+
+_NOTHING = 1.0
+"""A difference of squared errors in units of the noise that says nothing: what is not there gains as much."""
+
+
+def locate_findings(
+    identification: Identification,
+    picks: Sequence[Finding],
+    recordings: Sequence[Recording],
+    reference: ReferenceParameters,
+) -> tuple[Finding, ...]:
+    """The picks, those of what some runs have on the link that gains most; the outer one where data do not decide."""
+    loose = [k for k, pick in enumerate(picks) if get_effect(pick.judged.candidate.effect).in_some_runs]
+    if not loose:
+        return tuple(picks)
+    model = identification.model
+    places = {k: _list_places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    choices = [pick.judged.candidate.choice for pick in picks] + [choice for own in places.values() for choice in own]
+    pool = build_pool_of_choices(model, choices)
+    data = gather_products(
+        pool.observation, model.signals, recordings, identification.preprocessing, reference, model.n_parameters
+    )
+    placed_findings = list(picks)
+    for k in loose:
+        others = [pool.find_candidate(pick.judged.candidate.choice) for i, pick in enumerate(placed_findings) if i != k]
+        base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
+        candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
+        judged = score_all(data, pool, base, candidates, identification.noise)
+        placed_findings[k] = _move_to_best_link(placed_findings[k], judged, model.robot.joint_names)
+    return tuple(placed_findings)
+
+
+def _is_as_good(best: ScoredCandidate, other: ScoredCandidate) -> bool:
+    """Whether data do not tell another place from the best: the same function of the motion, solved for otherwise.
+
+    Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
+    same sign.
+    """
+    return are_indistinguishable(best, other) or float((best.gains - other.gains).sum()) < _NOTHING
+
+
+def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoice]:
+    return [replace(choice, joints=(joint,)) for joint in joints]
+
+
+def _move_to_best_link(pick: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
+    best = max(judged, key=lambda scored: scored.total_gain)
+    alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
+    outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
+    outer_scored = replace(outer, p=pick.p)
+    return replace(
+        pick, judged=outer_scored, equal=(*pick.equal, *(scored for scored in alike if scored is not outer)), around=()
+    )
+
 
 # Solutions until first-order columns are about the model that they are part of.
 _PASSES = 2

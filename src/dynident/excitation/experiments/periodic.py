@@ -7,26 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.checkpoints import Checkpoints, NoCheckpoints
 from dynident.errors import DynidentError
-from dynident.excitation.criteria.baseline import compute_baseline
-from dynident.excitation.criteria.deciding import DesignCriterion
-from dynident.excitation.experiments.task import DesignedExperiment, DesignTask, MotionValues
-from dynident.excitation.observation.model import DesignModel
+from dynident.excitation.criteria.criterion_values import compute_baseline
+from dynident.excitation.criteria.design_criterion import DesignCriterion
+from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
+from dynident.excitation.observation.design_model import DesignModel
+from dynident.excitation.optimising.augmented_lagrangian import Resumption, optimise_trajectories
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import Resumption, optimise_trajectories
-from dynident.excitation.optimising.problem import DesignProblem
+from dynident.excitation.optimising.checkpoint import read_checkpoint
+from dynident.excitation.optimising.design_problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator, draw_candidates
-from dynident.excitation.optimising.reached import read_checkpoint
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
+from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error
-from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.motion.moves.home import plan_home_moves
 from dynident.motion.trajectories.b_spline import BSplineFamily
-from dynident.motion.trajectories.family import Family, PeriodicMotion
 from dynident.motion.trajectories.fourier import FourierFamily
-from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.motion.trajectories.motion import Family, PeriodicMotion
+from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30

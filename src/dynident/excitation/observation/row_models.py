@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.excitation.observation.row_names import ROW_MODELS, RowModelName
+from dynident.array_types import FloatArray
+from dynident.excitation.observation.row_model_names import ROW_MODELS, RowModelName
 from dynident.regressors.equations import SHARE_OF_PERIOD
 
 __all__ = ["ROW_MODELS", "RowModel", "RowModelName", "build_row_model"]

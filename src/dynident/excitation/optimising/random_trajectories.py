@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.excitation.criteria.deciding import DesignCriterion
-from dynident.excitation.criteria.values import CriterionValues
-from dynident.excitation.observation.model import DesignModel
+from dynident.array_types import FloatArray
+from dynident.excitation.criteria.criterion_values import CriterionValues
+from dynident.excitation.criteria.design_criterion import DesignCriterion
+from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.observation.row_models import RowModelName, build_row_model
-from dynident.excitation.optimising.sampling import count_period_samples
+from dynident.excitation.optimising.period_sampling import count_period_samples
+from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.limits.shrinking import AmplitudeScaler
-from dynident.motion.trajectories.family import Family
+from dynident.motion.trajectories.motion import Family
 from dynident.progress import Progress, ignore_progress
 
 

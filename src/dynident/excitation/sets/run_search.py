@@ -12,25 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
-from dynident.excitation.criteria.choice import CriterionChoice
-from dynident.excitation.criteria.deciding import DesignCriterion
-from dynident.excitation.criteria.variances import ParameterSelection
+from dynident.array_types import BoolArray, FloatArray
+from dynident.excitation.criteria.criterion_choice import CriterionChoice
+from dynident.excitation.criteria.design_criterion import DesignCriterion
+from dynident.excitation.criteria.parameter_variances import ParameterSelection
+from dynident.excitation.experiments.design_task import DesignTask
 from dynident.excitation.experiments.periodic import build_family, fit_within_limits
 from dynident.excitation.experiments.point_to_point import select_first_fitting
-from dynident.excitation.experiments.task import DesignTask
+from dynident.excitation.optimising.augmented_lagrangian import optimise_trajectories
 from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.optimise import optimise_trajectories
-from dynident.excitation.optimising.problem import DesignProblem
+from dynident.excitation.optimising.design_problem import DesignProblem
 from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
-from dynident.excitation.points.search import draw_sequences, improve_sequence
-from dynident.excitation.points.sequence import MovePlanner, PointSequence, stack_rows
-from dynident.excitation.points.spaces import FreePoints, PointSpace, TwoPoints
-from dynident.excitation.sets.planned import BetweenTwoPoints, FreeMotion, PlannedRun
-from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.limits.locked import lock_bounds
+from dynident.excitation.points.point_search import FreePoints, PointSpace, TwoPoints, draw_sequences, improve_sequence
+from dynident.excitation.points.point_sequence import MovePlanner, PointSequence, stack_rows
+from dynident.excitation.sets.planned_runs import BetweenTwoPoints, FreeMotion, PlannedRun
+from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
+from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.limits.shrinking import AmplitudeScaler
 from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, scale_progress
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, statistics, weighted
+from dynident.estimation.constrained_least_squares import ConstrainedSolution
 from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
-from dynident.estimation.semidefinite import ConstrainedSolution
-from dynident.identification.asked import DescriptionTrust
+from dynident.identification.choices import DescriptionTrust
 from dynident.identification.estimators.feasible_problem import (
     WEAK,
     FeasibleProblem,
@@ -28,8 +28,7 @@ from dynident.identification.estimators.feasible_problem import (
     build_standard_prior,
 )
 from dynident.identification.fit import Fit
-from dynident.identification.parameters.bodies import find_bodies
-from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.parameters.standard_parameters import StandardParameters, find_bodies
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
 

@@ -6,19 +6,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.effects import Column, Role, get_effect, get_role, get_spec
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, Solution
-from dynident.estimation.deviations import compute_null_space, compute_standard_deviations
+from dynident.estimation.constrained_least_squares import (
+    ConstrainedSolution,
+    InfeasibleError,
+    MatrixBound,
+    solve_constrained,
+)
 from dynident.estimation.least_squares import build_weighted_factor, compute_correlated_noise
-from dynident.estimation.semidefinite import ConstrainedSolution, InfeasibleError, MatrixBound, solve_constrained
-from dynident.identification.asked import DescriptionTrust
-from dynident.identification.parameters.bodies import Body, find_bodies
-from dynident.identification.parameters.standard import StandardParameters
-from dynident.identification.prior.belief import NormalPrior, split_prior
+from dynident.estimation.uncertainty import compute_null_space, compute_standard_deviations
+from dynident.identification.choices import DescriptionTrust
+from dynident.identification.parameters.standard_parameters import Body, StandardParameters, find_bodies
+from dynident.identification.prior.description_prior import build_normal_prior
 from dynident.identification.prior.entropic import EntropicPrior, build_entropic_prior
-from dynident.identification.prior.prior import build_normal_prior
+from dynident.identification.prior.normal_prior import NormalPrior, split_prior
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.estimation import (
     EstimationError,
     PriorInformation,
@@ -21,17 +21,15 @@ from dynident.estimation import (
     statistics,
     weighted,
 )
-from dynident.estimation.kalman import KalmanNoise
-from dynident.estimation.recursive import compute_recursive_statistics
-from dynident.identification.equations.data import Data
-from dynident.identification.estimators.kalman_run import KalmanRun, divergence_error, run_filter
-from dynident.identification.estimators.torque_function import TorqueFunction
+from dynident.estimation.kalman_filter import KalmanNoise, compute_recursive_statistics
+from dynident.identification.equations.reduce_data import Data
+from dynident.identification.estimators.kalman_pass import KalmanRun, TorqueFunction, divergence_error, run_filter
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
 from dynident.recordings import Recording, choose_preprocessing, filtered_blocks
 from dynident.recordings.spectra import estimate_spectra
+from dynident.regressors.filtered_rows import reduce_recordings
 from dynident.regressors.model import Model
-from dynident.regressors.stream import reduce_recordings
 
 START_SHARES = (0.25, 0.5, 1.0)
 """Shares of the data for the filter's initial parameters; the first share that determines them is used."""

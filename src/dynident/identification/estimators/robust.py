@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
-from dynident.estimation.robust import BISQUARE, HUBER, Influence, estimate_robust_scale
-from dynident.identification.equations.data import Data
+from dynident.estimation.robust_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
+from dynident.identification.equations.reduce_data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem
 from dynident.recordings import Recording
+from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
 from dynident.regressors.model import Model
 from dynident.regressors.row_phases import RowPhases
-from dynident.regressors.stream import FilteredSamples, reduce_recordings, stream_filtered_samples
 
 _MOST_ROUNDS = 15
 # A round that moves no parameter by more than this share of its standard deviation is the last.

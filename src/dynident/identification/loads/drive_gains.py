@@ -14,17 +14,64 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
+from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, get_role
+from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics, weighted
-from dynident.estimation.information import extract_deviations
-from dynident.estimation.statistics import NORMAL_95
-from dynident.identification.loads.payloads import PLAIN_EFFECTS, read_known_payload, reduce_with_payloads, scale_torque
-from dynident.identification.loads.stated import get_stated_gains, refuse_coupled_drives
+from dynident.estimation.prior_information import extract_deviations
+from dynident.estimation.uncertainty import NORMAL_95
+from dynident.identification.loads.payload_data import (
+    PLAIN_EFFECTS,
+    read_known_payload,
+    reduce_with_payloads,
+    scale_torque,
+)
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.robot import Robot
-from dynident.threads import single_threaded
+
+
+def get_stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray:
+    """Return the stated gains (n,): those given, else those of the robot's drives, else 1.
+
+    Parameters
+    ----------
+    robot : Robot
+    stated : sequence of float, optional
+
+    Raises
+    ------
+    DynidentError
+        Where what is given is not one number other than 0 a joint.
+    """
+    if stated is None:
+        return np.array([1.0 if drive.gain is None else drive.gain for drive in robot.drives])
+    gains = np.asarray(stated, dtype=np.float64)
+    # A gain of zero would make every torque zero; a negative one is a matter of signs, and allowed.
+    if gains.shape != (robot.n,) or not np.all(np.isfinite(gains) & (gains != 0)):
+        raise DynidentError(
+            f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
+            pointer="/gains",
+        )
+    return gains
+
+
+def refuse_coupled_drives(robot: Robot, what: str) -> None:
+    """Raise where a motor acts on several joints: no joint's torque is then its own current times a gain.
+
+    Raises
+    ------
+    DynidentError
+    """
+    coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
+    if coupled:
+        raise DynidentError(
+            f"the motors of {', '.join(coupled)} act on several joints; {what} motors of one joint each",
+            pointer=f"/drives/{coupled[0]}/coupling",
+            title="Coupled drives",
+        )
+
 
 # Gauss-Newton steps at most, and the relative change of the gains below which they have settled.
 _ROUNDS = 60

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from dynident.kinds import Registry, RegistryEntry
+from dynident.schema.registry import Registry, RegistryEntry
 
 if TYPE_CHECKING:
     from dynident.identification.choices import IdentificationChoices

@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray, IndexArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.errors import DynidentError
-from dynident.identification.parameters.bodies import find_bodies
-from dynident.identification.prior.belief import NormalPrior
+from dynident.identification.parameters.standard_parameters import find_bodies
+from dynident.identification.prior.normal_prior import NormalPrior
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import inertial_parameters, pseudo_inertia, smallest_pseudo_inertia
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import Column, EffectChoice, Refinement, ShapeSpec, Signals, build_columns, get_effect
 from dynident.regressors.model import Model
 

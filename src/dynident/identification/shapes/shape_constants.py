@@ -10,7 +10,7 @@ import numpy as np
 
 from dynident.effects import EffectChoice, ShapeSpec, build_columns, get_effect
 from dynident.effects.catalogue import find_joints
-from dynident.effects.written import format_constant
+from dynident.effects.text_format import format_constant
 from dynident.estimation import (
     CovarianceName,
     EstimationError,
@@ -20,7 +20,7 @@ from dynident.estimation import (
     linearise_constants,
 )
 from dynident.identification.shapes.shape_columns import ShapeVariable, list_shape_variables
-from dynident.identification.shapes.shapes import DOWN, UP
+from dynident.identification.shapes.shape_search import DOWN, UP
 from dynident.identification.thresholds import DETERMINED
 from dynident.regressors.model import Model
 from dynident.robot.model import Robot

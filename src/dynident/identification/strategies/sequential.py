@@ -12,7 +12,7 @@ from dynident.identification.choices import IdentificationChoices, StepsName
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.steps import Step, StepEstimates, conclude_steps, take_step
+from dynident.identification.strategies.sequential_steps import Step, StepEstimates, conclude_steps, take_step
 from dynident.robot.model import Robot
 
 _LONGEST_WRIST = 3

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
 from dynident.estimation import Statistics, statistics
-from dynident.estimation.dependence import (
+from dynident.estimation.collinearity import (
     NOT_DETERMINED,
     Collinearity,
     CorrelatedPair,
@@ -14,7 +15,6 @@ from dynident.estimation.dependence import (
     find_collinearity,
 )
 from dynident.identification.study.result import Identification
-from dynident.threads import single_threaded
 
 MOST_SENTENCES = 10
 _MOST_PARTS = 5

@@ -8,16 +8,16 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, get_role
-from dynident.effects.written import format_constant
+from dynident.effects.text_format import format_constant
 from dynident.estimation import Solution, Statistics, compute_row_noise
-from dynident.estimation.deviations import find_prior_dominated
 from dynident.estimation.least_squares import floor_noise
-from dynident.identification.parameters.judgement import ParameterJudgement, judge_parameter
-from dynident.identification.parameters.standard import StandardParameters
+from dynident.estimation.uncertainty import find_prior_dominated
+from dynident.identification.parameters.standard_parameters import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.reduced_data import ReducedData
+from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.regressors.model import Model
 
 _EXACT = 1e-12

@@ -13,14 +13,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import CATALOGUE, LINKS, OFFSETS, EffectChoice, ReferenceParameters, Signals, build_columns
 from dynident.errors import DynidentError
 from dynident.estimation import FactorAccumulator, Reduction
-from dynident.estimation.statistics import NORMAL_95
+from dynident.estimation.uncertainty import NORMAL_95
 from dynident.identification.choices import IdentificationChoices
-from dynident.identification.equations.data import Data
-from dynident.identification.study.concluding import finalise_identification
+from dynident.identification.equations.reduce_data import Data
+from dynident.identification.study.fit_model import finalise_identification
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.identification.study.result import Identification
 from dynident.recordings import Recording, choose_preprocessing

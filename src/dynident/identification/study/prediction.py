@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from scipy.special import stdtrit
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import get_effect
-from dynident.effects.memory import MemoryStates
+from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
 from dynident.identification.study.estimate import Estimate
 from dynident.regressors.observation import Observation

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.estimation import Reduction
-from dynident.identification.equations.data import Data
+from dynident.identification.equations.reduce_data import Data
 from dynident.recordings import Preprocessing, Recording
 
 

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, build_columns, get_effect
 from dynident.effects.catalogue import find_joints
-from dynident.effects.written import format_constant
+from dynident.effects.text_format import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
 from dynident.identification.shapes.shape_columns import list_shape_variables
-from dynident.identification.study.concluding import SubmodelRelation, finalise_identification
+from dynident.identification.study.fit_model import SubmodelRelation, finalise_identification
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.regressors.base_parameters import find_base_parameters_among
 from dynident.regressors.model import Model, build_model, check_columns
 from dynident.robot import Robot
-from dynident.threads import single_threaded
 
 _TITLE = "Nothing to remove"
 

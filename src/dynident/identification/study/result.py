@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice
 from dynident.estimation import (
     Errors,
@@ -18,11 +19,28 @@ from dynident.estimation import (
 from dynident.identification.choices import IdentificationChoices
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.study.estimate import Estimate, IdentifiedParameter
-from dynident.identification.study.in_memory import NONE_IN_MEMORY, RowsInMemory
 from dynident.identification.study.reduced_data import ReducedData
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
-from dynident.threads import single_threaded
+from dynident.regressors.row_cache import CachedRows
+
+
+@dataclass(frozen=True, eq=False)
+class RowsInMemory:
+    """Filtered rows of W that are still in memory: a model that extends theirs evaluates its new columns alone.
+
+    None of data that are too long to be kept, of a model out of a file, and of one that effects were taken out of: all
+    that is computed without them is the same, one pass over the samples later.
+    """
+
+    training: CachedRows | None = None
+    held_out: CachedRows | None = None
+
+    def __repr__(self) -> str:
+        return f"RowsInMemory({self.training}, held out {self.held_out})"
+
+
+NONE_IN_MEMORY = RowsInMemory()
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice, ReferenceParameters, Signals
 from dynident.errors import DynidentError
 from dynident.estimation import (
@@ -28,25 +28,25 @@ from dynident.estimation import (
 )
 from dynident.identification.choices import USUAL_SHARE, IdentificationChoices
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.parameters.inertia import compute_smallest_inertia_eigenvalue
-from dynident.identification.parameters.standard import StandardParameters
+from dynident.identification.parameters.inertia_matrix import compute_smallest_inertia_eigenvalue
+from dynident.identification.parameters.standard_parameters import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant, judge_shape_constants
 from dynident.identification.study.estimate import Estimate
-from dynident.identification.study.older_formats import (
+from dynident.identification.study.reduced_data import ReducedData
+from dynident.identification.study.result import Identification, LadderStep
+from dynident.identification.study.stored_formats import (
     NAME,
     PRESENT,
     check_determined_base,
     other_parameters_error,
     read_ladder,
 )
-from dynident.identification.study.reduced_data import ReducedData
-from dynident.identification.study.result import Identification, LadderStep
-from dynident.kinds import kind_to_document
 from dynident.recordings import Preprocessing
 from dynident.regressors.base_parameters import BaseParameters
 from dynident.regressors.model import Model, build_model
 from dynident.robot import Robot
 from dynident.robot.document import robot_from_document, robot_to_document
+from dynident.schema.registry import kind_to_document
 
 _FACTOR_KINDS = ("turning", "partial")
 _REST_FIELDS = ("upper", "lower", "y", "weights")

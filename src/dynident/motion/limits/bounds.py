@@ -1,21 +1,79 @@
-"""Limits that a motion must keep, with assumptions where none is known."""
+"""Limits that a motion must keep, with assumptions where none is known, and with locked joints (§12.3.4.2)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.surroundings.free_space import FreeSpace, build_free_space
-from dynident.motion.surroundings.loop_rooms import FollowerRates, LoopConstraints
-from dynident.motion.surroundings.obstacles import Surroundings, check_surroundings
+from dynident.motion.collision.constraint_slack import FollowerRates, LoopConstraints
+from dynident.motion.collision.free_space import FreeSpace, build_free_space
+from dynident.motion.collision.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
+from dynident.robot.json_pointer import join_names, make_pointer
 from dynident.robot.model import WIDEST_RANGE, Joint
-from dynident.robot.pointers import join_names, make_pointer
 from dynident.robot.settings import check_limits
+
+
+def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolArray:
+    """Return which of the joints `names` move.
+
+    Parameters
+    ----------
+    selected : sequence of str
+        Joints that move; all where there are none.
+    names : sequence of str
+        All n joints.
+
+    Returns
+    -------
+    (n,) array of bool
+
+    Raises
+    ------
+    DynidentError
+        There is no such joint.
+    """
+    unknown = [name for name in selected if name not in names]
+    if unknown:
+        raise DynidentError(
+            f"There is no joint {join_names(unknown)}; joints: {join_names(names)}.",
+            pointer="/trajectory/joints",
+            title="Unknown joint",
+        )
+    return np.array([not selected or name in selected for name in names])
+
+
+def lock_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bounds:
+    """Return bounds in which the joints that do not move have no range but their position in a posture.
+
+    Parameters
+    ----------
+    bounds : Bounds
+    posture : (n,)
+    moving : (n,)
+
+    Returns
+    -------
+    Bounds
+    """
+    return replace(
+        bounds,
+        position_low=np.where(moving, bounds.position_low, posture),
+        position_high=np.where(moving, bounds.position_high, posture),
+    )
+
+
+class TorqueModel(Protocol):
+    """A model that predicts the torque of a motion."""
+
+    def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """Return the torque at q, q̇, q̈ (m, n); raise `DynidentError` where it is not known."""
+
 
 # Where nothing is known: slow enough for any arm of that kind.
 _REVOLUTE_VELOCITY, _PRISMATIC_VELOCITY = 1.0, 0.25

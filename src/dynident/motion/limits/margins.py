@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
+from dynident.motion.collision.constraint_slack import LoopConstraints, word_singularity
+from dynident.motion.collision.contacts import Approach
+from dynident.motion.collision.free_space import FreeSpace, word_contact
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.surroundings.contacts import Approach
-from dynident.motion.surroundings.free_space import FreeSpace, word_contact
-from dynident.motion.surroundings.loop_rooms import LoopConstraints, word_singularity
 from dynident.motion.trajectories.motion import Motion
 
 LimitName = Literal[

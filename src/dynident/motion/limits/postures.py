@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.arrays import FloatArray
-from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.torque import TorqueModel
-from dynident.robot.pointers import make_pointer
+from dynident.array_types import FloatArray
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
+from dynident.robot.json_pointer import make_pointer
 
 _POSTURES = 2000
 # Room left for motion around a posture: of the torque, and of the position range.

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
 from dynident.motion.limits.postures import compute_static_torque, draw_holdable_postures, list_usual_homes
-from dynident.motion.limits.torque import TorqueModel
-from dynident.motion.moves.ways import find_stations, plan_moves
+from dynident.motion.moves.paths import find_stations, plan_moves
 from dynident.motion.trajectories.motion import Piece, Rest
 
 _OTHER_HOMES = 5

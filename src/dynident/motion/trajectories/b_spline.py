@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 
 DEGREE = 5

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray
-from dynident.recordings.conditioning.findings import ChangedRows
-from dynident.recordings.conditioning.signals import Signals
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import Window
-from dynident.recordings.types import Check
+from dynident.recordings.recording import Check
 
 _FEWEST_JUMPS = 3
 """Jumps across zero that tell a register: a corrupted sample makes two."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from dynident.recordings.raw import RawRows
+from dynident.array_types import BoolArray, FloatArray, IndexArray, IntArray
+from dynident.recordings.file_source import RawRows
 from dynident.recordings.timebase import TimeBase
 
 CHUNK_ROWS = 64

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
-from dynident.recordings.raw import FileSource
-from dynident.recordings.types import RecordingError
+from dynident.recordings.file_source import FileSource
+from dynident.recordings.recording import RecordingError
 
 FEWEST_ROWS = 8
 """Arrays that are shorter both ways are settings, not signals."""

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.recordings.arrow import batch_from_arrays
 from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, choose_block_rows
+from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.messages import TopicSamples, read_topic_samples
-from dynident.recordings.joining import JoinedSamples, SampleSeries, TimeJoin
-from dynident.recordings.raw import FileSource
-from dynident.recordings.types import RecordingError
+from dynident.recordings.recording import RecordingError
+from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
 
 BLOCK_SAMPLES = 8192
 _LOOKED_AT = 20_001

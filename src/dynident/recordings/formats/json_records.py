@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.encoding import escape_surrogates
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import (
@@ -27,11 +27,11 @@ from dynident.recordings.file_limits import (
     check_columns,
     choose_block_rows,
 )
+from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, StoredArray
-from dynident.recordings.formats.contents import TextContent
-from dynident.recordings.lists import make_counted_names
-from dynident.recordings.raw import FileSource
-from dynident.recordings.types import RecordingError
+from dynident.recordings.formats.text_streams import TextContent
+from dynident.recordings.list_cells import make_counted_names
+from dynident.recordings.recording import RecordingError
 
 START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 """An object with a name in it, or an array of objects or arrays."""

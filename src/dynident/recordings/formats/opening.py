@@ -6,19 +6,18 @@ from pathlib import Path
 from typing import get_args
 
 from dynident.encoding import escape_surrogates
-from dynident.recordings.cells import read_word_cells
+from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import json_records
-from dynident.recordings.formats.contents import TextContent
-from dynident.recordings.formats.several import has_arrays, open_joined_files
+from dynident.recordings.formats.kuka_rsi import START, open_telegrams
+from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
-from dynident.recordings.formats.telegrams import START, open_telegrams
-from dynident.recordings.names import split_path
-from dynident.recordings.raw import FileSource
-from dynident.recordings.sparse import join_sparse_rows
-from dynident.recordings.stamps import join_split_stamps
-from dynident.recordings.stated import Format
-from dynident.recordings.stated_rate import add_stated_time
-from dynident.recordings.types import RecordingError
+from dynident.recordings.formats.text_streams import TextContent
+from dynident.recordings.metadata import Format
+from dynident.recordings.recording import RecordingError
+from dynident.recordings.recording_files import split_path
+from dynident.recordings.sparse_tables import join_sparse_rows
+from dynident.recordings.time_columns import add_stated_time, join_split_stamps
+from dynident.recordings.word_cells import read_word_cells
 
 FORMATS: tuple[str, ...] = get_args(Format)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dynident.recordings.file_limits import LARGEST_CHUNK, UnpackedSize, check_chunk
+from dynident.recordings.formats.array_storage import BoundedFile
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
-from dynident.recordings.formats.stored import BoundedFile
 
 
 def read_ros1_messages(path: Path) -> Iterator[PackedMessage]:

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from dynident.arrays import IntArray
+from dynident.array_types import IntArray
 from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, check_columns
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage
-from dynident.recordings.types import RecordingError
+from dynident.recordings.recording import RecordingError
 
 _ROWS_AT_ONCE = 1000
 _LONGEST_WAIT = 20.0

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.arrays import BoolArray, FloatArray
+from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis import Comparison
 
 # A step in time above so many usual steps is a gap, in which no line is drawn.

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.excitation import Design
 from dynident.reports.figures.decimation import find_extremes
 from dynident.reports.figures.svg import Margins, make_panels, set_panel_title, shorten_name, to_svg

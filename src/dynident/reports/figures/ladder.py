@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.identification import Identification
 from dynident.reports.figures.svg import (
     FIT,

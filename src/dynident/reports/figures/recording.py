@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.recordings import Recording
 from dynident.reports.figures.svg import MEASURED, RESIDUAL, STANDING, make_panels, set_panel_title, to_svg
 

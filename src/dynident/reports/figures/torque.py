@@ -10,7 +10,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dynident.arrays import BoolArray
+from dynident.array_types import BoolArray
 from dynident.diagnosis import Comparison
 from dynident.recordings.phases import Phase
 from dynident.reports.figures.decimation import TimeAxis, build_time_axis, thin_series, thin_series_together
@@ -27,7 +27,7 @@ from dynident.reports.figures.svg import (
     set_panel_title,
     to_svg,
 )
-from dynident.reports.numbers import format_percent
+from dynident.reports.number_format import format_percent
 
 _POINTS = 700
 _BAND_POINTS = 300

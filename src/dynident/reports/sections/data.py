@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from dynident.identification import Identification
 from dynident.recordings import Check, Preprocessing, phase_shares
-from dynident.reports.numbers import format_count, format_number
-from dynident.reports.run import ReportedRecording
+from dynident.reports.labels import format_standstill_shares
+from dynident.reports.number_format import format_count, format_number
+from dynident.reports.report_data import ReportedRecording
 from dynident.reports.section import Section
-from dynident.reports.words import format_standstill_shares
 
 
 @dataclass(frozen=True)

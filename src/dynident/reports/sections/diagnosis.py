@@ -12,21 +12,19 @@ from dynident.diagnosis import Change, Diagnosis, FailureSpot, RankedEffect, Unk
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import Identification
 from dynident.recordings import Recording
-from dynident.reports.change_rows import (
+from dynident.reports.figures.candidates import draw_candidates, draw_evidence
+from dynident.reports.figures.changes import draw_changes, draw_friction_differences
+from dynident.reports.finding_rows import (
     FRICTION_COLUMNS,
     ChangeCells,
     FrictionCells,
     format_change,
     format_friction_difference,
 )
-from dynident.reports.figures.candidates import draw_candidates
-from dynident.reports.figures.changes import draw_changes
-from dynident.reports.figures.evidence import draw_evidence
-from dynident.reports.figures.friction_since import draw_friction_differences
-from dynident.reports.numbers import format_number, format_p_value, format_percent, format_range
+from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
+from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
 from dynident.reports.section import Section
 from dynident.reports.sections.summary import is_recommendation_added
-from dynident.reports.words import format_joints, format_shape_constants, get_effect_title
 from dynident.robot import Robot
 
 VERDICTS = {

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from dynident.arrays import FloatArray
+from dynident.array_types import FloatArray
 from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.study.gain import find_best_step
+from dynident.identification.study.model_selection import find_best_step
 from dynident.reports.figures.ladder import draw_models
-from dynident.reports.numbers import format_percent
+from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
+from dynident.reports.number_format import format_percent
 from dynident.reports.section import Section
-from dynident.reports.words import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.robot import Robot
 
 

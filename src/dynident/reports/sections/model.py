@@ -1,19 +1,186 @@
-"""The section on the model: its effects with their formulas."""
+"""The sections on the robot, the effects of its model, and the identified base parameters with their uncertainty."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from markupsafe import Markup
 
 from dynident.effects import EffectChoice, get_effect
 from dynident.effects.catalogue import find_joints
+from dynident.estimation import CovarianceName
 from dynident.identification import Identification
+from dynident.identification.study.dependence import parameter_dependence
 from dynident.reports.figures.svg import draw_formula
-from dynident.reports.numbers import format_number
+from dynident.reports.labels import format_shape_constants
+from dynident.reports.number_format import format_number, format_percent, format_range
+from dynident.reports.parameter_tables import GROUPING, build_parameter_table, build_shape_table
+from dynident.reports.report_tables import ReportedTable
 from dynident.reports.section import Section
-from dynident.reports.words import format_shape_constants
-from dynident.robot import Robot
+from dynident.robot import Joint, Robot
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """One joint, in words."""
+
+    number: int
+    name: str
+    kind: str
+    antecedent: str
+    position: str
+    velocity: str
+    acceleration: str
+    jerk: str
+    effort: str
+    drive_gain: str
+
+
+@dataclass(frozen=True)
+class RobotContent:
+    """The content of the section; `counts` are the base parameters of each effect."""
+
+    robot: Robot
+    joints: tuple[JointRow, ...]
+    gravity: str
+    locked: tuple[str, ...]
+    n_parameters: int
+    n_standard: int
+    counts: tuple[tuple[str, int], ...]
+
+
+def build_robot_section(identification: Identification) -> Section:
+    """Return the section on the robot that was identified.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    Section
+    """
+    robot = identification.model.robot
+    content = RobotContent(
+        robot,
+        tuple(_build_joint_row(robot, index) for index in range(robot.n)),
+        f"({', '.join(format_number(float(value)) for value in robot.gravity)}) m/s²",
+        tuple(f"{name} at {format_number(value)}" for name, value in robot.locked_joints.items()),
+        identification.model.n_parameters,
+        len(identification.model.columns),
+        tuple(Counter(column.effect for column in identification.model.kept).items()),
+    )
+    return Section("robot", "The robot", "robot", content)
+
+
+def _build_joint_row(robot: Robot, index: int) -> JointRow:
+    joint = robot.joints[index]
+    unit = "rad" if joint.kind == "revolute" else "m"
+    limits = joint.limits
+    gain = robot.drives[index].gain
+    return JointRow(
+        index + 1,
+        joint.name,
+        joint.kind,
+        robot.joint_names[joint.parent] if joint.parent >= 0 else "base",
+        format_range(*limits.position, unit) if limits.position else "–",
+        _format_limit(limits.velocity, f"{unit}/s"),
+        _format_limit(limits.acceleration, f"{unit}/s²"),
+        _format_limit(limits.jerk, f"{unit}/s³"),
+        _format_limit(limits.effort, joint.effort_unit),
+        "–" if gain is None else f"{format_number(gain, 4)} {_get_gain_unit(joint)}",
+    )
+
+
+def _format_limit(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{format_number(value)} {unit}"
+
+
+def _get_gain_unit(joint: Joint) -> str:
+    return f"{joint.effort_unit}/A"
+
+
+_COVARIANCE_TEXTS: Mapping[CovarianceName, str] = MappingProxyType(
+    {
+        "by_time_and_joints": "Standard deviations take stretches of time for independent and nothing within them, "
+        "of all joints together.",
+        "by_joint": "Standard deviations account for the correlation of each joint's samples in time, and take the "
+        "joints for independent.",
+        "independent": "Standard deviations take every filtered sample for independent, as [12.6] does: they are "
+        "too small.",
+    }
+)
+
+
+@dataclass(frozen=True)
+class EffectiveRows:
+    """How many independent samples the rows of a joint are worth."""
+
+    joint: str
+    rows: str
+    effective: str
+    share: str
+
+
+@dataclass(frozen=True)
+class ParametersContent:
+    """The content of the section: parameters by effect, and how their standard deviations come about.
+
+    `counted` says which residuals the deviations take for correlated; `together` names parameters that the data
+    determine only in combination.
+    """
+
+    parameters: ReportedTable
+    groupings: tuple[tuple[str, str], ...]
+    effective: tuple[EffectiveRows, ...]
+    n_uncertain: int
+    n_zero: int
+    counted: str
+    n_parameters: int
+    together: tuple[str, ...]
+    shapes: ReportedTable | None
+
+
+def build_parameters_section(identification: Identification) -> Section:
+    """Return the section on the identified parameters.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    Section
+    """
+    parameters, constants = identification.parameters, identification.shape_constants
+    content = ParametersContent(
+        build_parameter_table("Base parameters", parameters).drop_columns(GROUPING),
+        tuple((base_parameter.name, base_parameter.grouping) for base_parameter in parameters),
+        tuple(_build_effective_rows(identification)),
+        sum(base_parameter.judgement == "uncertain" for base_parameter in parameters),
+        sum(base_parameter.judgement == "zero_in_interval" for base_parameter in parameters),
+        _COVARIANCE_TEXTS[identification.choices.covariance],
+        len(parameters),
+        parameter_dependence(identification).sentences,
+        build_shape_table(constants, identification.model.robot.joint_names) if constants else None,
+    )
+    return Section("parameters", "Identified parameters", "parameters", content)
+
+
+def _build_effective_rows(identification: Identification) -> Iterator[EffectiveRows]:
+    equations = identification.data.equations.equations
+    names = identification.model.robot.joint_names
+    # Equation types such as energy or base wrench do not have one equation for each joint.
+    if len(equations) != len(names):
+        names = tuple(f"{identification.choices.model} equation {k + 1}" for k in range(len(equations)))
+    counts = [equation.counts.sum() for equation in equations]
+    for name, rows, effective in zip(names, counts, identification.statistics.effective_rows, strict=True):
+        yield EffectiveRows(
+            name, f"{int(rows)}", format_number(float(effective)), format_percent(float(effective / max(rows, 1.0)), 2)
+        )
 
 
 @dataclass(frozen=True)

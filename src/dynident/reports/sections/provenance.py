@@ -1,20 +1,182 @@
-"""The section on the origin of the report: versions, time, choices, hashes of files."""
+"""The section on the origin of the report: versions, time, choices, hashes, and the commands that make the model again."""
 
 from __future__ import annotations
 
+import json
 import platform
-from collections.abc import Sequence
-from dataclasses import dataclass
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import version
+from types import MappingProxyType
+from typing import Any
 
+from dynident.effects import EffectChoice
+from dynident.effects.text_format import format_effect
 from dynident.encoding import encode_text
-from dynident.identification import Identification
-from dynident.reports.commands import build_commands, collect_metadata_files
-from dynident.reports.run import ReportedRecording
+from dynident.identification import Identification, IdentificationChoices
+from dynident.recordings import Preprocessing, Recording, RecordingMetadata
+from dynident.recordings.metadata import Windows
+from dynident.reports.report_data import ReportedRecording
 from dynident.reports.section import Section
+from dynident.robot import Robot
+from dynident.robot.settings import GRAVITY
+from dynident.schema.fields import get_default, get_description
+from dynident.schema.registry import RegistryEntry
 from dynident.version import __version__
+
+ROBOT = "ROBOT"
+"""Stands for the robot's description in the commands."""
+_DIGITS = ".9g"
+
+
+StatedMetadata = Mapping[str, RecordingMetadata]
+"""The metadata that users stated for the files of recordings, by the recordings' names."""
+
+
+def collect_metadata_files(said: StatedMetadata) -> dict[str, str]:
+    """Return the files for the option `--metadata` that the commands name.
+
+    Parameters
+    ----------
+    said : mapping of recording name to RecordingMetadata
+
+    Returns
+    -------
+    dict of file name to JSON text
+        One for each recording that cannot be read without stated metadata.
+    """
+    values_by_name = {name: _collect_stated_fields(metadata) for name, metadata in said.items()}
+    return {_name_metadata_file(name): json.dumps(values) for name, values in values_by_name.items() if values}
+
+
+_STATED_FIELDS = ("columns", "units", "permutation", "signs", "scale", "torque_delay", "effort_kind", "skip")
+"""Fields of the metadata that a file is read with. Accepted checks and windows have options of their own; excluded
+times are already cut out of the windows."""
+
+
+def _collect_stated_fields(metadata: RecordingMetadata) -> dict[str, Any]:
+    """Return the stated fields of a file's metadata as JSON values."""
+    values = {name: getattr(metadata, name) for name in _STATED_FIELDS}
+    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items() if value}
+
+
+def _name_metadata_file(name: str) -> str:
+    return f"{name}.columns.json"
+
+
+def build_commands(
+    identification: Identification, recordings: Sequence[Recording] = (), said: StatedMetadata = MappingProxyType({})
+) -> tuple[str, ...]:
+    """Return the commands that make a model again: one for the first model of the ladder and one for every step.
+
+    A step that changes something else than the effects becomes a new identification. Effects that only some segments
+    have are named in a comment behind the command, since the option `--effects` cannot express them.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording, optional
+        Those of the model, for the windows that were used of them.
+    said : mapping, optional
+        Stated metadata of their files by recording name: see `metadata_files`.
+
+    Returns
+    -------
+    tuple of str
+        Commands for a POSIX shell, in the order in which they are to run; recordings go by their names.
+    """
+    command_lines = []
+    windows = {recording.name: recording.windows for recording in recordings}
+    for number, rung in enumerate(identification.ladder(), 1):
+        files = [*rung.data.measurement_names, *(part for name in rung.data.validation_names for part in ("-v", name))]
+        names = [*rung.data.measurement_names, *rung.data.validation_names]
+        files += [*_list_window_options(names, windows), *_list_metadata_options(names, said)]
+        before, out = f"model{number - 1}.npz", ["-o", f"model{number}.npz"]
+        # An extension or a removal starts from the model of the step before, so that its file has to be named.
+        step = rung.step
+        if step.added:
+            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.added)
+            words = ["extend", before, *files, "--effects", texts, *out]
+        elif step.removed:
+            texts = ",".join(format_effect(choice, _DIGITS) for choice in step.removed)
+            words = ["remove", before, "--effects", texts, *out]
+        else:
+            options = [
+                *_list_robot_options(rung.model.robot),
+                *_list_choice_options(rung.choices),
+                *_list_filter_options(rung.preprocessing),
+            ]
+            words = ["identify", ROBOT, *files, *options, *out]
+        step_effects = step.added or step.removed or rung.choices.effects
+        command_lines.append(shlex.join(["dynident", *words]) + _comment_on_segments(step_effects))
+    return tuple(command_lines)
+
+
+def _list_robot_options(robot: Robot) -> Iterator[str]:
+    """Yield the options for what a robot's description may lack: gravity, locked joints, drive gains."""
+    if tuple(robot.gravity) != GRAVITY:
+        yield from ("--gravity", ",".join(format(value, _DIGITS) for value in robot.gravity))
+    if robot.locked_joints:
+        yield from ("--lock", ",".join(f"{name}={at:{_DIGITS}}" for name, at in robot.locked_joints.items()))
+    gains = {name: drive.gain for name, drive in zip(robot.joint_names, robot.drives, strict=True)}
+    gain_texts = [f"{name}={gain:{_DIGITS}}" for name, gain in gains.items() if gain is not None]
+    if gain_texts:
+        yield from ("--drive-gains", ",".join(gain_texts))
+
+
+def _list_window_options(names: Sequence[str], windows: Mapping[str, Windows]) -> Iterator[str]:
+    intervals = [(name, *window) for name in names for window in windows.get(name, ())]
+    if intervals:
+        texts = (f"{name}={start:{_DIGITS}}:{end:{_DIGITS}}" for name, start, end in intervals)
+        yield from ("--windows", ",".join(texts))
+
+
+def _list_metadata_options(names: Sequence[str], said: StatedMetadata) -> Iterator[str]:
+    for name in names:
+        if name in said and _collect_stated_fields(said[name]):
+            yield from ("--metadata", f"{name}={_name_metadata_file(name)}")
+    for check in dict.fromkeys(check for name in names if name in said for check in said[name].accept):
+        yield from ("--accept", check)
+
+
+def _comment_on_segments(choices: Sequence[EffectChoice]) -> str:
+    texts = [f"{choice.effect} in {', '.join(choice.runs)} alone" for choice in choices if choice.runs]
+    return f"  # {'; '.join(texts)}: give the diagnosis by --diagnosis, or the runs in Python" if texts else ""
+
+
+def _list_choice_options(choices: IdentificationChoices) -> Iterator[str]:
+    """Yield the options for all choices that differ from their defaults."""
+    yield from ("--effects", ",".join(format_effect(choice, _DIGITS) for choice in choices.effects))
+    for choice_field in fields(choices):
+        description, value = get_description(choice_field), getattr(choices, choice_field.name)
+        # Choices without an option ("-") cannot be made on the command line; the defaults need none.
+        if description.option == "-" or value == get_default(choice_field):
+            continue
+        option = description.option or f"--{choice_field.name.replace('_', '-')}"
+        if isinstance(value, bool):
+            yield option if value else option.replace("--", "--no-", 1)
+        else:
+            yield from (option, _format_value(value))
+
+
+def _format_value(value: object) -> str:
+    if isinstance(value, RegistryEntry):
+        options = [(option_field.name, getattr(value, option_field.name)) for option_field in fields(value)]
+        return f"{value.name}:{','.join(f'{name}={option}' for name, option in options)}" if options else value.name
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(map(str, value))
+    return format(value, _DIGITS) if isinstance(value, float) else str(value)
+
+
+def _list_filter_options(preprocessing: Preprocessing) -> Iterator[str]:
+    names = ("position_cutoff", "torque_cutoff", "decimation", "filter_order")
+    values = [(name, getattr(preprocessing, name)) for name in names]
+    texts = [f"{name}={'none' if value is None else format(value, _DIGITS)}" for name, value in values]
+    yield from ("--preprocessing", ",".join(texts))
+
 
 _PACKAGES = ("casadi", "numpy", "scipy", "pin", "pyarrow")
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
-from dynident.reports.numbers import format_count, format_number, format_percent
-from dynident.reports.run import ReportedRecording
+from dynident.reports.number_format import format_count, format_number, format_percent
+from dynident.reports.report_data import ReportedRecording, ReportedValidation
 from dynident.reports.section import Section
-from dynident.reports.validated import ReportedValidation
 from dynident.verdict import ModelVerdict, Outcome, State, verdict
 
 

@@ -28,6 +28,6 @@ class OutputError(Estimator):
         """Solve the equations of the data."""
         # Imported late, here and in its neighbours: the command line lists all estimators without loading the
         # numerics.
-        from dynident.identification.estimators.simulating import estimate_by_output_error
+        from dynident.identification.estimators.simulated_regressors import estimate_by_output_error
 
         return estimate_by_output_error(problem)

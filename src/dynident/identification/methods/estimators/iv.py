@@ -26,6 +26,6 @@ class InstrumentalVariables(Estimator):
 
     def solve(self, problem: Problem) -> Fit:
         """Solve the equations of the data."""
-        from dynident.identification.estimators.simulating import estimate_by_instrumental_variables
+        from dynident.identification.estimators.simulated_regressors import estimate_by_instrumental_variables
 
         return estimate_by_instrumental_variables(problem)

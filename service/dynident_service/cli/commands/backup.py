@@ -1,0 +1,103 @@
+"""`dynident backup` and `dynident restore`, `dynident export-robot` and `dynident import-robot`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from dynident_service.storage.backup import ArchiveSize
+    from dynident_service.storage.database import Database
+    from dynident_service.storage.objects import ObjectStore
+
+DataDir = Annotated[
+    Path | None, typer.Option("--data-dir", help="Where the service keeps its data; ./dynident-data by default.")
+]
+
+
+def backup(
+    target: Annotated[Path, typer.Argument(help="A folder, or a file that ends in .zip.")], data_dir: DataDir = None
+) -> None:
+    """Write all that the service has stored into a folder or a ZIP.
+
+    May run beside the service. Into a folder that has a backup, only the files are copied that are new.
+    """
+    from dynident_service.storage.backup import back_up
+
+    with open_storage(data_dir, must_exist=True) as (database, objects, _):
+        _print_amount("written", back_up(database, objects, target))
+
+
+def restore(
+    source: Annotated[Path, typer.Argument(help="The folder or ZIP that `dynident backup` wrote.")],
+    data_dir: DataDir = None,
+) -> None:
+    """Read a backup into an empty data directory; what was being computed is queued again."""
+    from dynident_service.storage.backup import restore as read_back
+
+    with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
+        _print_amount("restored", read_back(database, objects, source, scratch))
+
+
+def export_robot(
+    robot_id: Annotated[str, typer.Argument(help="The id of a robot of the service.")],
+    target: Annotated[Path, typer.Argument(help="The file to write, which ends in .zip.")],
+    data_dir: DataDir = None,
+) -> None:
+    """Write a robot with its recordings, models, diagnoses and reports into one file for another service."""
+    from dynident_service.storage.bundle import export_robot as write
+
+    with open_storage(data_dir, must_exist=True) as (database, objects, _):
+        _print_amount("written", write(database, objects, robot_id, target))
+
+
+def import_robot(
+    source: Annotated[Path, typer.Argument(help="The file that `dynident export-robot` wrote.")],
+    data_dir: DataDir = None,
+) -> None:
+    """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
+    from dynident_service.routes.stored_resource_check import check_stored_resource
+    from dynident_service.storage.bundle import import_robot as read
+
+    with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
+        robot_id, amount = read(database, objects, source, scratch, check_stored_resource)
+        typer.echo(robot_id)
+        _print_amount("imported", amount)
+
+
+@contextmanager
+def open_storage(
+    data_dir: Path | None, *, must_exist: bool, as_it_is: bool = False
+) -> Iterator[tuple[Database, ObjectStore, Path]]:
+    """Open what a service has stored, and a folder for what is read meanwhile; the database is brought up to date."""
+    from dynident.errors import DynidentError
+    from dynident_service.problems import ProblemError
+    from dynident_service.settings import load_settings
+    from dynident_service.storage.data_directory import prepare_data_directory, restrict_file_permissions
+    from dynident_service.storage.database import Database
+    from dynident_service.storage.migrate import migrate
+    from dynident_service.storage.objects import ObjectStore
+
+    settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
+    if must_exist and not settings.database_url and not settings.data_dir.is_dir():
+        detail = f"there is no folder {settings.data_dir}; say where the service keeps its data"
+        raise DynidentError(detail, pointer="--data-dir")
+    with restrict_file_permissions():
+        prepare_data_directory(settings.data_dir)
+        database = Database(settings.database)
+        try:
+            if not as_it_is:
+                migrate(database)
+            yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir
+        except ProblemError as error:
+            raise DynidentError(error.problem.detail or "", title=error.problem.title) from error
+        finally:
+            database.close()
+
+
+def _print_amount(done: str, amount: ArchiveSize) -> None:
+    typer.echo(f"{done}: {amount.rows} rows, {amount.objects} files, {amount.bytes / 1e6:.1f} MB")

@@ -1,0 +1,67 @@
+"""`dynident compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import Json, ModelArgument, Out, Reading, repeatable_file_option
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def compare(
+    model: ModelArgument,
+    measurement: Annotated[
+        Path, typer.Argument(metavar="MEASUREMENT", help="CSV or Parquet file.", show_default=False), READABLE_FILE
+    ],
+    reading: Reading,
+    learnt: Annotated[
+        list[Path],
+        repeatable_file_option(
+            "--learnt",
+            help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
+        ),
+        READABLE_FILE,
+    ],
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Hold predicted torque against a measurement.
+
+    --out writes the signals as .csv or .parquet.
+    """
+    from dynident.diagnosis import compare as compare_model
+    from dynident.diagnosis import judge
+    from dynident.identification import check_same_recordings
+    from dynident.progress import scale_progress
+    from dynident_service.adapters.comparisons import describe_comparison
+    from dynident_service.cli import inputs, output, result_tables, table_files
+
+    identification = inputs.load_model(model)
+    if out is not None:
+        table_files.check_ending(out)
+    with inputs.read_recordings("compare", [measurement], identification.model.robot, reading, learnt) as data:
+        (recording,) = data.recordings
+        if learnt:
+            check_same_recordings(identification, data.other_recordings)
+        comparison = compare_model(identification, recording, scale_progress(data.progress, 0.0, 0.8))
+        judgement = judge(comparison, recording, identification.preprocessing, data.other_recordings)
+    if out is not None:
+        table_files.write_table(table_files.build_comparison_table(comparison), out)
+
+    def print_comparison(console: Console) -> None:
+        result_tables.show_measurements(console, (), data.loaded)
+        result_tables.show_comparison(console, recording.name, comparison, judgement)
+
+    messages = () if out is None else (f"signals written to {out}",)
+    output.print_result(
+        as_json,
+        lambda: describe_comparison(comparison, judgement, True if learnt else None),
+        print_comparison,
+        *messages,
+    )

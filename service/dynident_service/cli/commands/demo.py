@@ -1,0 +1,36 @@
+"""`dynident demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident_service.cli.options import Json, Seed
+
+
+def demo(
+    effect: Annotated[str, typer.Option("--effect", help="The effect to hide; see `dynident effects`.")] = "stribeck",
+    robot: Annotated[str, typer.Option("--robot", help="A robot file with inertias, or a well-known arm.")] = "ur10",
+    joint: Annotated[str, typer.Option("--joint", help="Where to hide it; drawn by lot otherwise.")] = "",
+    seed: Seed = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="A shorter experiment.")] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to write.")] = Path("demo-output"),
+    as_json: Json = False,
+) -> None:
+    """Hide an effect in a virtual robot, and find it by name.
+
+    Ends with exit code 1 where the effect is not named.
+    """
+    from dynident_service.cli import inputs, terminal
+    from dynident_service.demo.demonstration import run_demonstration
+    from dynident_service.demo.scenario import Scenario
+
+    scenario = Scenario.draw(inputs.load_robot_argument(robot), effect, joint, seed, quick)
+    console = terminal.message_console() if as_json else terminal.result_console()
+    story = run_demonstration(scenario, out, console)
+    if as_json:
+        terminal.print_json(story.to_document())
+    if not story.is_named_correctly:
+        raise typer.Exit(1)

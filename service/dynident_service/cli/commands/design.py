@@ -1,0 +1,114 @@
+"""`dynident design`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident.excitation.request import DesignRequest
+from dynident_service.cli.files import READABLE_FOLDER
+from dynident_service.cli.options import (
+    Effects,
+    Json,
+    RobotArgument,
+    RobotTimedReading,
+    SomeFile,
+    SomeFiles,
+    file_option,
+)
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+
+@dataclass(frozen=True)
+class DesignFiles:
+    """What a design takes from files."""
+
+    limits: Annotated[
+        SomeFile,
+        file_option(
+            "--limits",
+            help='Tighter limits for this experiment, JSON: {"joint": {"position": [lo, hi], "velocity": …}}.',
+        ),
+    ] = None
+    surroundings: Annotated[
+        SomeFile,
+        file_option(
+            "--surroundings",
+            help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
+        ),
+    ] = None
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--meshes",
+            metavar="FOLDER",
+            help="Where the URDF's collision meshes are; may be repeated. Otherwise the folders above the URDF, and "
+            "those of ROS_PACKAGE_PATH.",
+        ),
+        READABLE_FOLDER,
+    ] = None
+    floor: Annotated[
+        bool,
+        typer.Option(
+            "--floor/--no-floor",
+            help="Where nothing around the robot is stated, assume a floor through the base of an upright arm.",
+        ),
+    ] = True
+    diagnosis: Annotated[
+        SomeFile,
+        file_option(
+            "--diagnosis", help="Design the next experiment that a diagnosis proposes (`dynident diagnose --out`)."
+        ),
+    ] = None
+    earlier: Annotated[
+        SomeFiles, file_option("--earlier", help="Measurement that the experiment complements; may be repeated.")
+    ] = None
+
+
+def design(
+    robot: RobotArgument,
+    effects: Effects,
+    request_options: Annotated[TypedValues, RequestOptions(DesignRequest)],
+    files: DesignFiles,
+    reading: RobotTimedReading,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Trajectory: .csv, .parquet, .yaml (ROS 2).")
+    ] = Path("trajectory.csv"),
+    as_json: Json = False,
+) -> None:
+    """Design an exciting trajectory within the robot's limits.
+
+    The options about columns, units, windows, checks and drive gains are for the measurements of --earlier.
+    """
+    from dynident.excitation import design_experiment
+    from dynident_service.adapters.designs import describe_design
+    from dynident_service.cli import inputs, output, table_files, terminal
+    from dynident_service.cli.design_helpers import (
+        choose_mesh_folders,
+        load_limits,
+        load_proposed_design,
+        load_surroundings,
+        print_warnings,
+        show_design,
+    )
+
+    table_files.check_ending(out, table_files.TRAJECTORY_ENDINGS)
+    machine = inputs.load_robot_argument(robot, reading)
+    typed_request = request_options.build_request(DesignRequest, effects=inputs.read_effects(effects, machine) or None)
+    request = replace(
+        typed_request if files.diagnosis is None else load_proposed_design(files.diagnosis),
+        limits=load_limits(files.limits),
+        torque_margin=typed_request.torque_margin,
+        surroundings=load_surroundings(
+            files.surroundings, choose_mesh_folders(machine, robot, files.meshes), floor=files.floor
+        ),
+    )
+    with inputs.read_recordings("design", files.earlier or [], machine, reading, share=0.1) as data:
+        experiment = design_experiment(machine, request, data.progress, data.recordings)
+    table_files.write_trajectory(experiment, out)
+    described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
+    output.print_result(as_json, described, lambda console: show_design(console, experiment), message)
+    print_warnings(terminal.message_console(), experiment)

@@ -1,0 +1,38 @@
+"""`dynident effects`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident_service.cli.options import Json
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+
+def effects(as_json: Json = False) -> None:
+    """List the effects that models are made of."""
+    from dynident.effects import CATALOGUE
+    from dynident_service.cli import output, terminal
+
+    rows = [
+        [
+            effect.id,
+            effect.title,
+            ", ".join(
+                f"{parameter.name} ({parameter.unit})" if parameter.unit != "-" else parameter.name
+                for parameter in effect.parameters
+            ),
+            effect.signature,
+        ]
+        for effect in CATALOGUE.values()
+    ]
+    columns = ("effect", "what it is", "parameters", "what it leaves in the residual")
+    table = terminal.build_table("", columns, rows, right_from=len(columns))
+
+    def describe_catalogue() -> BaseModel:
+        from dynident_service.adapters.catalogue import show_catalogue
+
+        return show_catalogue()
+
+    output.print_result(as_json, describe_catalogue, lambda console: console.print(table))

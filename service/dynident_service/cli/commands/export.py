@@ -1,0 +1,62 @@
+"""`dynident export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident.export.request import ENDINGS, FORMATS, ExportChoices
+from dynident_service.cli.options import Json, ModelArgument
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+
+def export(
+    model: ModelArgument,
+    request_options: Annotated[TypedValues, RequestOptions(ExportChoices, but=("format",))],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
+    ] = None,
+    format: Annotated[
+        str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; else by --out's ending.")
+    ] = "",
+    as_json: Json = False,
+) -> None:
+    """Write a model for other programs: URDF, MJCF, C, CasADi, JSON."""
+    from dynident.errors import DynidentError
+    from dynident.export import export_model
+    from dynident.identification.thresholds import STOP
+    from dynident.verdict import is_stopped
+    from dynident_service.cli import files, inputs, output
+
+    format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
+    if not format_name:
+        detail = f"say the format: --format, or --out with one of the endings {', '.join(ENDINGS)}"
+        raise DynidentError(detail, pointer="--format", title="No such format")
+    choices = request_options.build_request(ExportChoices)
+    identification = inputs.load_model(model)
+    if is_stopped(identification) and not choices.anyway:
+        copied = ", ".join(identification.data.copied)
+        why = (
+            f"the held-out data of this model ({copied}) hold samples that it was fitted to: nothing has tried it. "
+            "Hold out a recording of another motion"
+            if copied
+            else f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
+            "`dynident identify` says what it may be"
+        )
+        detail = f"{why}. To write it all the same: --anyway"
+        raise DynidentError(detail, pointer=str(model), title="Not fit for use")
+    try:
+        file = export_model(identification, format_name, nearest=choices.nearest)
+    except DynidentError as error:
+        detail = error.detail.replace("(nearest)", "(--nearest)")
+        raise DynidentError(detail, pointer="--format", title=error.title) from error
+    path = Path(file.name) if out is None else out
+    files.write_atomically(path, file.content)
+    document = {"path": str(path), "size": len(file.content), "media_type": file.media_type, "notes": list(file.notes)}
+    notes, message = (f"note: {note}" for note in file.notes), f"{format_name} written to {path}"
+    output.print_result(
+        as_json, lambda: document, lambda _: None, *notes, f"{message} ({len(file.content) / 1e3:.1f} kB)"
+    )

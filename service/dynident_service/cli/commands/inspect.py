@@ -1,0 +1,86 @@
+"""`dynident inspect`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynident.encoding import encode_text
+from dynident_service.cli.files import KNOWN_ROBOT, READABLE_FILE
+from dynident_service.cli.options import Json, Out, Rate, RobotAdditions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dynident.identification.column_inference import Inspection
+
+
+def inspect(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A recording, as a robot or a logger wrote it.", show_default=False),
+        READABLE_FILE,
+    ],
+    additions: RobotAdditions,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot", "-r", metavar="ROBOT", help="Whose recording it is: without it columns are only listed."
+        ),
+        KNOWN_ROBOT,
+    ] = None,
+    rate: Rate = None,
+    out: Out = None,
+    as_proposed: Annotated[
+        bool, typer.Option("--as-proposed", help="Fail where anything is to be answered, and write nothing then.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Look at a file: what its columns most probably are, why, and what has to be answered before it can be used.
+
+    --out writes the proposal as JSON; `dynident identify --metadata` takes it.
+    """
+    from dynident.identification.column_inference import inspect_file
+    from dynident_service.cli import files, inputs, metadata, output
+
+    machine = None if robot is None else inputs.load_robot_argument(robot, additions)
+    inspection = inspect_file(file, machine, rate)
+    if inspection.proposal is not None:
+        if as_proposed:
+            metadata.accept_proposal(file, inspection, has_gains=True)
+        if out is not None:
+            document = json.dumps(metadata.proposal_document(inspection, rate), indent=2, ensure_ascii=False)
+            files.write_atomically(out, encode_text(f"{document}\n"))
+    messages = () if out is None or inspection.proposal is None else (f"proposal written to {out}",)
+    output.print_result(
+        as_json, lambda: _to_document(inspection), lambda console: _print_inspection(console, inspection), *messages
+    )
+
+
+def _to_document(inspection: Inspection) -> dict[str, Any]:
+    from dynident_service.adapters.imports import describe_inspection
+
+    return describe_inspection(inspection, inspection.sha256).model_dump(mode="json")
+
+
+def _print_inspection(console: Console, inspection: Inspection) -> None:
+    from dynident_service.cli import terminal
+
+    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows looked at")
+    if inspection.proposal is None:
+        console.print(", ".join(inspection.columns), soft_wrap=True)
+        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.")
+        return
+    rows = [
+        [guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason] for guess in inspection.proposal.guesses
+    ]
+    table = terminal.build_table("", ("field", "guess", "sure", "why"), rows, right_from=4)
+    console.print(table)
+    for question in inspection.proposal.questions:
+        choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
+        console.print(f"? {question.field}: {question.detail}{choices}", soft_wrap=True)
+    if not inspection.proposal.questions:
+        console.print("Nothing is to be answered: identify with --as-proposed.")

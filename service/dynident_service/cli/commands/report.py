@@ -1,0 +1,74 @@
+"""`dynident report`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident.encoding import encode_text
+from dynident.reports.request import MEDIA_TYPES, ReportChoices
+from dynident_service.cli.options import (
+    Json,
+    Measurements,
+    ModelArgument,
+    Reading,
+    SomeFile,
+    SomeFiles,
+    Validation,
+    file_option,
+)
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+
+@dataclass(frozen=True)
+class _ReportExtras:
+    """What else the report shows."""
+
+    diagnosis: Annotated[SomeFile, file_option("--diagnosis", help="What `dynident diagnose --out` wrote.")] = None
+    validated: Annotated[
+        SomeFiles, file_option("--validated", help="What `dynident validate --out` wrote; repeat it.")
+    ] = None
+
+
+def report(
+    model: ModelArgument,
+    measurements: Measurements,
+    validation: Validation,
+    reading: Reading,
+    extras: _ReportExtras,
+    request_options: Annotated[TypedValues, RequestOptions(ReportChoices)],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
+    ] = Path("report.html"),
+    as_json: Json = False,
+) -> None:
+    """Write one self-contained HTML file, or a PDF, about a model."""
+    from dynident.identification import check_same_recordings
+    from dynident.progress import scale_progress
+    from dynident.reports import html_report, render_pdf
+    from dynident_service.adapters.validation_tables import build_reported_validation
+    from dynident_service.cli import files, inputs, output
+    from dynident_service.cli.model_validation import load_validation
+    from dynident_service.cli.report_contents import build_reported_runs
+
+    prints = out.suffix.lower() == ".pdf"
+    choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
+    identification = inputs.load_model(model)
+    diagnosis = inputs.load_diagnosis(extras.diagnosis) if extras.diagnosis is not None else None
+    joints = identification.model.robot.joint_names
+    validations = [build_reported_validation(load_validation(path), joints) for path in extras.validated or []]
+    with inputs.read_recordings(
+        "report", measurements, identification.model.robot, reading, validation, share=0.4
+    ) as data:
+        check_same_recordings(identification, data.recordings)
+        runs = build_reported_runs(identification, data.loaded, data.others, scale_progress(data.progress, 0.0, 0.5))
+        data.progress(0.5, "drawing")
+        page = html_report(identification, runs, diagnosis=diagnosis, validations=validations, title=choices.name)
+        content = render_pdf(page) if prints else encode_text(page)
+    files.write_atomically(out, content)
+    document = {"path": str(out), "size": len(content), "media_type": MEDIA_TYPES[choices.format]}
+    message = f"report written to {out} ({len(content) / 1e6:.2f} MB)"
+    output.print_result(as_json, lambda: document, lambda _: None, message)

@@ -1,0 +1,66 @@
+"""`dynident series`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dynident.encoding import encode_text
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import Json, ModelArgument, Reading, file_option
+
+
+def series(
+    model: ModelArgument,
+    days: Annotated[
+        list[Path],
+        typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
+        READABLE_FILE,
+    ],
+    reading: Reading,
+    keep: Annotated[
+        Path | None,
+        file_option(
+            "--keep", help="Where days are kept: those in it come first and are not read again, new ones are added."
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
+    ] = None,
+    out: Annotated[Path | None, file_option("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what has changed in a robot over many days, and from which day on.
+
+    The first day is what the others are compared with; motions may differ from day to day.
+    """
+    from dynident.diagnosis.monitoring import days_to_bytes
+    from dynident.diagnosis.monitoring import monitor_days as series_of
+    from dynident.progress import scale_progress
+    from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
+    from dynident_service.adapters.diagnoses import describe_series
+    from dynident_service.cli import files, inputs, output, result_tables, table_files, terminal
+    from dynident_service.cli.series_days import load_continued_days
+
+    identification = inputs.load_model(model)
+    if out is not None:
+        table_files.check_ending(out)
+    with terminal.show_progress_bar("compare the days") as progress:
+        measure, measured = load_continued_days(identification, days, reading, keep, scale_progress(progress, 0.0, 0.5))
+        monitored = series_of(measure, measured, scale_progress(progress, 0.5, 1.0))
+    if keep is not None:
+        files.write_atomically(keep, days_to_bytes(measure, measured))
+    if figure is not None:
+        files.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
+    if out is not None:
+        table_files.write_table(table_files.build_courses_table(monitored), out)
+    outputs = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+    output.print_result(
+        as_json,
+        lambda: describe_series(monitored),
+        lambda console: result_tables.show_series(console, monitored, identification.model.robot),
+        *(f"{label} {path}" for path, label in outputs if path is not None),
+    )

@@ -1,0 +1,83 @@
+"""`dynident validate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dynident.validation.request import TRIALS, Stated, build_trial
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import ModelArgument, OutputOptions, Reading, SomeFiles, Validation, file_option
+from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+
+@dataclass(frozen=True)
+class FurtherInputs:
+    """What is given beside the measurements."""
+
+    validation: Validation
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--methods",
+            metavar="MODEL/STRATEGY/ESTIMATOR,…",
+            help="For methods: which; filtered or sequential/ols is enough. All that are available if left out.",
+            show_default=False,
+        ),
+    ] = None
+    unloaded: Annotated[SomeFiles, file_option("--unloaded", help="For payload: runs without the load.")] = None
+
+
+def validate(
+    model: ModelArgument,
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=f"One of: {TRIALS.format_help()}.", show_default=False)],
+    request_options: Annotated[TypedValues, RequestOptions(Stated)],
+    further: FurtherInputs,
+    reading: Reading,
+    result: OutputOptions,
+    measurements: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[MEASUREMENT]…",
+            help="direct, methods, filters: what the model was identified from; cross: what it has not seen; "
+            "simulation: the motion; payload: runs with the load.",
+            show_default=False,
+        ),
+        READABLE_FILE,
+    ] = None,
+) -> None:
+    """Try whether an identified model is to be trusted.
+
+    Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
+    """
+    from dynident.errors import DynidentError
+    from dynident_service.cli import inputs, model_validation, output, validation_result_tables
+
+    identification = inputs.load_model(model)
+    options: Any = request_options.build_request(Stated, methods=model_validation.parse_methods(further.methods or []))
+    try:
+        trial = build_trial(
+            kind, {option_field.name: getattr(options, option_field.name) for option_field in fields(options)}
+        )
+    except DynidentError as error:
+        option = error.pointer.replace("/kind", "KIND").replace("/", "--")
+        raise DynidentError(error.detail, pointer=option, title="Unusable option") from error
+    paths = measurements or []
+    others = [*further.validation, *(further.unloaded or [])]
+    model_validation.check_recording_counts(trial, len(paths), len(others))
+    robot = identification.model.robot
+    with inputs.read_recordings("validate", paths, robot, reading, others, share=0.3) as data:
+        outcome = model_validation.run_validation(
+            identification, trial, data.recordings, data.other_recordings, data.progress
+        )
+    output.write_result(
+        result,
+        "result",
+        lambda: outcome,
+        lambda console: validation_result_tables.show_validation(console, outcome, robot),
+    )
+    if outcome.verdict == "fail":
+        raise typer.Exit(1)

@@ -1,0 +1,87 @@
+"""Virtual robots on the command line: their effects, their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+from scipy.interpolate import CubicSpline
+
+from dynident.array_types import FloatArray
+from dynident.effects import get_effect
+from dynident.effects.text_format import parse_effect, split_effects
+from dynident.errors import DynidentError
+from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
+from dynident.progress import Progress
+from dynident.robot import Robot
+from dynident.simulation import ActingEffect, Reference
+from dynident_service.cli.files import check_readable
+
+_TITLE = "Unusable trajectory"
+_RANDOM = TrajectoryRequest(sampling_rate=200.0)
+
+
+def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
+    """Effects of a virtual robot as they were written."""
+    acting = []
+    for index, text in enumerate(split_effects(texts)):
+        name, joints, values = parse_effect(text, "--effects")
+        run = values.pop("run", None)
+        shapes = {spec.name for spec in get_effect(name, f"/effects/{index}").shapes}
+        acting.append(
+            ActingEffect(
+                name,
+                joints,
+                {key: value for key, value in values.items() if key not in shapes},
+                {key: value for key, value in values.items() if key in shapes},
+                () if run is None else (f"{run:g}",),
+            )
+        )
+    return tuple(acting)
+
+
+def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
+    """The motion in a file, or a random one within the robot's limits."""
+    if path is None:
+        request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
+        design = design_experiment(robot, request, progress)
+        return Reference(design.t, design.q, design.dq, design.ddq)
+    table = _read_table(path)
+    t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
+    if len(t) < 4 or not np.all(np.diff(t) > 0):
+        raise DynidentError("t has to increase, over four rows at least", pointer=f"{path}: t", title=_TITLE)
+    spline = CubicSpline(t, q)
+    derivatives = []
+    for order, kind in enumerate(("dq", "ddq"), start=1):
+        present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
+        derivatives.append(_read_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
+    return Reference(t, q, *derivatives)
+
+
+def _read_table(path: Path) -> pa.Table:
+    check_readable(path)
+    try:
+        return pq.read_table(path) if path.suffix == ".parquet" else pacsv.read_csv(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DynidentError(f"{path.name} cannot be read: {error}", pointer=str(path), title=_TITLE) from error
+
+
+def _read_signal(table: pa.Table, kind: str, robot: Robot, path: Path) -> FloatArray:
+    return np.column_stack([_read_column(table, f"{kind}_{name}", path) for name in robot.joint_names])
+
+
+def _read_column(table: pa.Table, name: str, path: Path) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    if name not in table.column_names:
+        raise DynidentError(
+            f"{path.name} has no column {name}; it has: {', '.join(table.column_names)}",
+            pointer=name,
+            title=_TITLE,
+        )
+    column = table[name]
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+        raise DynidentError(f"column {name} of {path.name} does not hold numbers", pointer=name, title=_TITLE)
+    return np.asarray(column.to_numpy(), dtype=np.float64)

@@ -1,0 +1,137 @@
+"""The experiment of the demonstration: designed trajectories, which the virtual robot follows and records."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dynident.effects.usual_sizes import get_largest_torque
+from dynident.excitation import Design, DesignRequest, design_experiment
+from dynident.progress import Progress, scale_progress
+from dynident.simulation import (
+    Reference,
+    Sensors,
+    VirtualRobot,
+    build_recording_table,
+)
+from dynident_service.cli.files import write_atomically
+from dynident_service.cli.table_files import write_table, write_trajectory
+from dynident_service.demo.scenario import Scenario
+
+# Random motions from point to point, the best of which is taken: each takes a second to find.
+_FEW_RANDOM_TRAJECTORIES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """One recording as a user has it: the file, and the design of its motion."""
+
+    path: Path
+    design: Design
+    n_samples: int
+
+
+def design_runs(scenario: Scenario, progress: Progress) -> list[Design]:
+    """Design a trajectory for every course of the plan.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    progress : function
+
+    Returns
+    -------
+    list of Design
+    """
+    courses = scenario.plan.courses
+    designs = []
+    for index, course in enumerate(courses):
+        request = DesignRequest(
+            kind=course.kind,
+            trajectory=course.trajectory,
+            random_trajectories=_FEW_RANDOM_TRAJECTORIES if course.points else DesignRequest.random_trajectories,
+            limits=scenario.compute_limits(course),
+            # A number of starts, not seconds: the same seed then gives the same trajectory on any machine.
+            starts=course.starts,
+            noise=_compute_torque_noise(scenario),
+            # Every course of every scenario has a seed of its own.
+            seed=len(courses) * scenario.seed + index,
+        )
+        share = scale_progress(progress, index / len(courses), (index + 1) / len(courses))
+        designs.append(design_experiment(scenario.robot, request, share))
+    return designs
+
+
+def _compute_torque_noise(scenario: Scenario) -> dict[str, float]:
+    """Return the standard deviation of each joint's torque sensor, as the robot's data sheet would state it."""
+    sensors = Sensors(sampling_rate=scenario.plan.rate)
+    names = scenario.robot.joint_names
+    return {name: sensors.torque_noise * get_largest_torque(scenario.robot, j) for j, name in enumerate(names)}
+
+
+def record_runs(scenario: Scenario, designs: Sequence[Design], folder: Path, progress: Progress) -> list[MeasuredRun]:
+    """Let the virtual robot follow the trajectories, and write what its sensors record.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    designs : sequence of Design
+        One for each course of the plan.
+    folder : Path
+        For the files.
+    progress : function
+
+    Returns
+    -------
+    list of MeasuredRun
+    """
+    virtual = VirtualRobot(scenario.robot, scenario.effects, inertias=scenario.inertias)
+    sensors = Sensors(sampling_rate=scenario.plan.rate)
+    total = sum(design.duration for design in designs)
+    runs, done = [], 0.0
+    for index, (course, design) in enumerate(zip(scenario.plan.courses, designs, strict=True)):
+        share = scale_progress(progress, done / total, (done + design.duration) / total)
+        seed = len(designs) * scenario.seed + index
+        begins = scenario.start_time(course)
+        reference = to_reference(design, begins)
+        if scenario.warms_up:
+            temperature = scenario.compute_temperature(reference.t)
+            reference = replace(reference, temperature=np.repeat(temperature[:, None], scenario.robot.n, axis=1))
+        recording = virtual.measure(reference, sensors, run=course.name, seed=seed, progress=share)
+        write_trajectory(design, folder / f"trajectory_{course.name}.csv")
+        write_table(build_recording_table(recording), folder / f"{course.name}.csv")
+        runs.append(MeasuredRun(folder / f"{course.name}.csv", design, recording.n_samples))
+        done += design.duration
+    return runs
+
+
+def write_hidden_effect(scenario: Scenario, path: Path) -> None:
+    """Write what was hidden to a file that is not read before the end.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    path : Path
+    """
+    hidden = None if scenario.hidden is None else asdict(scenario.hidden)
+    write_atomically(path, json.dumps({"hidden": hidden, "seed": scenario.seed}, indent=1).encode())
+
+
+def to_reference(design: Design, begins: float = 0.0) -> Reference:
+    """Return the motion of a design as the robot's controller takes it.
+
+    Parameters
+    ----------
+    design : Design
+    begins : float
+        Time of the session at which it starts, s.
+
+    Returns
+    -------
+    Reference
+    """
+    return Reference(design.t + begins, design.q, design.dq, design.ddq)

@@ -1,0 +1,278 @@
+"""Kinds of experiments that tell effects apart: their design requests, and which of them decides between two effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from dynident.effects import Effect, EffectChoice, ExperimentKind, get_effect
+from dynident.excitation import CriterionChoice, DesignRequest, TrajectoryRequest
+from dynident.motion.limits.bounds import Bounds
+
+
+def choose_experiment(suspect: str, rival: str | None) -> Experiment:
+    """Return the experiment that decides between two effects, between two places of one, or that shows one.
+
+    Parameters
+    ----------
+    suspect : str
+        Id of the effect that was found.
+    rival : str or None
+        Id of the effect that it may be instead; the same id asks for the place, None for the effect alone.
+
+    Returns
+    -------
+    Experiment
+    """
+    effect = get_effect(suspect)
+    if suspect == rival:
+        return EXPERIMENTS[effect.place_experiment]
+    kind = None if rival is None else _find_distinguishing_kind(effect, get_effect(rival))
+    return EXPERIMENTS[kind or effect.experiment]
+
+
+def _find_distinguishing_kind(first: Effect, second: Effect) -> ExperimentKind | None:
+    """Return the kind of experiment that tells two effects apart, as either of them names it."""
+    for effect, rival in ((first, second), (second, first)):
+        for kind, others in effect.told_from.items():
+            if rival.id in others:
+                return kind
+    return None
+
+
+_STARTS, _RANDOM = 1, 20
+"""Starts of the optimisation that a proposed design asks for, and random trajectories to start from.
+
+A number of starts instead of seconds: the same request then gives the same motion on a busy server as here, where it is
+rehearsed to promise what it reaches. One start takes 1-3 s; ten seconds of them take another 0-30 % off the standard
+deviation."""
+# Strokes of the reversal experiment: at most this share of half the joint's range, and so many slip distances each.
+_MOST_STROKES_SLIP, _SLIP_AMPLITUDES = 0.25, (1.0, 2.0, 4.0, 8.0, 16.0)
+# The slip distance in rad or m where no model gives one, and how many of them the joint crosses in a second.
+_SLIP, _SLIPS_PER_SECOND = 2e-3, 4.0
+# Shares of the joints' speed limits; around a Stribeck peak, multiples of the Stribeck velocity take the place of the
+# slow ones.
+_SLOW_SPEEDS: tuple[float, ...] = (0.02, 0.05, 0.1)
+_PEAK_SPEEDS, _FAST_SPEEDS = (0.25, 0.5, 1.0, 2.0), (0.2, 0.4, 0.7)
+_SLOWEST = 0.002
+# Hz at which a ripple shall appear in the torque, and the shortest and longest sweep in s.
+_RIPPLE_FREQUENCY, _SWEEP = 2.0, (20.0, 120.0)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What an experiment has to decide.
+
+    `effects` are the model's, with all that was found beside `suspect`; `rival` is what else the suspect may be, None
+    where it could not be seen. `joints` are those that the suspect sits on; `noise` by joint, of a sample at `rate` Hz.
+    """
+
+    effects: tuple[EffectChoice, ...]
+    suspect: EffectChoice
+    rival: EffectChoice | None
+    joints: tuple[str, ...]
+    bounds: Bounds
+    noise: Mapping[str, float]
+    rate: float
+
+    @property
+    def rivals(self) -> tuple[EffectChoice, ...]:
+        """The suspect and, where there is one, its rival."""
+        return (self.suspect,) if self.rival is None else (self.suspect, self.rival)
+
+    @property
+    def is_about_place(self) -> bool:
+        """Whether the suspect and its rival are the same effect at two places."""
+        return self.rival is not None and self.rival.effect == self.suspect.effect
+
+    def get_shape_constant(self, name: str, otherwise: float) -> float:
+        """Return a shape constant of the suspect or its rival, `otherwise` where neither has it."""
+        for choice in self.rivals:
+            if name in choice.shape_values:
+                return choice.shape_values[name]
+        return otherwise
+
+    @property
+    def joint_indices(self) -> list[int]:
+        """Numbers of the joints in question."""
+        return [self.bounds.names.index(name) for name in self.joints]
+
+    def build_request(self, kind: str, trajectory: TrajectoryRequest) -> DesignRequest:
+        """Build the request for a motion that separates the suspect from its rival.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of design, such as "optimized".
+        trajectory : TrajectoryRequest
+            The motion that the kind of experiment needs.
+
+        Returns
+        -------
+        DesignRequest
+            A design for the model with both rivals in it, by the criterion "separation".
+        """
+        # At two places an effect has much in common: what is the suspect's own stands behind all of its rival.
+        separated, pair = (self.rivals[:1], self.rivals[::-1]) if self.is_about_place else (self.rivals, self.rivals)
+        return DesignRequest(
+            kind=kind,
+            effects=(*self.effects, *pair),
+            criterion=CriterionChoice("separation", effects=separated),
+            trajectory=trajectory,
+            noise=self.noise,
+            starts=_STARTS if kind == "optimized" else None,
+            random_trajectories=_RANDOM,
+        )
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A kind of experiment: in words (the subject of a sentence), as a design, and what people have to do."""
+
+    words: str
+    design: Callable[[Question], DesignRequest]
+    instructions: tuple[str, ...] = ()
+    # Where the decision rests on something that is not in the trajectory, nothing can be predicted from it.
+    predictable: bool = True
+
+
+def _request_constant_speeds(question: Question) -> DesignRequest:
+    """Request constant speeds around a Stribeck peak, where there is one, and up to the limit."""
+    # Friction falls from static to Coulomb friction around the Stribeck velocity, so the slow speeds lie on both sides
+    # of it.
+    peak = question.get_shape_constant("vs", 0.0)
+    slow = _SLOW_SPEEDS
+    if peak:
+        limit = float(question.bounds.velocity[question.joint_indices].min())
+        slow = tuple(factor * peak / limit for factor in _PEAK_SPEEDS)
+    speeds = sorted({round(float(np.clip(share, _SLOWEST, 1.0)), 5) for share in (*slow, *_FAST_SPEEDS)})
+    single = len(question.joints) == 1
+    return question.build_request(
+        "constant_velocity",
+        TrajectoryRequest(
+            duration=4.0,
+            periods=2 if single else 1,
+            sampling_rate=question.rate,
+            speeds=tuple(speeds),
+            joints=question.joints,
+        ),
+    )
+
+
+def _request_slow_sweep(question: Question) -> DesignRequest:
+    """Request a sweep so slow that the waves of a ripple stay within the filter's band."""
+    # A ripple of k waves a radian that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
+    # _RIPPLE_FREQUENCY on the joint with the longest way.
+    widths = 2 * question.bounds.half_range[question.joint_indices]
+    duration = float(widths.max()) * abs(question.get_shape_constant("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)
+    return question.build_request(
+        "slow_sweep",
+        TrajectoryRequest(
+            duration=round(float(np.clip(duration, *_SWEEP)), 1),
+            sampling_rate=question.rate,
+            joints=question.joints,
+        ),
+    )
+
+
+def _request_reversals(question: Question) -> DesignRequest:
+    """Request strokes from the slip distance upwards, so slow that the filter shows how sliding sets in."""
+    slip = question.get_shape_constant("d0", _SLIP)
+    room = _MOST_STROKES_SLIP * float(question.bounds.half_range[question.joint_indices].min())
+    # Presliding friction differs from Coulomb friction within a few slip distances of a reversal only; longer strokes
+    # show what it tends to.
+    amplitudes = sorted({round(min(factor * slip, room), 6) for factor in _SLIP_AMPLITUDES})
+    fastest = float(question.bounds.velocity[question.joint_indices].min())
+    speed = float(np.clip(_SLIPS_PER_SECOND * slip / fastest, _SLOWEST, 0.2))
+    return question.build_request(
+        "reversals",
+        TrajectoryRequest(
+            periods=3,
+            sampling_rate=question.rate,
+            speeds=(round(speed, 5),),
+            amplitudes=tuple(amplitudes),
+            joints=question.joints,
+        ),
+    )
+
+
+def _request_whole_range(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(duration=20.0, sampling_rate=question.rate))
+
+
+def _request_repeated_motion(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(periods=4, sampling_rate=question.rate))
+
+
+def _request_paces(question: Question) -> DesignRequest:
+    return question.build_request("optimized", TrajectoryRequest(sampling_rate=question.rate, paces=(1.0, 0.5, 0.25)))
+
+
+def _request_warm_up_session(question: Question) -> DesignRequest:
+    return question.build_request(
+        "constant_velocity",
+        TrajectoryRequest(duration=4.0, sampling_rate=question.rate, speeds=(0.1, 0.4, 0.7), joints=question.joints),
+    )
+
+
+_ONE_BY_ONE = (
+    "Joints stand still in it: identify and diagnose from it together with the data at hand. With the role "
+    '"friction" it would be left out of both.',
+)
+
+EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
+    {
+        "constant_speeds": Experiment(
+            "Constant speeds both ways, slow and fast,", _request_constant_speeds, _ONE_BY_ONE
+        ),
+        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _request_slow_sweep, _ONE_BY_ONE),
+        "reversals": Experiment(
+            "Slow motion back and forth by small, growing amplitudes", _request_reversals, _ONE_BY_ONE
+        ),
+        "whole_range": Experiment(
+            "A motion of all joints over the whole range, designed for it,", _request_whole_range
+        ),
+        "as_it_is": Experiment(
+            "A motion of all joints over the whole range, with what was added left on,",
+            _request_whole_range,
+            (
+                "Leave what was added where it is, as in the runs that showed it, and record the motion with it.",
+                "Send the run to the diagnosis, together with the data at hand.",
+            ),
+        ),
+        "paces": Experiment("The same path at full speed, at half and at a quarter of it", _request_paces),
+        "with_payload": Experiment(
+            "The same motion without and with a payload",
+            _request_repeated_motion,
+            (
+                "Run the motion as it is, then again with a payload of known mass: half of what the robot may carry.",
+                "Send both runs to the diagnosis, together with the data at hand, and state the payload of the second.",
+            ),
+        ),
+        "cold_and_warm": Experiment(
+            "The same motion with a cold and with a warm robot",
+            _request_warm_up_session,
+            (
+                "Run the motion with the robot cold, after a night at rest.",
+                "Let it work for an hour at its usual pace, and run the motion again.",
+                "Pause for half an hour with the drives off, and run it a third time: the temperature has then fallen "
+                "while the time went on.",
+                "Record the temperature of the joints, and keep the time of day running through all three runs.",
+            ),
+            predictable=False,
+        ),
+        "repeated": Experiment(
+            "The same motion four times over, touched by nothing,",
+            _request_repeated_motion,
+            (
+                "Take care that nothing touches the arm, and that the base stands firm.",
+                "What repeats with the motion belongs to the robot; what does not is a disturbance from outside.",
+            ),
+            predictable=False,
+        ),
+    }
+)
+"""Kinds of experiments by name."""

@@ -1,0 +1,410 @@
+"""An identified model together with the recordings that it was identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import overload
+
+from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.effect_arguments import Addition, collect_added_effects, resolve_effects
+from dynident.api.figure import Figure, check_folder_exists, join_figures
+from dynident.api.parameter_tables import ErrorTable, Parameters
+from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.array_types import FloatArray
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.estimation import Errors
+from dynident.export import PredictingModel, TorquePredictor
+from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
+from dynident.identification.study.model_selection import find_best_step
+from dynident.identification.study.prediction import PredictedTorque, predict
+from dynident.progress import Progress, ignore_progress
+from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title, get_step_mark
+from dynident.reports.number_format import format_count, format_number, format_percent
+from dynident.result_display import (
+    format_text_table,
+    join_html,
+    render_details,
+    render_list,
+    render_paragraph,
+    render_table,
+)
+from dynident.robot import Robot
+from dynident.verdict import ModelVerdict, Outcome, verdict
+
+NO_RECORDINGS = Recordings(())
+_LONGEST = 90
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """An identified model.
+
+    A model that was read from a file has no recordings until `with_data` adds them.
+
+    Attributes
+    ----------
+    identification : Identification
+        The model as the library gives it.
+    recordings : Recordings
+        Those that the parameters were fitted to.
+    validation : Recordings
+        Held-out recordings, to which no parameter was fitted.
+    """
+
+    identification: Identification
+    recordings: Recordings = NO_RECORDINGS
+    validation: Recordings = NO_RECORDINGS
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that was identified."""
+        return self.identification.model.robot
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The base parameters with their standard deviations and intervals."""
+        return Parameters(self.identification.parameters)
+
+    @property
+    def effects(self) -> tuple[EffectChoice, ...]:
+        """The effects in the model."""
+        return self.identification.choices.effects
+
+    @property
+    def fit(self) -> Errors:
+        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,), …"""
+        return self.identification.fit
+
+    @property
+    def held_out(self) -> Errors | None:
+        """Errors on all rows of the validation data; None where there are none."""
+        return self.identification.held_out
+
+    @cached_property
+    def errors(self) -> ErrorTable:
+        """Errors joint by joint: in the fit and held out, where the joint moves and on all rows."""
+        return ErrorTable.from_identification(self.identification)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the identification."""
+        return self.identification.warnings
+
+    @property
+    def ladder(self) -> Ladder:
+        """The models that led to this one, in order, with this one as the last."""
+        return Ladder(tuple(Model(rung, self.recordings, self.validation) for rung in self.identification.ladder()))
+
+    @property
+    def summary(self) -> str:
+        """The quality of the model, in a few sentences."""
+        identification = self.identification
+        n_determined = sum(parameter.well_identified for parameter in self.parameters)
+        n_parameters = format_count(identification.model.n_parameters, "base parameter")
+        errors = identification.held_out
+        held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
+        sentences = [
+            f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the fit{held_out}.",
+            f"{n_determined} of {n_parameters} are determined by the data.",
+            f"The condition number of W is {format_number(identification.condition_number)}; there are "
+            f"{identification.equations_per_parameter:.0f} equations per parameter.",
+        ]
+        if identification.warnings:
+            sentences.append(f"There {'is' if len(identification.warnings) == 1 else 'are'} "
+                             f"{format_count(len(identification.warnings), 'warning')}.")  # fmt: skip
+        return " ".join(sentences)
+
+    def verdict(self, validations: Sequence[Outcome] = ()) -> ModelVerdict:
+        """Judge what the model is fit for (simulation, feed-forward, collision detection, payload).
+
+        Without the recordings (see `with_data`) simulation, collision detection and payload are not judged, and neither
+        shared data of fit and validation nor the cause of a gross mistake is searched for.
+
+        Parameters
+        ----------
+        validations : sequence of Outcome, optional
+            Results of `validate`: a failed test revises the verdict on the use that it concerns.
+
+        Returns
+        -------
+        ModelVerdict
+        """
+        checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
+        return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
+
+    def extend(self, *what: Addition, progress: Progress = ignore_progress) -> Model:
+        """Add effects, each as one step of the ladder, on the data that the model was identified from.
+
+        Parameters
+        ----------
+        what : diagnosis, ranked effect, effect choice or text
+            Of a diagnosis all that it recommends, in its order; a text as "stribeck@joint2" or
+            "stribeck@joint1+joint2:vs=0.05".
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        Model
+            The new model, whose ladder continues this one's.
+
+        Raises
+        ------
+        DynidentError
+            Where nothing would be added, an effect does not fit the robot, or the model has no data (see `with_data`).
+        """
+        added = collect_added_effects(what, self.robot)
+        self.check_data("extend the model")
+        extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
+        return replace(self, identification=extended)
+
+    def remove(self, *what: EffectChoice | str) -> Model:
+        """Remove effects, from the joints that are named or from all. Needs no recordings.
+
+        Parameters
+        ----------
+        what : effect choices or texts
+
+        Returns
+        -------
+        Model
+            The new model, whose ladder continues this one's.
+
+        Raises
+        ------
+        DynidentError
+            Where one of them is not in the model, or nothing would be left.
+        """
+        return replace(self, identification=remove(self.identification, resolve_effects(what)))
+
+    def with_data(self, recordings: SomeRecordings, validation: SomeRecordings = ()) -> Model:
+        """Return the model with the recordings that it was identified from, and held-out ones.
+
+        Parameters
+        ----------
+        recordings : recordings
+        validation : recordings
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        DynidentError
+            Where they have other names than those that it was identified from, or hold other samples.
+        """
+        fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+        _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
+        check_same_recordings(self.identification, fit_recordings.recordings)
+        if held_out and self.identification.data.validation_names:
+            _check_recording_names(held_out, self.identification.data.validation_names, "was tried on")
+        return replace(self, recordings=fit_recordings, validation=held_out)
+
+    def check_data(self, purpose: str) -> None:
+        """Check that the model has its recordings.
+
+        Parameters
+        ----------
+        purpose : str
+            What they are needed for, as a verb, for the message.
+
+        Raises
+        ------
+        DynidentError
+            Where it has none.
+        """
+        if not self.recordings:
+            names = ", ".join(self.identification.data.measurement_names)
+            raise DynidentError(
+                f"to {purpose} takes the recordings that it was identified from ({names}), and a file holds the model "
+                "alone; read them and give them: model = model.with_data(recordings, validation)",
+                title="Recordings needed",
+            )
+
+    def predict(self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, level: float = 0.95) -> PredictedTorque:
+        """Predict torque along a motion, with its interval.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n) arrays
+            Samples of one motion in the order of time: rad, rad/s, rad/s² (m, …). Hysteresis remembers the path.
+        level : float
+            Probability of the intervals.
+
+        Returns
+        -------
+        PredictedTorque
+            `torque` (m, n) in N m or N; `half_width` of the interval of what would be measured, `mean_half_width` of
+            that of the model's own torque.
+
+        Raises
+        ------
+        DynidentError
+            For arrays that do not fit, or effects that depend on more than the motion.
+        """
+        return predict(self.identification.estimate, q, dq, ddq, level=level)
+
+    def predictor(self) -> TorquePredictor:
+        """Return a predictor for a controller.
+
+        Returns
+        -------
+        TorquePredictor
+            Call `step(q, dq, ddq)` once a sample, and `reset()` before a new motion.
+        """
+        return PredictingModel.from_identification(self.identification).predictor()
+
+    def save(self, path: str | Path) -> None:
+        """Write the model, with the models that led to it, to an .npz file, which `load_model` and the commands read.
+
+        The file does not hold the recordings, only their reduced equations: enough to predict, to remove effects and to
+        solve again.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that does not exist.
+        """
+        path = Path(path)
+        if path.suffix != ".npz":
+            raise DynidentError(f"cannot write {path.name}; the file's ending has to be .npz", pointer=str(path))
+        check_folder_exists(path)
+        path.write_bytes(to_bytes(self.identification))
+
+    def plot(self) -> Figure:
+        """Draw the errors of every model of the ladder, in total and joint by joint."""
+        return self.ladder.plot()
+
+    def __repr__(self) -> str:
+        inner = repr(self.identification).removeprefix("Identification(").removesuffix(")")
+        warnings = len(self.warnings)
+        words = f"; {warnings} warning{'s' if warnings > 1 else ''} (.warnings)" if warnings else ""
+        return f"Model({inner}{words})"
+
+    def _repr_html_(self) -> str:
+        return join_html(
+            render_paragraph(f"Model of {self.robot.name}", strong=True),
+            render_paragraph(self.summary),
+            self.errors._repr_html_(),
+            render_list(self.warnings),
+            render_details("parameters", self.parameters._repr_html_()),
+            render_details("ladder", self.ladder._repr_html_()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder(Sequence[Model], Framed):
+    """Models in the order in which each was made from the one before.
+
+    `to_frame` has a row for each model: model (its number, from 1), new (what it adds and leaves out, in words),
+    parameters (their number), fit, fit_moving, held_out and held_out_moving (relative errors of the torque, fractions,
+    on all rows and where joints move; missing where there is no such data), best and rises (on held-out data).
+    """
+
+    items: tuple[Model, ...]
+
+    def _columns(self) -> Columns:
+        models = [model.identification for model in self.items]
+        best_step = find_best_step(models)
+        rows = []
+        for k, identification in enumerate(models):
+            errors = (
+                identification.fit,
+                identification.fit_moving,
+                identification.held_out,
+                identification.held_out_moving,
+            )
+            totals = (None if error is None else error.relative_total for error in errors)
+            best, rises = (False, False) if best_step is None else (k == best_step.best, k in best_step.rises)
+            rows.append(
+                (k + 1, _format_whole_change(identification), identification.model.n_parameters, *totals, best, rises)
+            )
+        return build_columns(_FRAME_COLUMNS, rows)
+
+    def plot(self) -> Figure:
+        """Draw the errors of every model, in total and joint by joint."""
+        from dynident.reports.figures.ladder import draw_models
+
+        count = format_count(len(self.items), "model")
+        return join_figures(
+            [draw_models([model.identification for model in self.items])], f"errors of {count}, joint by joint"
+        )
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Model]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Model: ...
+    @overload
+    def __getitem__(self, index: slice) -> Ladder: ...
+    def __getitem__(self, index: int | slice) -> Model | Ladder:
+        return Ladder(self.items[index]) if isinstance(index, slice) else self.items[index]
+
+    def __repr__(self) -> str:
+        return format_text_table(
+            f"Ladder({len(self.items)})", _COLUMNS, list(self._rows()), len(self.items), right_from=2
+        )
+
+    def _repr_html_(self) -> str:
+        return render_table(_COLUMNS, list(self._rows()), right_from=2)
+
+    def _rows(self) -> Iterator[tuple[str, ...]]:
+        models = [model.identification for model in self.items]
+        best_step = find_best_step(models)
+        for k, identification in enumerate(models):
+            held_out = (
+                "–" if identification.held_out is None else format_percent(identification.held_out.relative_total)
+            )
+            fit, mark = format_percent(identification.fit.relative_total), get_step_mark(best_step, k, len(models))
+            yield (
+                str(k + 1),
+                _format_change(identification),
+                str(identification.model.n_parameters),
+                fit,
+                held_out,
+                mark,
+            )
+
+
+def _check_recording_names(recordings: Recordings, names: tuple[str, ...], use: str) -> None:
+    if recordings.names != names:
+        raise DynidentError(
+            f"the model {use} {', '.join(names)}; these recordings are {', '.join(recordings.names) or 'none'}",
+            title="Other recordings",
+        )
+
+
+_FRAME_COLUMNS = (
+    "model", "new", "parameters", "fit", "fit_moving", "held_out", "held_out_moving", "best", "rises",
+)  # fmt: skip
+_COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
+
+
+def _format_whole_change(identification: Identification) -> str:
+    robot = identification.model.robot
+    if identification.step.parent is None:
+        return ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in identification.choices.effects))
+    added = [_format_choice(choice, robot) for choice in identification.step.added]
+    return ", ".join([*added, *(f"without {_format_choice(choice, robot)}" for choice in identification.step.removed)])
+
+
+def _format_change(identification: Identification) -> str:
+    words = _format_whole_change(identification)
+    return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
+
+
+def _format_choice(choice: EffectChoice, robot: Robot) -> str:
+    shape = f" ({format_shape_constants(choice)})" if choice.shape else ""
+    return f"{get_effect_title(choice.effect)} on {format_joints(choice.joints, robot.joint_names)}{shape}"

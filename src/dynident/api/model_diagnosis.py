@@ -1,0 +1,240 @@
+"""Diagnosis: what a model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from dynident.advice import AdvisedDiagnosis, NextExperiment, advise
+from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.figure import Figure, join_figures
+from dynident.api.model import Model
+from dynident.api.model_identification import as_model
+from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.diagnosis import (
+    Evidence,
+    Invisible,
+    RankedEffect,
+    UnknownPattern,
+    evidence,
+    examine,
+)
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
+from dynident.effects import EffectChoice
+from dynident.effects.text_format import format_effect
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.progress import Progress, ignore_progress
+from dynident.reports.finding_rows import CANDIDATE_COLUMNS, format_candidates
+from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
+from dynident.result_display import format_text_table, join_html, render_list, render_paragraph, render_table
+
+_MOST_BARS, _MOST_PANELS = 12, 8
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosedModel(Framed):
+    """A model with its diagnosis.
+
+    `to_frame` has a row for each candidate, best first: rank, effect (its id), joints, constants (in words, with
+    units), error_before, error_after and error_drop (relative, fractions, held out), t_value, p_value, significant,
+    recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
+    takes.
+
+    Attributes
+    ----------
+    model : Model
+    recordings : Recordings
+        Those that the diagnosis was made from.
+    diagnosis : AdvisedDiagnosis
+        The diagnosis as the library gives it.
+    """
+
+    model: Model
+    recordings: Recordings
+    diagnosis: AdvisedDiagnosis
+
+    @property
+    def verdict(self) -> str:
+        """adequate, missing_effect or unexplained."""
+        return self.diagnosis.verdict
+
+    @property
+    def summary(self) -> str:
+        """The findings, in a few sentences."""
+        return self.diagnosis.summary
+
+    @property
+    def recommended(self) -> tuple[EffectChoice, ...]:
+        """The effects to add, in this order; `model.extend` takes one or all of them."""
+        return self.diagnosis.recommended
+
+    @property
+    def candidates(self) -> tuple[RankedEffect, ...]:
+        """All candidates, best first."""
+        return self.diagnosis.candidates
+
+    @property
+    def unknown(self) -> tuple[UnknownPattern, ...]:
+        """Dependences of the residual that no effect of the catalogue explains."""
+        return self.diagnosis.unknown
+
+    @property
+    def not_visible(self) -> tuple[Invisible, ...]:
+        """Effects that these recordings could not have shown, each with the reason."""
+        return self.diagnosis.not_visible
+
+    @property
+    def next_experiment(self) -> NextExperiment | None:
+        """The motion that would tell more, for `design`; None where nothing is left to decide."""
+        return self.diagnosis.next_experiment
+
+    @cached_property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """What each significant candidate explains of the residual, joint by joint."""
+        significant = [candidate for candidate in self.candidates if candidate.significant]
+        return evidence(self.model.identification, significant, self.recordings.recordings)
+
+    def _columns(self) -> Columns:
+        return build_columns(_FRAME_COLUMNS, [self._build_frame_row(candidate) for candidate in self.candidates])
+
+    def plot(self) -> Figure:
+        """Draw the ranking, and what each significant candidate explains of the residual.
+
+        Returns
+        -------
+        Figure
+
+        Raises
+        ------
+        DynidentError
+            Where no effect was ranked.
+        """
+        from dynident.reports.figures.candidates import draw_candidates, draw_evidence
+
+        parts = [draw_candidates(self.candidates[:_MOST_BARS])] if self.candidates else []
+        if self.evidence:
+            parts.append(draw_evidence(self.evidence[:_MOST_PANELS], self.model.robot))
+        if not parts:
+            raise DynidentError("the diagnosis ranked no effect: there is nothing to draw")
+        return join_figures(parts, "what is missing, and the evidence")
+
+    def _build_frame_row(self, candidate: RankedEffect) -> tuple[object, ...]:
+        return (
+            candidate.rank,
+            candidate.effect,
+            format_joints(candidate.joints, self.model.robot.joint_names),
+            format_shape_constants(candidate.choice),
+            candidate.error_before,
+            candidate.error_after,
+            candidate.error_drop,
+            candidate.t_value,
+            candidate.p_value,
+            candidate.significant,
+            candidate.choice in self.recommended,
+            candidate.separability,
+            ",".join(candidate.equivalent),
+            candidate.evidence,
+            format_effect(candidate.choice),
+        )
+
+    def __repr__(self) -> str:
+        rows = format_candidates(
+            (candidate for candidate in self.candidates if candidate.significant), self.model.robot
+        )
+        head = f"DiagnosedModel({self.verdict}): {self.summary}"
+        return format_text_table(head, CANDIDATE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+
+    def _repr_html_(self) -> str:
+        robot, diagnosis = self.model.robot, self.diagnosis
+        recommended = [
+            f"{get_effect_title(effect.effect)} on {format_joints(effect.joints, robot.joint_names)}"
+            for effect in diagnosis.recommended
+        ]
+        invisible = format_hidden_effects(diagnosis, robot)
+        return join_html(
+            render_paragraph(diagnosis.summary, strong=True),
+            render_paragraph("Recommended, in this order:") + render_list(recommended) if recommended else "",
+            render_paragraph("Evidence:") if recommended else "",
+            render_list(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
+            render_table(CANDIDATE_COLUMNS, format_candidates(diagnosis.candidates, robot), right_from=3),
+            render_paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
+            _render_next_experiment(diagnosis.next_experiment),
+        )
+
+
+def diagnose(
+    model: Model | Identification,
+    recordings: SomeRecordings | None = None,
+    *,
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    progress: Progress = ignore_progress,
+) -> DiagnosedModel:
+    """Name the physics that a model is missing.
+
+    Parameters
+    ----------
+    model : Model
+    recordings : recordings, optional
+        By default those that the model was identified from, so that its validation data stay independent.
+    candidates : effect ids, optional
+        Only these are tried; the whole catalogue otherwise.
+    most_effects : int
+        At most so many are recommended.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    DiagnosedModel
+
+    Raises
+    ------
+    DynidentError
+        Where there are no recordings, or no such effect.
+    """
+    desk_model = as_model(model)
+    if recordings is None:
+        desk_model.check_data("diagnose the model")
+    checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
+    check_not_empty(checked_recordings, "recordings")
+    diagnosis = examine(
+        desk_model.identification,
+        checked_recordings.recordings,
+        candidates=candidates,
+        most_effects=most_effects,
+        progress=progress,
+    )
+    return DiagnosedModel(desk_model, checked_recordings, advise(diagnosis))
+
+
+def check_not_empty(recordings: Recordings, name: str) -> None:
+    """Check that there is at least one recording.
+
+    Parameters
+    ----------
+    recordings : Recordings
+    name : str
+        The argument that they were given as.
+
+    Raises
+    ------
+    DynidentError
+        Where there is none.
+    """
+    if not recordings:
+        raise DynidentError("give at least one recording", pointer=name, title="Recordings needed")
+
+
+_FRAME_COLUMNS = (
+    "rank", "effect", "joints", "constants", "error_before", "error_after", "error_drop", "t_value", "p_value",
+    "significant", "recommended", "separability", "equivalent", "evidence", "choice",
+)  # fmt: skip
+
+
+def _render_next_experiment(experiment: NextExperiment | None) -> str:
+    if experiment is None:
+        return ""
+    return render_paragraph(f"Next experiment: {experiment.reason}") + render_list(experiment.instructions)

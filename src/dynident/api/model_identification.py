@@ -1,0 +1,108 @@
+"""Identification of models from recordings, and reading of models from files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from dynident.api.effect_arguments import check_effects, resolve_effects
+from dynident.api.model import NO_RECORDINGS, Model
+from dynident.api.recordings import SomeRecordings, as_recordings
+from dynident.effects import EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import Identification, IdentificationChoices, from_bytes
+from dynident.identification import identify as identify_parameters
+from dynident.identification.choices import EstimatorName
+from dynident.identification.methods.bases import Estimator
+from dynident.progress import Progress, ignore_progress
+from dynident.robot import Robot
+
+
+def identify(
+    robot: Robot,
+    recordings: SomeRecordings,
+    *,
+    validation: SomeRecordings = (),
+    effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
+    estimator: EstimatorName | Estimator | None = None,
+    choices: IdentificationChoices | None = None,
+    progress: Progress = ignore_progress,
+) -> Model:
+    """Identify the base parameters of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : recordings
+        The parameters are fitted to them.
+    validation : recordings
+        No parameter is fitted to them; they give the held-out errors.
+    effects : texts or choices, optional
+        ["default", "offset", "stribeck@joint2:vs=0.05"]; "default", which is the default, stands for links, rotors,
+        Coulomb and viscous friction. `dynident effects` lists all.
+    estimator : str or Estimator, optional
+        How the parameters are solved for, by its name or with options of its own: see docs/methods.md.
+    choices : IdentificationChoices, optional
+        All options: equation type, strategy, prior, filters and the rest. `effects` and `estimator` take precedence.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    DynidentError
+        Where the choices do not fit each other or the robot, or the data do not determine the parameters.
+    """
+    all_choices = choices or IdentificationChoices()
+    if effects is not None:
+        all_choices = replace(all_choices, effects=check_effects(resolve_effects(effects), robot))
+    if estimator is not None:
+        all_choices = replace(all_choices, estimator=estimator)
+    fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+    identification = identify_parameters(robot, fit_recordings.recordings, held_out.recordings, all_choices, progress)
+    return Model(identification, fit_recordings, held_out)
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a model that `Model.save` or `dynident identify --out` wrote.
+
+    The file does not hold its recordings. `Model.with_data` adds them for methods that need them.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such file, or it holds no model that this version can read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DynidentError(f"there is no file {path}", pointer=str(path), title="No such file")
+    try:
+        return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
+    except DynidentError as error:
+        raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
+
+
+def as_model(model: Model | Identification) -> Model:
+    """Return a model without data where the library's identification is given, else the model itself.
+
+    Parameters
+    ----------
+    model : Model or Identification
+
+    Returns
+    -------
+    Model
+    """
+    return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

@@ -1,0 +1,130 @@
+"""Validation of models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+from dynident.api.model import Model
+from dynident.api.model_identification import as_model
+from dynident.api.recordings import SomeRecordings, as_recordings
+from dynident.identification import Identification
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.result_display import format_text_table, join_html, render_paragraph, render_table
+from dynident.validation import (
+    LARGEST_ERROR,
+    ValidationOutcome,
+    Verdict,
+    combine_verdicts,
+    validate_cross,
+    validate_direct,
+    validate_inertia_matrix,
+)
+from dynident.verdict import Outcome
+
+_COLUMNS = ("validation", "verdict", "why")
+_WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
+
+
+@dataclass(frozen=True)
+class Validation(Outcome):
+    """One test of a model: its `kind`, its result in `judged`, and its `title` in words."""
+
+    title: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """The result: pass, fail or not_evaluated."""
+        return self.judged.verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Validations(Sequence[Validation]):
+    """Several tests of one model."""
+
+    items: tuple[Validation, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The result of all tests: fail if one of them fails."""
+        return combine_verdicts([(validation.title, validation.judged) for validation in self.items]).verdict
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Validation]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Validation: ...
+    @overload
+    def __getitem__(self, index: slice) -> Validations: ...
+    def __getitem__(self, index: int | slice) -> Validation | Validations:
+        return Validations(self.items[index]) if isinstance(index, slice) else self.items[index]
+
+    def __repr__(self) -> str:
+        return format_text_table(f"Validations({self.verdict})", _COLUMNS, self._rows(), len(self.items), right_from=3)
+
+    def _repr_html_(self) -> str:
+        return join_html(
+            render_paragraph(f"Validations: {_WORDS[self.verdict]}", strong=True),
+            render_table(_COLUMNS, self._rows(), right_from=3),
+        )
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [(validation.title, _WORDS[validation.verdict], validation.judged.reason) for validation in self.items]
+
+
+def validate(
+    model: Model | Identification,
+    validation: SomeRecordings | None = None,
+    *,
+    limit: float = LARGEST_ERROR,
+    seed: int = 0,
+    progress: Progress = ignore_progress,
+) -> Validations:
+    """Test a model on its own recordings, on others, and its inertia matrix over the whole joint range (§12.7).
+
+    `dynident.validation` has more tests: a known load, a simulator against a recording, all methods in one table.
+
+    Parameters
+    ----------
+    model : Model
+    validation : recordings, optional
+        Recordings to which no parameter was fitted; by default the model's own validation recordings.
+    limit : float
+        Largest relative torque error over all joints that passes.
+    seed : int
+        Of the random postures among which the worst one is searched for.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Validations
+
+    Raises
+    ------
+    DynidentError
+        For a limit that is not above zero, or another robot's recordings.
+    """
+    desk_model = as_model(model)
+    held_out = desk_model.validation if validation is None else as_recordings(validation)
+    identification = desk_model.identification
+    no_data = ValidationOutcome("not_evaluated", "There are no such recordings.")
+    direct = cross = no_data
+    if desk_model.recordings:
+        direct = validate_direct(
+            identification, desk_model.recordings.recordings, limit, scale_progress(progress, 0.0, 0.3)
+        ).judged
+    if held_out:
+        cross = validate_cross(identification, held_out.recordings, limit, scale_progress(progress, 0.3, 0.6)).judged
+    inertia = validate_inertia_matrix(identification, seed=seed, progress=scale_progress(progress, 0.6, 1.0)).judged
+    return Validations(
+        (
+            Validation("direct", direct, "direct: on the identification's own data"),
+            Validation("cross", cross, "cross: on data that no parameter saw"),
+            Validation("inertia_matrix", inertia, "inertia matrix over the joint range"),
+        )
+    )

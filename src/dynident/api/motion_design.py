@@ -1,0 +1,189 @@
+"""Design of exciting trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dynident.api.data_frames import Columns, Framed
+from dynident.api.effect_arguments import check_effects, resolve_effects
+from dynident.api.figure import Figure, check_folder_exists, join_figures
+from dynident.api.model_diagnosis import DiagnosedModel
+from dynident.api.recordings import SomeRecordings, as_recordings
+from dynident.effects import EffectChoice
+from dynident.encoding import encode_text
+from dynident.errors import DynidentError
+from dynident.excitation import Design, DesignRequest, design_experiment, write_design
+from dynident.excitation.formats.design_files import design_table
+from dynident.excitation.formats.ros2 import format_joint_trajectory
+from dynident.excitation.request import Kind
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings.arrow import table_column_to_numbers
+from dynident.recordings.sources import list_signal_units
+from dynident.reports.number_format import format_number, format_percent
+from dynident.result_display import join_html, render_details, render_list, render_paragraph, render_table
+from dynident.robot import Robot
+
+_FILE_ENDINGS = (".csv", ".parquet", ".yaml")
+_SHOWN_MARGINS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedMotion(Framed):
+    """A trajectory within the robot's limits.
+
+    `to_frame` has a row for each sample, from home to home, as `save` writes them: t (s), q_<joint> (rad, m where it
+    slides), dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2); of a set of test motions also segment, the number of
+    the motion from 1 on, 0 between them.
+
+    Attributes
+    ----------
+    robot : Robot
+    design : Design
+        The design as the library gives it.
+    """
+
+    robot: Robot
+    design: Design
+
+    @property
+    def summary(self) -> str:
+        """The quality of the design, in a few sentences."""
+        design = self.design
+        baseline = design.baseline
+        random_text = (
+            ""
+            if baseline is None
+            else f"; the best of {baseline.count} random motions reaches {format_number(baseline.best.condition_number)}"
+        )
+        nearest = max(design.margins, key=lambda margin: margin.share)
+        return (
+            f"{design.duration:.3g} s from rest to rest, {design.n_samples} samples at {design.sampling_rate:g} Hz. "
+            f"Condition number {format_number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
+            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {format_percent(nearest.share)}."
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
+
+        Raises
+        ------
+        DynidentError
+            For another ending, or a folder that is not there.
+        """
+        path = Path(path)
+        if path.suffix not in _FILE_ENDINGS:
+            raise DynidentError(
+                f"cannot write {path.name}; the file's ending has to be .csv, .parquet or .yaml (ROS 2)",
+                pointer=str(path),
+            )
+        check_folder_exists(path)
+        if path.suffix == ".yaml":
+            design = self.design
+            lines = format_joint_trajectory(design.joint_names, design.t, design.q, design.dq, design.ddq)
+            path.write_bytes(encode_text("".join(lines)))
+        else:
+            write_design(self.design, path)
+
+    def _columns(self) -> Columns:
+        table = design_table(self.design)
+        columns = {name: table_column_to_numbers(table.column(name)) for name in table.column_names}
+        units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
+        return Columns(columns, units)
+
+    def plot(self) -> Figure:
+        """Draw the joints within their limits, their velocity over position, and the path of the tool."""
+        from dynident.reports.figures.design import draw_design
+
+        return join_figures([draw_design(self.design, self.robot)], f"designed motion of {self.robot.name}")
+
+    def __repr__(self) -> str:
+        return f"DesignedMotion({self.robot.name}): {self.summary}"
+
+    def _repr_html_(self) -> str:
+        nearest = sorted(self.design.margins, key=lambda margin: -margin.share)[:_SHOWN_MARGINS]
+        rows = [
+            (
+                m.joint,
+                m.limit.replace("_", " "),
+                format_number(m.value),
+                format_number(m.bound),
+                format_percent(m.share),
+            )
+            for m in nearest
+        ]
+        return join_html(
+            render_paragraph(f"Motion of {self.robot.name}", strong=True),
+            render_paragraph(self.summary),
+            render_table(("joint", "nearest limits", "reached", "allowed", "used"), rows, right_from=2),
+            render_details("notes", render_list(self.design.notes)) if self.design.notes else "",
+        )
+
+
+def design(
+    robot: Robot,
+    request: DesignRequest | DiagnosedModel | None = None,
+    *,
+    kind: Kind | None = None,
+    effects: str | EffectChoice | Iterable[str | EffectChoice] | None = None,
+    duration: float | None = None,
+    sampling_rate: float | None = None,
+    earlier: SomeRecordings = (),
+    progress: Progress = ignore_progress,
+) -> DesignedMotion:
+    """Design a motion that excites the parameters, within the robot's limits and without collision.
+
+    Parameters
+    ----------
+    robot : Robot
+    request : DesignRequest or diagnosis, optional
+        All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
+        diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
+    kind : str, optional
+        "optimized" (the default), "random", "sequential", "constant_velocity", "slow_sweep", "reversals".
+    effects : texts or choices, optional
+        What is to be identified: ["default", "offset"].
+    duration : float, optional
+        One period in s.
+    sampling_rate : float, optional
+        Hz.
+    earlier : recordings
+        Recordings that the motion is to complement.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    DesignedMotion
+
+    Raises
+    ------
+    DynidentError
+        Where there is no such motion; it names the limit in the way.
+    """
+    design_request = _resolve_request(request)
+    if kind is not None:
+        design_request = replace(design_request, kind=kind)
+    if effects is not None:
+        design_request = replace(design_request, effects=check_effects(resolve_effects(effects), robot))
+    if duration is not None:
+        design_request = replace(design_request, trajectory=replace(design_request.trajectory, duration=duration))
+    if sampling_rate is not None:
+        design_request = replace(
+            design_request, trajectory=replace(design_request.trajectory, sampling_rate=sampling_rate)
+        )
+    designed = design_experiment(robot, design_request, progress, as_recordings(earlier).recordings)
+    return DesignedMotion(robot, designed)
+
+
+def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRequest:
+    if isinstance(request, DesignRequest):
+        return request
+    if request is None:
+        return DesignRequest()
+    if request.next_experiment is None:
+        raise DynidentError(
+            "the diagnosis proposes no experiment: nothing is left to decide", title="Nothing to design"
+        )
+    return request.next_experiment.design

@@ -1,0 +1,215 @@
+"""Tables of identified parameters and of errors joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+from dynident.api.data_frames import Columns, Framed
+from dynident.estimation import Errors
+from dynident.identification import Identification, IdentifiedParameter
+from dynident.reports.labels import PARAMETER_JUDGEMENTS
+from dynident.reports.number_format import format_estimate, format_number, format_percent
+from dynident.result_display import format_text_table, join_html, render_paragraph, render_table
+
+_SHOWN = 30
+_LONGEST = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Sequence[IdentifiedParameter], Framed):
+    """Base parameters in the order of the model; by number, by slice, or by name: `model.parameters["Fc2"]`.
+
+    `to_frame` has a row for each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
+    fraction), interval_low and interval_high (95 %), judgement, essential, grouping (its standard parameters).
+    """
+
+    items: tuple[IdentifiedParameter, ...]
+
+    def _columns(self) -> Columns:
+        items = self.items
+        return Columns(
+            {
+                "name": [item.name for item in items],
+                "joint": [item.link for item in items],
+                "effect": [item.effect for item in items],
+                "value": [item.value for item in items],
+                "unit": [item.unit for item in items],
+                "standard_deviation": [item.standard_deviation for item in items],
+                "relative_standard_deviation": [item.relative_standard_deviation for item in items],
+                "interval_low": [item.interval[0] for item in items],
+                "interval_high": [item.interval[1] for item in items],
+                "judgement": [item.judgement for item in items],
+                "essential": [item.essential for item in items],
+                "grouping": [item.grouping for item in items],
+            }
+        )
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[IdentifiedParameter]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int | str) -> IdentifiedParameter: ...
+    @overload
+    def __getitem__(self, index: slice) -> Parameters: ...
+    def __getitem__(self, index: int | str | slice) -> IdentifiedParameter | Parameters:
+        if isinstance(index, slice):
+            return Parameters(self.items[index])
+        if isinstance(index, str):
+            parameter = next((item for item in self.items if item.name == index), None)
+            if parameter is None:
+                raise KeyError(
+                    f"there is no parameter {index!r}; there are: {', '.join(item.name for item in self.items)}"
+                )
+            return parameter
+        return self.items[index]
+
+    def __contains__(self, item: object) -> bool:
+        return any(item == (parameter.name if isinstance(item, str) else parameter) for parameter in self.items)
+
+    def __repr__(self) -> str:
+        title = f"Parameters({len(self.items)}; .to_frame() gives all)"
+        return format_text_table(
+            title,
+            _COLUMNS,
+            [_format_parameter(parameter) for parameter in self.items[:_SHOWN]],
+            len(self.items),
+            right_from=2,
+        )
+
+    def _repr_html_(self) -> str:
+        columns = (*_COLUMNS, "standard parameters")
+        rows = [(*_format_parameter(parameter), _shorten(parameter.grouping)) for parameter in self.items]
+        return join_html(
+            render_paragraph(f"{len(self.items)} base parameters", strong=True),
+            render_table(columns, rows, right_from=2),
+        )
+
+
+@dataclass(frozen=True)
+class JointError:
+    """The errors of a model on one joint's filtered torque.
+
+    None stands where there is no such data, or the joint never moves in it.
+
+    Attributes
+    ----------
+    joint, unit : str
+    fit, held_out : float
+        Relative errors (fractions) on all rows of the data of the fit, and of held-out data.
+    fit_moving, held_out_moving : float
+        The same on rows where the joint moves.
+    fit_rms, held_out_rms : float
+        Root mean square in `unit`, where the joint moves.
+    """
+
+    joint: str
+    unit: str
+    fit: float
+    fit_moving: float | None
+    fit_rms: float | None
+    held_out: float | None
+    held_out_moving: float | None
+    held_out_rms: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorTable(Sequence[JointError], Framed):
+    """The errors of a model, one entry for each joint in the robot's order.
+
+    `to_frame` has a row for each joint, with the fields of `JointError`.
+    """
+
+    items: tuple[JointError, ...]
+
+    @classmethod
+    def from_identification(cls, identification: Identification) -> ErrorTable:
+        """Return the errors of an identified model.
+
+        Parameters
+        ----------
+        identification : Identification
+
+        Returns
+        -------
+        ErrorTable
+        """
+        found = identification
+        return cls(
+            tuple(
+                JointError(
+                    joint.name,
+                    joint.effort_unit,
+                    float(found.fit.relative[j]),
+                    *_get_moving_error(found.fit_moving, j),
+                    None if found.held_out is None else float(found.held_out.relative[j]),
+                    *_get_moving_error(found.held_out_moving, j),
+                )
+                for j, joint in enumerate(found.model.robot.joints)
+            )
+        )
+
+    def _columns(self) -> Columns:
+        names = tuple(JointError.__dataclass_fields__)
+        return Columns({name: [getattr(joint_error, name) for joint_error in self.items] for name in names})
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[JointError]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> JointError: ...
+    @overload
+    def __getitem__(self, index: slice) -> ErrorTable: ...
+    def __getitem__(self, index: int | slice) -> JointError | ErrorTable:
+        return ErrorTable(self.items[index]) if isinstance(index, slice) else self.items[index]
+
+    def __repr__(self) -> str:
+        rows = [_format_joint_error(joint_error) for joint_error in self.items[:_SHOWN]]
+        return format_text_table(f"ErrorTable({len(self.items)} joints)", _ERROR_COLUMNS, rows, len(self.items))
+
+    def _repr_html_(self) -> str:
+        return render_table(_ERROR_COLUMNS, [_format_joint_error(joint_error) for joint_error in self.items])
+
+
+_COLUMNS = ("parameter", "joint", "value", "deviation", "95 % interval", "unit", "determined")
+_ERROR_COLUMNS = ("joint", "fit, moving", "rms", "all rows", "held out, moving", "rms", "all rows")
+
+
+def _format_parameter(parameter: IdentifiedParameter) -> tuple[str, ...]:
+    value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
+    interval = " to ".join(format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
+    judgement = PARAMETER_JUDGEMENTS[parameter.judgement].words if parameter.essential else "not essential"
+    return parameter.name, parameter.link, value, deviation, interval, parameter.unit, judgement
+
+
+def _format_joint_error(error: JointError) -> tuple[str, ...]:
+    def format_rms(value: float | None) -> str:
+        return "–" if value is None else f"{format_number(value)} {error.unit}"
+
+    return (
+        error.joint,
+        format_percent(error.fit_moving),
+        format_rms(error.fit_rms),
+        format_percent(error.fit),
+        format_percent(error.held_out_moving),
+        format_rms(error.held_out_rms),
+        format_percent(error.held_out),
+    )
+
+
+def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
+    """Return relative error and rms of one joint where it moves; None for both where it never does."""
+    if errors is None or not errors.counts[joint]:
+        return None, None
+    return float(errors.relative[joint]), float(errors.rms[joint])
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

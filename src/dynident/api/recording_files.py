@@ -1,0 +1,320 @@
+"""Recordings from files: inspection of a file, and reading."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TypedDict, Unpack
+
+from dynident.api.recordings import CheckedRecording, Recordings, RecordingSource
+from dynident.api.robot_files import DriveGains, set_drive_gains
+from dynident.errors import DynidentError
+from dynident.identification.column_inference import Guess, Inspection, Question, inspect_file
+from dynident.identification.robot_recordings import MOST_CURES, import_cured
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
+from dynident.recordings.metadata import RevisionFields
+from dynident.recordings.recording_files import check_readable_path, make_unique_names
+from dynident.result_display import join_html, render_list, render_paragraph, render_table
+from dynident.robot import Robot
+
+_COLUMNS = ("what", "proposed", "how sure", "why")
+_SHOWN, _NAMES = 30, 12
+
+
+class ProposedColumns(TypedDict, total=False):
+    """Arguments of `read_recordings` that are proposed; empty where nothing is."""
+
+    columns: dict[str, str]
+    units: dict[str, str]
+    metadata: RecordingMetadata
+
+
+@dataclass(frozen=True, eq=False)
+class InspectedFile:
+    """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed."""
+
+    inspection: Inspection
+    rate: float | None = None
+
+    @property
+    def guesses(self) -> tuple[Guess, ...]:
+        """The guesses, with their probability and reason."""
+        return () if self.inspection.proposal is None else self.inspection.proposal.guesses
+
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """Questions to answer before the file can be used."""
+        return () if self.inspection.proposal is None else self.inspection.proposal.questions
+
+    @property
+    def said(self) -> ProposedColumns:
+        """Proposed columns and units, and the rate that was stated, as arguments of `read_recordings`."""
+        proposal = self.inspection.proposal
+        if proposal is None:
+            return {}
+        arguments: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
+        return arguments if self.rate is None else {**arguments, "metadata": RecordingMetadata(rate=self.rate)}
+
+    def __repr__(self) -> str:
+        lines = [self._format_head()]
+        lines += [
+            f"  {guess.field}: {guess.value} ({guess.confidence:.0%}: {guess.reason})"
+            for guess in self.guesses[:_SHOWN]
+        ]
+        left_out = len(self.guesses) - _SHOWN
+        lines += [f"  … and {left_out} more (.guesses)"] if left_out > 0 else []
+        lines += [f"  ? {question.field}: {question.detail}" for question in self.questions]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [(guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason) for guess in self.guesses]
+        return join_html(
+            render_paragraph(self._format_head(), strong=True),
+            render_table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
+            render_paragraph("To be answered:") if self.questions else "",
+            render_list(_format_question(question) for question in self.questions),
+        )
+
+    def _format_head(self) -> str:
+        names = self.inspection.columns
+        rest = f" and {len(names) - _NAMES} more" if len(names) > _NAMES else ""
+        return f"{self.inspection.format}, {len(names)} columns: {', '.join(names[:_NAMES])}{rest}"
+
+
+def inspect(
+    path: str | Path | tuple[str | Path, ...],
+    robot: Robot | None = None,
+    *,
+    drive_gains: DriveGains | None = None,
+    rate: float | None = None,
+) -> InspectedFile:
+    """Find out what the columns of a file are, in which units, and which questions are open.
+
+    Parameters
+    ----------
+    path : path, or several
+        In any format that can be read. Several files that are one recording are given as a tuple: ("q.csv", "dq.csv",
+        "tau.csv").
+    robot : Robot, optional
+        The robot that was recorded; without it the columns are only listed.
+    drive_gains : mapping of joint name to float, or one float a joint
+        In N m (N) per unit of current, instead of the robot's.
+    rate : float, optional
+        Hz of the rows, where the file has no time.
+
+    Returns
+    -------
+    InspectedFile
+
+    Raises
+    ------
+    DynidentError
+        For a file that is not there.
+    RecordingError
+        For a file that cannot be read.
+    """
+    readable = check_readable_path(path)
+    machine = set_drive_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
+    return InspectedFile(inspect_file(readable, machine, rate), rate)
+
+
+def _format_question(question: Question) -> str:
+    return f"{question.field}: {question.detail}" + (f" ({', '.join(question.choices)})" if question.choices else "")
+
+
+# The checks word their remedies for requests over HTTP. These are the same remedies as arguments of Python.
+_REWORDINGS = (
+    (re.compile(r'say "accept": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(accept=(\1,))"),
+    (re.compile(r'say "skip": \[("\w+")\]'), r"say metadata=dy.RecordingMetadata(skip=(\1,))"),
+    (re.compile(r'"units": (\{[^}]*\})'), r"units=\1"),
+    (re.compile(r'"columns": (\{[^}]*\})'), r"columns=\1"),
+    (re.compile(r'"locked_joints": (\{[^}]*\})'), r"load_robot(…, locked_joints=\1)"),
+    (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
+    (re.compile(r'say "role": "(\w+)" for'), r'say metadata=dy.RecordingMetadata(role="\1") for'),
+    (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),
+)
+
+
+def read_recordings(
+    *paths: str | Path | tuple[str | Path, ...],
+    robot: Robot,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    windows: Sequence[tuple[float, float]] = (),
+    drive_gains: DriveGains | None = None,
+    metadata: RecordingMetadata | None = None,
+    cure: bool = False,
+    progress: Progress = ignore_progress,
+) -> Recordings:
+    """Read files of recordings, and check them for common faults.
+
+    Files hold the columns `t`, `q1`, … (or `q_<joint>`, …) and `tau1`, … or `current1`, …; see docs/my-robot.md. The
+    arguments apply to all files of a call: read files that differ by a call each, and join the results with +.
+
+    A checked recording is a Parquet file in SI units on an even grid of time, since it may be larger than memory. That
+    file is temporary (`TMPDIR` says where): it is removed when nothing that reads it is left, at the latest when Python
+    ends. `Recordings.save` keeps it.
+
+    Parameters
+    ----------
+    paths : path, or several
+        Each recording gets the name of its file, without the ending. Files that are one recording are given as a tuple:
+        ("q.csv", "dq.csv", "tau.csv").
+    robot : Robot
+        The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
+    columns : mapping of our name to the file's
+        {"q1": "shoulder_angle", "tau1": "torque_a"}
+    units : mapping of a kind of signal, or of one column, to its unit
+        {"q": "deg", "t": "ms"}; SI by default.
+    windows : pairs (from, to)
+        Seconds of t to use; all of them by default.
+    drive_gains : mapping of joint name to float, or one float a joint
+        G_T of [12.17] in N m (N) per unit of current, for these files instead of the robot's.
+    metadata : RecordingMetadata, optional
+        All options of a file: its role ("friction" for motions at constant velocity, one joint at a time), a known
+        payload, the rate of rows without a time, checks to accept, signs, factors and order of columns, a delay of the
+        torque. The other arguments take precedence over it, and recordings are named after their files in any case.
+    cure : bool
+        Read what would be refused as its checks propose (their `apply`), and say so among the findings.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Recordings
+        In the order of the files; its `findings` are the warnings of the checks.
+
+    Raises
+    ------
+    DynidentError
+        For a file that is not there, or no file at all.
+    RecordingError
+        Where files cannot be used: one error for all of them, with all findings in its text and `checks`.
+    """
+    files = [check_readable_path(path) for path in paths]
+    if not files:
+        raise DynidentError("give at least one file to read", title="No such file")
+    machine = robot if drive_gains is None else set_drive_gains(robot, drive_gains)
+    stated = metadata or RecordingMetadata()
+    if columns is not None:
+        stated = replace(stated, columns=dict(columns))
+    if units is not None:
+        stated = replace(stated, units=dict(units))
+    if windows:
+        stated = replace(stated, windows=tuple((float(start), float(end)) for start, end in windows))
+    recordings: list[CheckedRecording] = []
+    failures: list[tuple[Path, RecordingError]] = []
+    for index, (path, name) in enumerate(zip(files, make_unique_names(files), strict=True)):
+        share = scale_progress(progress, index / len(files), (index + 1) / len(files))
+        try:
+            recordings.append(_read_recording(path, machine, replace(stated, name=name), cure=cure, progress=share))
+        # All files are read before the error is raised, so that one attempt reports what is wrong with every file.
+        except RecordingError as error:
+            failures.append((path, error))
+    if failures:
+        raise _join_errors(failures, len(files)) from failures[0][1]
+    return Recordings(tuple(recordings))
+
+
+def _read_recording(
+    path: Path,
+    robot: Robot,
+    metadata: RecordingMetadata,
+    *,
+    cure: bool = False,
+    edits: tuple[Revision, ...] = (),
+    progress: Progress = ignore_progress,
+) -> CheckedRecording:
+    with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
+        destination = Path(file.name)
+    try:
+        read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
+    except BaseException:
+        destination.unlink(missing_ok=True)
+        raise
+    _remove_when_unused(read.recording, destination)
+    checks = tuple(replace(check, detail=_reword(check.detail)) for check in read.checks)
+    return CheckedRecording(
+        read.recording, checks, robot, RecordingSource(path, read.metadata, (*edits, *read.revisions))
+    )
+
+
+def revise(
+    recording: CheckedRecording, change: Revision | None = None, **fields: Unpack[RevisionFields]
+) -> CheckedRecording:
+    """Change the metadata of a recording's file, and read and check it again; the given recording stays as it is.
+
+    Parameters
+    ----------
+    recording : CheckedRecording
+        As `read_recordings` gives it.
+    change : Revision, optional
+        The `apply` of a check; or state the changes as fields.
+    fields
+        windows, exclude, columns, units, permutation, signs, scale, torque_delay, role, name, as `Revision` has them.
+
+    Returns
+    -------
+    CheckedRecording
+
+    Raises
+    ------
+    DynidentError
+        For a recording that was not read from a file.
+    RecordingError
+        Where the file cannot be used with these changes.
+    """
+    if recording.source is None or recording.robot is None:
+        raise DynidentError(f"{recording.name} was not read from a file by read_recordings", title="Nothing to revise")
+    try:
+        revision = Revision(**fields) if change is None else replace(change, **fields)
+    except TypeError as error:
+        field_names = ", ".join(Revision.__dataclass_fields__)
+        raise DynidentError(f"{error}; a revision has: {field_names}", title="Nothing to revise") from error
+    source = recording.source
+    edits = (*source.edits, revision)
+    revised = revision.apply_to(source.metadata)
+    if revision.name is None:
+        revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
+    return _read_recording(source.path, recording.robot, revised, edits=edits)
+
+
+@cache
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    """Return this process's folder for checked recordings, which is removed when the process ends."""
+    return tempfile.TemporaryDirectory(prefix="dynident-", ignore_cleanup_errors=True)
+
+
+def _remove_when_unused(recording: Recording, path: Path) -> None:
+    # Copies of a recording (other windows, another name) share its source, so the source decides how long the file
+    # is needed.
+    weakref.finalize(recording.source, path.unlink, missing_ok=True)
+
+
+def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) -> RecordingError:
+    """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
+    texts, checks = [], list[Check]()
+    for path, error in failures:
+        own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
+        further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
+        texts.append(f"{path.name}: {_reword(error.detail)}{''.join(further)}")
+        checks += error.checks
+    _, first = failures[0]
+    if len(failures) == 1:
+        return RecordingError(
+            texts[0], pointer=first.pointer, title=first.title, row=first.row, time=first.time, checks=tuple(checks)
+        )
+    text = "\n  ".join([f"{len(failures)} of {n_files} files cannot be used:", *texts])
+    return RecordingError(text, pointer=first.pointer, title=first.title, checks=tuple(checks))
+
+
+def _reword(detail: str) -> str:
+    for pattern, words in _REWORDINGS:
+        detail = pattern.sub(words, detail)
+    return detail

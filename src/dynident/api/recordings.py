@@ -1,0 +1,301 @@
+"""Collections of checked recordings and their findings."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.api.data_frames import Columns, Framed
+from dynident.api.figure import Figure, join_figures
+from dynident.errors import DynidentError
+from dynident.recordings import Check, Recording, RecordingMetadata, Revision
+from dynident.recordings.recording_files import compute_digest, split_path
+from dynident.recordings.sources import StoredSamples, load_stored_samples
+from dynident.result_display import join_html, render_list, render_paragraph, render_table
+from dynident.robot import Robot
+
+_MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
+_SHOWN = 8
+_LONGEST = 160
+
+
+@dataclass(frozen=True)
+class RecordingSource:
+    """The file of a recording and its metadata: as stated at first, and as changed since, in order."""
+
+    path: Path
+    metadata: RecordingMetadata
+    edits: tuple[Revision, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the file, "" where it no longer exists."""
+        return compute_digest(self.path) if all(part.is_file() for part in split_path(self.path)) else ""
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedRecording(Framed):
+    """One recording that can be used for identification, with its checks.
+
+    `to_frame` has a row for each stored sample, in order of time within each segment, none of it filtered: t (s),
+    segment (its label), q_<joint> (rad, m where it slides), tau_<joint> (N m, N); where the file has them dq_<joint>
+    (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N,
+    N m).
+
+    Attributes
+    ----------
+    recording : Recording
+        The recording as the library has it.
+    checks : tuple of Check
+    robot : Robot, optional
+    source : Source, optional
+        The file that it was read from.
+    """
+
+    recording: Recording
+    checks: tuple[Check, ...] = ()
+    robot: Robot | None = None
+    source: RecordingSource | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the recording: that of its file without the ending."""
+        return self.recording.name
+
+    @property
+    def findings(self) -> tuple[Check, ...]:
+        """The checks that found something."""
+        return tuple(check for check in self.checks if check.status != "ok")
+
+    def save(self, folder: str | Path) -> None:
+        """Save the checked recording in a folder, as `Recordings.save` does.
+
+        Parameters
+        ----------
+        folder : path
+
+        Raises
+        ------
+        DynidentError
+            For a recording that is held in memory.
+        """
+        Recordings((self,)).save(folder)
+
+    def _columns(self) -> Columns:
+        samples = self._read_samples()
+        return Columns(samples.columns, samples.units)
+
+    def plot(self) -> Figure:
+        """Draw position and torque of every joint over time."""
+        from dynident.reports.figures.recording import draw_recording
+
+        slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
+        return join_figures([draw_recording(self.recording, slides)], f"recording {self.name}")
+
+    def _read_samples(self) -> StoredSamples:
+        return load_stored_samples(
+            self.recording, () if self.robot is None else [joint.kind for joint in self.robot.joints]
+        )
+
+    def __repr__(self) -> str:
+        n_findings = len(self.findings)
+        words = f", {n_findings} finding{'s' if n_findings > 1 else ''} (.findings)" if n_findings else ""
+        return f"CheckedRecording({_format_line(self.recording)}{words})"
+
+    def _repr_html_(self) -> str:
+        return Recordings((self,))._repr_html_()
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings(Sequence[CheckedRecording], Framed):
+    """Recordings in the order of their files: `runs[0]`, `runs[:1]`, or by name, `runs["run2"]`.
+
+    `to_frame` has one below the other: recording (its name), then the columns of `CheckedRecording`; NaN where a
+    recording lacks a column.
+    """
+
+    items: tuple[CheckedRecording, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the recordings."""
+        return tuple(item.name for item in self.items)
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings as the functions of the library take them."""
+        return tuple(item.recording for item in self.items)
+
+    @property
+    def findings(self) -> dict[str, tuple[Check, ...]]:
+        """The checks that found something, by recording; only recordings that have any."""
+        return {item.name: item.findings for item in self.items if item.findings}
+
+    def save(self, folder: str | Path) -> None:
+        """Save the checked recordings in a folder, each as `<name>.checked.parquet`.
+
+        `dynident.recordings.open_recording` opens them again.
+
+        Parameters
+        ----------
+        folder : path
+            It is made where it does not exist.
+
+        Raises
+        ------
+        DynidentError
+            For a recording that is held in memory, or two of the same name.
+        """
+        repeated = next((name for name in self.names if self.names.count(name) > 1), None)
+        if repeated is not None:
+            raise DynidentError(f"two recordings are called {repeated!r}; save them in folders of their own")
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for item in self.items:
+            if item.recording.path is None:
+                raise DynidentError(f"{item.name} is held in memory; what read_recordings gives can be saved")
+            destination = folder / f"{item.name}.checked.parquet"
+            # Copied beside its destination first: a copy that breaks off does not destroy an older file.
+            unfinished = destination.with_suffix(".unfinished")
+            shutil.copyfile(item.recording.path, unfinished)
+            unfinished.replace(destination)
+
+    def _columns(self) -> Columns:
+        samples = [item._read_samples() for item in self.items]
+        counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
+        names = dict.fromkeys(name for recording_samples in samples for name in recording_samples.columns)
+        columns: dict[str, NDArray[np.generic]] = {"recording": np.repeat(self.names, counts)}
+        # A column that only some recordings have is NaN in the others.
+        for name in names:
+            parts = [
+                recording_samples.columns.get(name, np.full(m, np.nan))
+                for recording_samples, m in zip(samples, counts, strict=True)
+            ]
+            columns[name] = np.concatenate(parts)
+        return Columns(
+            columns, {name: unit for recording_samples in samples for name, unit in recording_samples.units.items()}
+        )
+
+    def plot(self) -> Figure:
+        """Draw position and torque of every joint over time, one recording below the other."""
+        if not self.items:
+            raise DynidentError("there is no recording to draw")
+        svgs = [item.plot().svg for item in self.items]
+        return join_figures(svgs, f"recordings {', '.join(self.names)}", self.names)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[CheckedRecording]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int | str) -> CheckedRecording: ...
+    @overload
+    def __getitem__(self, index: slice) -> Recordings: ...
+    def __getitem__(self, index: int | str | slice) -> CheckedRecording | Recordings:
+        if isinstance(index, slice):
+            return Recordings(self.items[index])
+        if isinstance(index, str):
+            recording = next((item for item in self.items if item.name == index), None)
+            if recording is None:
+                raise KeyError(f"there is no recording {index!r}; there are: {', '.join(self.names)}")
+            return recording
+        return self.items[index]
+
+    def __contains__(self, item: object) -> bool:
+        return item in self.names if isinstance(item, str) else item in self.items
+
+    def __add__(self, other: Recordings) -> Recordings:
+        return Recordings(self.items + other.items)
+
+    def __repr__(self) -> str:
+        lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
+        lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
+        findings = list(_format_findings(self.items))
+        lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
+        lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
+        return "\n".join([f"Recordings({len(self.items)})", *lines])
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                item.name,
+                str(item.recording.n_samples),
+                f"{item.recording.sampling_rate:.4g} Hz",
+                f"{item.recording.n_samples * item.recording.period:.4g} s",
+                str(len(item.recording.segments)),
+                _format_windows(item.recording),
+                str(len(item.findings)),
+            )
+            for item in self.items
+        ]
+        columns = ("recording", "samples", "rate", "duration", "runs", "windows", "findings")
+        return join_html(
+            render_paragraph(f"{len(self.items)} recording{'' if len(self.items) == 1 else 's'}", strong=True),
+            render_table(columns, rows),
+            render_list(text.strip() for text in _format_findings(self.items)),
+        )
+
+
+SomeRecordings = Recordings | CheckedRecording | Recording | Iterable[CheckedRecording | Recording]
+"""What functions take for recordings: several or one, as `read_recordings` or the library gives them."""
+
+
+def as_recordings(recordings: SomeRecordings) -> Recordings:
+    """Return recordings of any accepted form as one collection.
+
+    Parameters
+    ----------
+    recordings : Recordings, CheckedRecording, Recording, or several of the latter two
+
+    Returns
+    -------
+    Recordings
+
+    Raises
+    ------
+    DynidentError
+        For a file's name, or anything else that is no recording.
+    """
+    if isinstance(recordings, Recordings):
+        return recordings
+    # A text counts as one item, so that a file's name is refused as a whole and not letter by letter.
+    items = [recordings] if isinstance(recordings, (CheckedRecording, Recording, str)) else list(recordings)
+    return Recordings(tuple(_to_checked(item) for item in items))
+
+
+def _to_checked(item: object) -> CheckedRecording:
+    if isinstance(item, CheckedRecording):
+        return item
+    if isinstance(item, Recording):
+        return CheckedRecording(item)
+    raise DynidentError(
+        f"{item!r} is no recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
+    )
+
+
+def _format_line(recording: Recording) -> str:
+    runs = f" in {len(recording.segments)} runs" if len(recording.segments) > 1 else ""
+    used = f"; used: {_format_windows(recording)}" if recording.windows else ""
+    return (
+        f"{recording.name}: {recording.n} joints, {recording.n_samples} samples at {recording.sampling_rate:.4g} Hz, "
+        f"{recording.n_samples * recording.period:.4g} s{runs}{used}"
+    )
+
+
+def _format_windows(recording: Recording) -> str:
+    texts = [f"{start:g} to {end:g} s" for start, end in recording.windows]
+    return ", ".join(texts if len(texts) <= _SHOWN else [*texts[:_SHOWN], "…"]) or "all"
+
+
+def _format_findings(items: Iterable[CheckedRecording]) -> Iterator[str]:
+    for item in items:
+        for check in item.findings:
+            yield f"  {_MARKS[check.status]} {item.name}, {check.name.replace('_', ' ')}: {check.detail}"

@@ -1,0 +1,120 @@
+"""The report on a model as one file, HTML or PDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from dynident.api.figure import check_folder_exists
+from dynident.api.model import Model
+from dynident.api.model_diagnosis import DiagnosedModel
+from dynident.api.model_validation import Validations
+from dynident.api.motion_design import DesignedMotion
+from dynident.diagnosis import compare
+from dynident.encoding import encode_text
+from dynident.errors import DynidentError
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.reports import ReportedRecording, ReportedValidation
+
+_ENDINGS = (".html", ".htm", ".pdf")
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A page that needs no other files; a notebook shows it in a frame."""
+
+    title: str
+    html: str
+
+    def save(self, path: str | Path) -> None:
+        """Write the report as an HTML page, or where the file's ending is .pdf, as PDF on A4.
+
+        Parameters
+        ----------
+        path : path
+
+        Raises
+        ------
+        DynidentError
+            For another ending than .html or .pdf, or a folder that does not exist.
+        """
+        path = Path(path)
+        if path.suffix not in _ENDINGS:
+            detail = f"cannot write {path.name}; the file's ending has to be .html or .pdf"
+            raise DynidentError(detail, pointer=str(path))
+        check_folder_exists(path)
+        if path.suffix == ".pdf":
+            from dynident.reports import render_pdf
+
+            path.write_bytes(render_pdf(self.html))
+        else:
+            path.write_bytes(encode_text(self.html))
+
+    def __repr__(self) -> str:
+        return f"Report({self.title}, {len(self.html) // 1000} kB; save(…) writes it as HTML or PDF)"
+
+    def _repr_html_(self) -> str:
+        style = "width:100%;height:700px;border:1px solid #ccc"
+        title, page = escape(self.title, quote=True), escape(self.html, quote=True)
+        return f'<iframe title="{title}" style="{style}" srcdoc="{page}"></iframe>'
+
+
+def report(
+    model: Model,
+    *,
+    diagnosis: DiagnosedModel | None = None,
+    validations: Validations | None = None,
+    design: DesignedMotion | None = None,
+    title: str = "",
+    progress: Progress = ignore_progress,
+) -> Report:
+    """Report everything about a model on one page: errors, figures, parameters, data.
+
+    Parameters
+    ----------
+    model : Model
+        With its recordings.
+    diagnosis : diagnosis, optional
+        Of this model, or of the one that it was extended from.
+    validations : validations, optional
+    design : designed motion, optional
+        The experiment that the data come from.
+    title : str
+        The heading; the robot's name by default.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    DynidentError
+        Where the model has no recordings.
+    """
+    from dynident.reports import html_report
+
+    model.check_data("report on the model")
+    all_recordings = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
+    runs = []
+    for index, (item, held_out) in enumerate(all_recordings):
+        share = scale_progress(progress, 0.8 * index / len(all_recordings), 0.8 * (index + 1) / len(all_recordings))
+        comparison = compare(model.identification, item.recording, share)
+        origin = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)
+        runs.append(ReportedRecording(item.recording, comparison, held_out, item.checks, *origin))
+    heading = title or f"Identification of {model.robot.name}"
+    page = html_report(
+        model.identification,
+        runs,
+        diagnosis=None if diagnosis is None else diagnosis.diagnosis,
+        design=None if design is None else design.design,
+        validations=[
+            ReportedValidation(validation.title, validation.judged, kind=validation.kind)
+            for validation in validations or ()
+        ],
+        title=heading,
+    )
+    progress(1.0, "written")
+    return Report(heading, page)

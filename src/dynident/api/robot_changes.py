@@ -1,0 +1,356 @@
+"""The changes of a robot between two sets of recordings, or over many days."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, overload
+
+from dynident.advice import AdvisedDiagnosis, advise
+from dynident.api.data_frames import Columns, Framed, build_columns
+from dynident.api.figure import Figure, join_figures
+from dynident.api.model import Model
+from dynident.api.model_diagnosis import check_not_empty
+from dynident.api.model_identification import as_model
+from dynident.api.recordings import Recordings, SomeRecordings, as_recordings
+from dynident.diagnosis import Change, examine
+from dynident.errors import DynidentError
+from dynident.identification import Identification
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.reports.finding_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
+from dynident.reports.labels import format_hidden_effects, format_joints
+from dynident.result_display import (
+    format_text_table,
+    join_html,
+    render_details,
+    render_list,
+    render_paragraph,
+    render_table,
+)
+
+if TYPE_CHECKING:
+    from dynident.diagnosis.monitoring import Day, Measure, Series, SeriesChange
+
+
+_SERIES_COLUMNS = ("from", *CHANGE_COLUMNS)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedRobot(Sequence["SeriesChange"], Framed):
+    """The changes of a robot over many days, each with the day it began on; empty where nothing changed.
+
+    `to_frame` has a row for each parameter and day: parameter, effect, joint, unit, day, value, and lower and upper,
+    the ends of its 95 % interval.
+
+    Attributes
+    ----------
+    model : Model
+    measure : Measure
+        Which parameters may vary.
+    days : tuple of Day
+        The data of each day, reduced, so that `and_then` reads no recording again.
+    series : Series
+        The values of every parameter, and the changes.
+    """
+
+    model: Model
+    measure: Measure
+    days: tuple[Day, ...]
+    series: Series
+
+    @property
+    def summary(self) -> str:
+        """What has changed, in a few sentences."""
+        return self.series.summary
+
+    @property
+    def items(self) -> tuple[SeriesChange, ...]:
+        """The changes, each with its day, values, intervals and evidence."""
+        return self.series.changes
+
+    def and_then(
+        self, days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings], progress: Progress = ignore_progress
+    ) -> FollowedRobot:
+        """Return the series with more days behind these; only their recordings are read.
+
+        Parameters
+        ----------
+        days : recordings of each day
+            As `series` takes them.
+        progress : function, optional
+            Called with the fraction done and a message.
+
+        Returns
+        -------
+        FollowedRobot
+        """
+        return _extend_series(self.model, self.measure, self.days, days, progress)
+
+    def _columns(self) -> Columns:
+        rows = [
+            (track.parameter, track.effect, track.joint, track.unit, day, track.values[k], *track.intervals[k])
+            for track in self.series.courses
+            for k, day in enumerate(self.series.days)
+        ]
+        names = ("parameter", "effect", "joint", "unit", "day", "value", "lower", "upper")
+        return build_columns(names, rows)
+
+    def plot(self) -> Figure:
+        """Draw every parameter that may vary, day by day, with its intervals."""
+        from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
+
+        return join_figures([draw_parameter_tracks(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[SeriesChange]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> SeriesChange: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[SeriesChange, ...]: ...
+    def __getitem__(self, index: int | slice) -> SeriesChange | tuple[SeriesChange, ...]:
+        return self.items[index]
+
+    def __repr__(self) -> str:
+        head = f"FollowedRobot({len(self.days)} days): {self.summary}"
+        rows = self._rows()
+        return format_text_table(head, _SERIES_COLUMNS, rows, len(rows), right_from=4) if rows else head
+
+    def _repr_html_(self) -> str:
+        rows = self._rows()
+        return join_html(
+            render_paragraph(self.summary, strong=True),
+            render_table(_SERIES_COLUMNS, rows, right_from=4) if rows else "",
+            render_details("evidence", render_list(item.change.evidence for item in self.items)) if rows else "",
+            self.plot()._repr_html_(),
+        )
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        robot, days = self.model.robot, self.series.days
+        return [(days[item.since], *row) for item in self.items for row in format_change(item.change, robot)]
+
+
+def series(
+    model: Model | Identification,
+    days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
+    *,
+    progress: Progress = ignore_progress,
+) -> FollowedRobot:
+    """Find what has changed in a robot over many days, from which day on, and the values of every parameter.
+
+    Parameters
+    ----------
+    model : Model
+        Of this robot, with its effects.
+    days : recordings of each day
+        In their order; the first is what the others are compared with. A mapping names the days, else each has the name
+        of its first recording. Motions may differ.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    FollowedRobot
+
+    Raises
+    ------
+    DynidentError
+        Where there are fewer than two days, one has no recordings, or the model has effects of single runs.
+    """
+    from dynident.diagnosis.monitoring import build_measure
+
+    desk_model = as_model(model)
+    named_days = _name_days(days)
+    # Temperature can explain differences between days only where every day recorded it.
+    has_temperatures = bool(named_days) and all(
+        recording.has_temperature
+        for _, day_recordings in named_days
+        for recording in as_recordings(day_recordings).recordings
+    )
+    return _extend_series(
+        desk_model, build_measure(desk_model.identification, with_temperature=has_temperatures), (), days, progress
+    )
+
+
+def _extend_series(
+    model: Model,
+    measure: Measure,
+    before: Sequence[Day],
+    days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
+    progress: Progress,
+) -> FollowedRobot:
+    from dynident.diagnosis.monitoring import find_free_name, reduce_day
+    from dynident.diagnosis.monitoring import monitor_days as series_of
+
+    known_days, named_days = list(before), _name_days(days)
+    for index, (name, day_recordings) in enumerate(named_days):
+        recordings = as_recordings(day_recordings)
+        check_not_empty(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
+        # Reading and reducing the days counts as half of the work, the comparison as the other half.
+        day_progress = scale_progress(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
+        day_name = find_free_name(recordings.names[0], known_days) if name is None else name
+        known_days.append(reduce_day(measure, day_name, recordings.recordings, day_progress))
+    return FollowedRobot(
+        model, measure, tuple(known_days), series_of(measure, known_days, scale_progress(progress, 0.5, 1.0))
+    )
+
+
+def _name_days(
+    days: Mapping[str, SomeRecordings] | Sequence[SomeRecordings],
+) -> list[tuple[str | None, SomeRecordings]]:
+    if isinstance(days, Mapping):
+        return [(str(name), day_recordings) for name, day_recordings in days.items()]
+    return [(None, day_recordings) for day_recordings in days]
+
+
+_CHANGE_FRAME_COLUMNS = (
+    "effect", "joint", "parameter", "before", "difference", "interval_low", "interval_high", "unit", "p_value",
+    "evidence",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Changes(Sequence[Change], Framed):
+    """What differs between two sets of recordings of one robot; empty where nothing does.
+
+    `to_frame` has a row for each number that differs, with the columns
+
+    * effect (its id), joint, parameter,
+    * before (missing where the model does not have the parameter), difference, interval_low and interval_high (of the
+      difference, 95 %), unit (of all four),
+    * p_value (of the change, in the row of its main number; missing in its other rows), evidence.
+
+    Attributes
+    ----------
+    model : Model
+    before, after : Recordings
+    diagnosis : AdvisedDiagnosis
+        It also says what the model lacks before and after.
+    """
+
+    model: Model
+    before: Recordings
+    after: Recordings
+    diagnosis: AdvisedDiagnosis
+
+    @property
+    def summary(self) -> str:
+        """What has changed, in a few sentences."""
+        return self.diagnosis.summary
+
+    @property
+    def items(self) -> tuple[Change, ...]:
+        """The changes, each with its values, intervals and evidence."""
+        return self.diagnosis.changes or ()
+
+    def _columns(self) -> Columns:
+        rows = [
+            (
+                change.choice.effect,
+                format_joints(change.choice.joints, self.model.robot.joint_names),
+                parameter_change.parameter,
+                parameter_change.before,
+                parameter_change.value,
+                *parameter_change.interval,
+                parameter_change.unit,
+                change.p_value if parameter_change is change.main else None,
+                change.evidence,
+            )
+            for change in self.items
+            for parameter_change in (change.main, *change.more)
+        ]
+        return build_columns(_CHANGE_FRAME_COLUMNS, rows)
+
+    def plot(self) -> Figure:
+        """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
+
+        Raises
+        ------
+        DynidentError
+            Where nothing has changed and no joint's friction is known.
+        """
+        from dynident.reports.figures.changes import draw_changes, draw_friction_differences
+
+        change_figure = draw_changes(self.items) if self.items else None
+        figures = [figure for figure in (change_figure, draw_friction_differences(self.diagnosis.friction)) if figure]
+        if not figures:
+            raise DynidentError(f"there is no change to draw: {self.summary}")
+        return join_figures(figures, "what has changed, with intervals of 95 %")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Change]:
+        return iter(self.items)
+
+    @overload
+    def __getitem__(self, index: int) -> Change: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Change, ...]: ...
+    def __getitem__(self, index: int | slice) -> Change | tuple[Change, ...]:
+        return self.items[index]
+
+    def __repr__(self) -> str:
+        head = f"Changes({len(self.items)}): {self.summary}"
+        rows = [row for change in self.items for row in format_change(change, self.model.robot)]
+        text = format_text_table(head, CHANGE_COLUMNS, rows, len(rows), right_from=3) if rows else head
+        friction = [format_friction_difference(change) for change in self.diagnosis.friction]
+        return format_text_table(text, FRICTION_COLUMNS, friction, len(friction), right_from=1) if friction else text
+
+    def _repr_html_(self) -> str:
+        rows = [row for item in self.items for row in format_change(item, self.model.robot)]
+        invisible = format_hidden_effects(self.diagnosis, self.model.robot)
+        return join_html(
+            render_paragraph(self.summary, strong=True),
+            render_table(CHANGE_COLUMNS, rows, right_from=3) if rows else "",
+            render_table(
+                FRICTION_COLUMNS, [format_friction_difference(item) for item in self.diagnosis.friction], right_from=1
+            ),
+            render_details("evidence", render_list(item.evidence for item in self.items)) if self.items else "",
+            render_paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
+        )
+
+
+def changes(
+    model: Model | Identification,
+    *,
+    before: SomeRecordings,
+    after: SomeRecordings,
+    candidates: Sequence[str] | None = None,
+    progress: Progress = ignore_progress,
+) -> Changes:
+    """Find what has changed in a robot between two sets of recordings, whose motions may differ.
+
+    Parameters
+    ----------
+    model : Model
+        Of this robot; its effects are identified again on both sets.
+    before, after : recordings
+    candidates : effect ids, optional
+        Only these are tried; the whole catalogue otherwise.
+    progress : function, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Changes
+
+    Raises
+    ------
+    DynidentError
+        Where one of the two is empty, or the same recording is in both.
+    """
+    desk_model, earlier, later = as_model(model), as_recordings(before), as_recordings(after)
+    check_not_empty(earlier, "before")
+    check_not_empty(later, "after")
+    diagnosis = examine(
+        desk_model.identification,
+        later.recordings,
+        baseline=earlier.recordings,
+        candidates=candidates,
+        progress=progress,
+    )
+    return Changes(desk_model, earlier, later, advise(diagnosis))

@@ -1,0 +1,353 @@
+"""Reading of robots from files of any supported format, or from the library of well-known arms."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+
+from dynident.errors import DynidentError
+from dynident.optional_dependencies import format_install_hint
+from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
+from dynident.robot.formats import FORMATS, DescriptionFormat
+from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
+from dynident.robot.json_pointer import join_names
+from dynident.robot.ros_packages import find_package
+from dynident.robot.xml_text import read_root
+
+_XACRO_TITLE = "Unusable xacro"
+_XACRO_SYNTAX = re.compile(r"<\s*xacro:|\$\{|\$\(")
+_ROS_INDEX = "ament_index_python"
+
+
+def expand_xacro(path: Path, content: str) -> str:
+    """Return the URDF of a file: its content, expanded where it is xacro.
+
+    Included files are read from the folder of the file, those of packages from the folders above it or where the ROS
+    environment says. Only for trusted files: xacro evaluates the expressions in them.
+
+    Parameters
+    ----------
+    path : Path
+    content : str
+        Of the file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    DynidentError
+        The package xacro is not installed, or it cannot expand the file.
+    """
+    if not _XACRO_SYNTAX.search(content):
+        return content
+    try:
+        import xacro
+    except ModuleNotFoundError as missing:
+        raise DynidentError(
+            "this is xacro, which is expanded with the package xacro, and that is not installed: "
+            f"{format_install_hint('xacro')}; or expand it first (xacro robot.xacro > robot.urdf)",
+            pointer=str(path),
+            title=_XACRO_TITLE,
+        ) from missing
+    try:
+        with _find_packages_near(path):
+            return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+    except Exception as error:  # xacro raises many kinds of errors, all about the file
+        cause: Any = error
+        # xacro wraps what our own search raises, perhaps several times. Its message would hide ours.
+        while getattr(cause, "exc", None) is not None and not isinstance(cause, _PackageNotFound):
+            cause = cause.exc
+        reason = str(cause if isinstance(cause, _PackageNotFound) else error).strip() or type(error).__name__
+        raise DynidentError(f"xacro cannot expand it: {reason}", pointer=str(path), title=_XACRO_TITLE) from error
+
+
+class _PackageNotFound(Exception):
+    """Raised for a package whose folder is not found, though a file names it with $(find …)."""
+
+
+@contextmanager
+def _find_packages_near(path: Path) -> Iterator[None]:
+    """Let xacro's $(find package) search near a file, where ROS is not installed or does not know the package.
+
+    xacro asks the ROS package `ament_index_python`, which is on no package index; a stand-in replaces it meanwhile.
+    """
+    replaced = {name: sys.modules.get(name) for name in (_ROS_INDEX, f"{_ROS_INDEX}.packages")}
+    ask_ros = _get_ros_index()
+
+    def get_package_share_directory(name: str) -> str:
+        folder = find_package(name, path)
+        if folder is not None:
+            return str(folder)
+        if ask_ros is not None:
+            return str(ask_ros(name))
+        raise _PackageNotFound(
+            f"there is no folder of the package {name!r} in the folders above {path.name}; put it beside the file's "
+            "own package, or name the folder that holds it in the environment variable ROS_PACKAGE_PATH"
+        )
+
+    packages: Any = ModuleType(f"{_ROS_INDEX}.packages")
+    packages.get_package_share_directory = get_package_share_directory
+    index: Any = ModuleType(_ROS_INDEX)
+    index.packages = packages
+    sys.modules.update({_ROS_INDEX: index, packages.__name__: packages})
+    try:
+        yield
+    finally:
+        for name, module in replaced.items():
+            if module is None:
+                del sys.modules[name]
+            else:
+                sys.modules[name] = module
+
+
+def _get_ros_index() -> Any:
+    try:
+        return import_module(f"{_ROS_INDEX}.packages").get_package_share_directory
+    except ImportError:
+        return None
+
+
+_ROBOT_TITLE = "Unusable robot"
+_FIELDS = ("name", "description", "limits", "drives", "locked_joints", "gravity", "base_parameters_tolerance")
+_CONTENT = "/description/content"
+_DRIVE_FIELDS = ("drive_gain", "gear_ratio", "torque_constant", "amplifier_gain", "coupling")
+
+DriveGains = Mapping[str, float] | Sequence[float]
+"""Drive gains [12.17] in N m (N) per unit of current: by joint, or one a joint in the robot's order."""
+
+
+def load_robot(
+    source: str | Path,
+    *,
+    name: str = "",
+    limits: Mapping[str, Limits] | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    drive_gains: DriveGains | None = None,
+    locked_joints: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
+    """Read a robot.
+
+    Parameters
+    ----------
+    source : str or path
+        A URDF or xacro file; an MJCF model; a text file with a classical or modified Denavit-Hartenberg table (see
+        `dynident.robot.dh_text`); a JSON file with a modified one (see `dynident.robot.modified_dh`) or with a robot as
+        `POST /v1/robots` takes it (see docs/my-robot.md); or the name of a well-known arm, such as "ur10".
+    name : str
+        Its name; by default the one in the file, or the file's own.
+    limits : mapping of joint name to Limits
+        They take precedence over the file's, field by field.
+    drives : mapping of joint name to Drive
+        Drive chains [12.17]; they take precedence over the file's.
+    drive_gains : mapping of joint name to float, or one float a joint
+        G_T of [12.17] in N m (N) per unit of current, for recordings that hold currents; instead of `drives`.
+    locked_joints : mapping of joint name to position
+        These joints (rad, m) do not move and are in no recording: a gripper's, for instance, or a floating base that
+        is clamped (at 0).
+    gravity : (x, y, z), optional
+        In the base frame, m/s².
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    DynidentError
+        Where there is neither such a file nor such an arm, or the file describes no robot; says where in the file.
+    """
+    stated: dict[str, Any] = {
+        "limits": dict(limits or {}),
+        "drives": dict(drives or {}),
+        "locked_joints": dict(locked_joints or {}),
+        "gravity": None if gravity is None else tuple(gravity),
+    }
+    robot = _read_robot(source, name, stated)
+    return robot if drive_gains is None else set_drive_gains(robot, drive_gains)
+
+
+def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
+    """Return a robot with other drive gains; the couplings of its motors stay.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : mapping of joint name to float, or one float a joint
+        In N m (N) per unit of current.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    DynidentError
+        For a joint that the robot does not have, or another number of gains than of joints.
+    """
+    if not isinstance(gains, Mapping):
+        if len(gains) != robot.n:
+            raise DynidentError(
+                f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one each, or a "
+                "mapping of joint names to gains",
+                pointer="drive_gains",
+                title=_ROBOT_TITLE,
+            )
+        gains = dict(zip(robot.joint_names, gains, strict=True))
+    for joint in gains:
+        if joint not in robot.joint_names:
+            detail = f"there is no joint {joint!r}; the robot has: {', '.join(robot.joint_names)}"
+            raise DynidentError(detail, pointer="drive_gains", title=_ROBOT_TITLE)
+    pairs = zip(robot.joint_names, robot.drives, strict=True)
+    changed = (Drive(float(gains[n]), coupling=drive.coupling) if n in gains else drive for n, drive in pairs)
+    return replace(robot, drives=tuple(changed))
+
+
+def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
+    path = Path(source)
+    if not path.is_file():
+        arm = _find_known_arm(str(source))
+        return robot_from_description(name or arm.name, arm.description, **stated)
+    content = _read_text(path)
+    place_of_content = _CONTENT
+    try:
+        # The content decides on the format: the endings of such files are used for several formats.
+        if content.lstrip().startswith("<"):
+            root = read_root(content)
+            is_mjcf = root is not None and root.tag == "mujoco"
+            robot_name = (
+                name or ("" if root is None else root.attributes.get("model" if is_mjcf else "name")) or path.stem
+            )
+            if is_mjcf:
+                return robot_from_description(robot_name, Description("mjcf", content), **stated)
+            return robot_from_description(robot_name, Description("urdf", expand_xacro(path, content)), **stated)
+        if not content.lstrip().startswith(("{", "[")):
+            return _robot_from_table(name or path.stem, content, stated)
+        document = _parse_document(content)
+        if not (isinstance(document, dict) and "description" in document):
+            return robot_from_description(name or path.stem, Description("modified_dh", content), **stated)
+        place_of_content = ""
+        return _robot_from_document(document, name or str(document.get("name") or path.stem), stated)
+    except DynidentError as error:
+        # Where the file is the description itself, the pointer's first part would name a place that is not in it.
+        place = error.pointer.removeprefix(place_of_content)
+        error.detail = f"{path.name}: {f'{place}: ' if place else ''}{error.detail}"
+        error.pointer, error.args = place, (error.detail,)
+        raise
+
+
+def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
+    try:
+        return robot_from_description(name, Description("dh", content), **stated)
+    except DynidentError as error:
+        if not error.pointer.startswith(_CONTENT):
+            raise
+        detail = f"this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table: {error.detail}"
+        raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
+
+
+def _parse_document(content: str) -> Any:
+    try:
+        return parse_json(content, "", _ROBOT_TITLE)
+    except DynidentError as error:
+        raise DynidentError(f"this is neither XML (URDF, MJCF) nor JSON: {error.detail}", title=error.title) from error
+
+
+def _find_known_arm(name: str) -> Robot:
+    if name in library_names():
+        return robot_from_library(name)
+    raise DynidentError(
+        f"there is neither a file nor a well-known arm {name!r}; the arms are: {', '.join(library_names())}",
+        title="Unknown robot",
+    )
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DynidentError(f"{path} cannot be read as text: {error}", pointer=str(path), title=_ROBOT_TITLE) from error
+
+
+def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
+    """Return a robot from the body of a request; the stated arguments take precedence."""
+    expect_mapping(document, _FIELDS, "", _ROBOT_TITLE)
+    limits = {
+        joint: _parse_limits(value, f"/limits/{joint}") for joint, value in _get_object(document, "limits").items()
+    }
+    for joint, stated_limits in stated["limits"].items():
+        stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
+        limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
+    drives = {
+        joint: _parse_drive(value, f"/drives/{joint}") for joint, value in _get_object(document, "drives").items()
+    }
+    locked = {
+        joint: expect_number(value, f"/locked_joints/{joint}", _ROBOT_TITLE)
+        for joint, value in _get_object(document, "locked_joints").items()
+    }
+    gravity = document.get("gravity")
+    return robot_from_description(
+        name,
+        _parse_description(document["description"]),
+        limits=limits,
+        drives={**drives, **stated["drives"]},
+        locked_joints={**locked, **stated["locked_joints"]},
+        gravity=stated["gravity"]
+        or (None if gravity is None else expect_numbers(gravity, 3, "/gravity", _ROBOT_TITLE)),
+    )
+
+
+def _get_object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
+    value = document.get(field) or {}
+    if not isinstance(value, Mapping):
+        raise DynidentError("Expected an object with one entry a joint.", pointer=f"/{field}", title=_ROBOT_TITLE)
+    return value
+
+
+def _parse_description(value: object) -> Description:
+    fields = expect_mapping(value, ("format", "content"), "/description", _ROBOT_TITLE)
+    form = fields.get("format")
+    if form not in FORMATS.names:
+        raise DynidentError(f"Expected {join_names(FORMATS.names)}.", pointer="/description/format", title=_ROBOT_TITLE)
+    content = fields.get("content")
+    if form == "modified_dh" and isinstance(content, (dict, list)):
+        content = json.dumps(content)
+    return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _ROBOT_TITLE))
+
+
+def _parse_limits(value: object, pointer: str) -> Limits:
+    names = tuple(asdict(Limits()))
+    fields = {k: v for k, v in expect_mapping(value, names, pointer, _ROBOT_TITLE).items() if v is not None}
+    position = fields.pop("position", None)
+    numbers: dict[str, Any] = {
+        key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()
+    }
+    limits = replace(Limits(), **numbers)
+    if position is None:
+        return limits
+    low, high = expect_numbers(position, 2, f"{pointer}/position", _ROBOT_TITLE)
+    return replace(limits, position=(low, high))
+
+
+def _parse_drive(value: object, pointer: str) -> Drive:
+    fields = {k: v for k, v in expect_mapping(value, _DRIVE_FIELDS, pointer, _ROBOT_TITLE).items() if v is not None}
+    coupling = fields.pop("coupling", {})
+    if not isinstance(coupling, Mapping):
+        raise DynidentError(
+            "Expected an object of joints and numbers.", pointer=f"{pointer}/coupling", title=_ROBOT_TITLE
+        )
+    shares = {
+        joint: expect_number(item, f"{pointer}/coupling/{joint}", _ROBOT_TITLE) for joint, item in coupling.items()
+    }
+    numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
+    return Drive(**numbers, coupling=shares)

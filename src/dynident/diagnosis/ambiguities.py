@@ -1,0 +1,192 @@
+"""What a diagnosis leaves open: findings that may be another effect, and effects that could not have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.result import Invisible
+from dynident.diagnosis.search.state import Finding
+from dynident.effects import CATALOGUE, EffectChoice, get_effect
+from dynident.robot.model import Robot
+
+_MOST_RIVALS = 3
+_CLOSE, _NEAR, _NEAR_T = 0.95, 0.8, 2.0
+"""A rival is one that gains so much of what the pick gains (`_CLOSE`), or less (`_NEAR`) where stretches disagree which
+of the two gains more (t of the difference below `_NEAR_T`). What a simulated model gets wrong elsewhere shifts gains by
+some percent: a spring passed for a gravity compensator with 0.699 against 0.705 of the error explained."""
+_NEAR_IN_NAME = 0.7
+"""The same for effects that the catalogue says are confused with each other: candidates are judged at the few shape
+constants of a grid, and a power law of the speed that no grid value met took Stribeck's name at 0.78 of its gain."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An effect that was found, or could not be seen, and its rivals: what else it may be, hardest first.
+
+    `beside` are the other effects of the model that the data ask for.
+    """
+
+    suspect: EffectChoice
+    rivals: tuple[EffectChoice, ...] = ()
+    beside: tuple[EffectChoice, ...] = ()
+
+
+def list_doubts(
+    picks: Sequence[Finding],
+    recommended: Sequence[EffectChoice],
+    invisible: Sequence[Invisible],
+    robot: Robot,
+    judged: Sequence[ScoredCandidate] = (),
+    asked: Sequence[str] = (),
+) -> tuple[Doubt, ...]:
+    """List what a diagnosis leaves open, first what decides about the first recommendation.
+
+    Findings that may be another effect come in the order in which they are recommended; then effects that somebody
+    asked
+    about, or most arms have, and the data could not have shown.
+
+    Parameters
+    ----------
+    picks, recommended : of equal length
+        The findings, and how they are recommended.
+    invisible : sequence of Invisible
+    robot : Robot
+    judged : sequence of JudgedCandidate
+        All candidates tried beside the diagnosed model: rivals that come near a finding are among them.
+    asked : sequence of effect ids
+        Those that somebody named; the others were only tried because they are in the catalogue.
+
+    Returns
+    -------
+    tuple of Doubt
+    """
+    doubts = []
+    for finding, choice in zip(picks, recommended, strict=True):
+        others = tuple(other for other in recommended if other is not choice)
+        # What came near matters where nothing is equal: with equals there is a plainer question to ask.
+        rivals = _list_rivals(choice, finding.equal)
+        doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
+        doubts += [doubt] if doubt else []
+    hidden: dict[str, list[str]] = {}
+    for invisible_effect in invisible:
+        hidden.setdefault(invisible_effect.effect, []).extend(invisible_effect.joints)
+    recommended_ids = {choice.effect for choice in recommended}
+    unseen_ids = [
+        name
+        for name in dict.fromkeys((*asked, *_list_often_missed()))
+        if name in hidden and name not in recommended_ids
+    ]
+    doubts += [Doubt(_build_unseen_choice(name, hidden[name], robot), (), tuple(recommended)) for name in unseen_ids]
+    return tuple(doubts)
+
+
+def _list_often_missed() -> list[str]:
+    """List what most arms have, most often missed first.
+
+    Effects that no data hint at and hardly any arm has are not worth anybody's time on the robot.
+    """
+    ranks = {name: effect.often_missed for name, effect in CATALOGUE.items() if effect.often_missed is not None}
+    return sorted(ranks, key=ranks.__getitem__)
+
+
+def _list_rivals(choice: EffectChoice, others: Iterable[ScoredCandidate]) -> tuple[EffectChoice, ...]:
+    """Return other names for an effect, one choice each; for an effect of some runs, other links that it may be on.
+
+    Left out are effects that are the same function of every motion, and those so general that they include the effect:
+    no
+    motion tells a special case from what includes it.
+    """
+    same = {choice.effect, *get_effect(choice.effect).same_function}
+    rivals: dict[object, EffectChoice] = {}
+    for scored in others:
+        name = scored.candidate.effect
+        if _is_elsewhere(scored.candidate.choice, choice):
+            rivals.setdefault(scored.candidate.joints, scored.candidate.choice)
+        elif name not in same and choice.effect not in get_effect(name).covers:
+            rivals.setdefault(name, scored.candidate.choice)
+    return tuple(rivals.values())[:_MOST_RIVALS]
+
+
+def _is_elsewhere(other: EffectChoice, choice: EffectChoice) -> bool:
+    """Return whether it is the same effect of some runs on another link."""
+    return (
+        other.effect == choice.effect
+        and get_effect(choice.effect).in_some_runs
+        and not set(other.joints) & set(choice.joints)
+    )
+
+
+def _find_near_doubt(
+    choice: EffectChoice, others: tuple[EffectChoice, ...], judged: Sequence[ScoredCandidate]
+) -> Doubt | None:
+    """Return the doubt raised by a candidate that gains nearly as much as a finding, on some or all of its joints."""
+    own = _find_best_by_place(choice, judged)
+    near = [
+        scored
+        for scored in judged
+        if _is_nearly_as_good(scored, _find_counterpart(scored, choice, own), _are_confused(scored, choice))
+    ]
+    for first in sorted(near, key=lambda scored: -scored.total_gain):
+        place = _get_place(first.candidate.joints, choice)
+        at_issue = tuple(name for name in choice.joints if name in place)
+        same_place = [scored for scored in near if _get_place(scored.candidate.joints, choice) == place]
+        rivals = _list_rivals(choice, sorted(same_place, key=lambda scored: -scored.total_gain))
+        if rivals:
+            rest = tuple(name for name in choice.joints if name not in place)
+            undoubted = (replace(choice, joints=rest),) if rest else ()
+            return Doubt(replace(choice, joints=at_issue), rivals, (*others, *undoubted))
+    return None
+
+
+def _find_best_by_place(
+    choice: EffectChoice, judged: Sequence[ScoredCandidate]
+) -> dict[frozenset[str], ScoredCandidate]:
+    """Return the best candidate of the finding's effect on each subset of its joints."""
+    best: dict[frozenset[str], ScoredCandidate] = {}
+    for scored in sorted(judged, key=lambda scored: -scored.total_gain):
+        joints = frozenset(scored.candidate.joints)
+        within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)
+        if scored.candidate.effect == choice.effect and within:
+            best.setdefault(joints, scored)
+    return best
+
+
+def _get_place(joints: Sequence[str], choice: EffectChoice) -> frozenset[str]:
+    """Return the joints of a finding that a rival is about: its own, or all where one of them is the whole robot."""
+    return frozenset(joints) if joints and choice.joints else frozenset(choice.joints)
+
+
+def _find_counterpart(
+    scored: ScoredCandidate, choice: EffectChoice, own: Mapping[frozenset[str], ScoredCandidate]
+) -> ScoredCandidate | None:
+    """Return the candidate of the finding that a rival is compared with; None where they do not compare."""
+    if bool(scored.candidate.joints) == bool(choice.joints):
+        return own.get(frozenset(scored.candidate.joints))
+    # What is on a joint and what belongs to the whole robot are known to be taken for one another, or they are not.
+    return own.get(frozenset(choice.joints)) if _are_confused(scored, choice) else None
+
+
+def _are_confused(scored: ScoredCandidate, choice: EffectChoice) -> bool:
+    """Return whether the catalogue warns that one of two effects is taken for the other."""
+    name = scored.candidate.effect
+    return name in get_effect(choice.effect).confused_with or choice.effect in get_effect(name).confused_with
+
+
+def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, confused: bool) -> bool:
+    if best is None or scored.total_gain <= 0:
+        return False
+    if scored.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:
+        return True
+    return scored.total_gain >= _NEAR * best.total_gain and compute_t(best.gains - scored.gains) < _NEAR_T
+
+
+def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
+    """Return an effect that could not be seen, with shape constants from the middle of its grid."""
+    names = tuple(dict.fromkeys(joints))
+    first = robot.get_movers(names[0])[0] if names else 0
+    grid = CATALOGUE[effect].grid(robot, first)
+    shape = grid[len(grid) // 2] if grid else {}
+    return EffectChoice(effect, names, tuple(sorted((name, float(value)) for name, value in shape.items())))

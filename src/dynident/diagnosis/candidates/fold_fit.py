@@ -1,0 +1,213 @@
+"""Fit the model on some blocks of time, and candidates beside it, in batches of equally many columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.diagnosis.candidates.pool import Candidate
+
+# Candidates at once: what their projections take of memory stays in the cache.
+_CHUNK = 128
+
+# So few are asked more quickly as a full matrix than as a sparse one.
+_FEW = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Candidates with k columns each: their numbers (g,), and their columns (g, k) among the `extra` ones."""
+
+    members: IndexArray
+    columns: IndexArray
+
+    @property
+    def width(self) -> int:
+        """Number of columns k."""
+        return int(self.columns.shape[1])
+
+
+def list_extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
+    """(c,): all columns of the candidates, ascending."""
+    return np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
+
+
+def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
+    """The candidates by their number of columns, in handy portions."""
+    portions: list[Batch] = []
+    for width in sorted({len(candidate.columns) for candidate in candidates}):
+        members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
+        columns = np.searchsorted(extra, np.array([candidates[i].columns for i in members], dtype=np.intp))
+        starts = range(0, len(members), _CHUNK)
+        portions += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
+    return tuple(portions)
+
+
+def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
+    """(g, k, k) of every portion, from those of all in a row."""
+    sizes = [portion.columns.size * portion.width for portion in portions]
+    parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
+    return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """Parameters of the candidates of every portion, (g, k) each, among as many columns as `projection` (b, c) has.
+
+    `projection`: what the model says of each of these columns.
+    """
+
+    portions: tuple[Batch, ...]
+    each: tuple[FloatArray, ...]
+    projection: FloatArray
+
+    @cached_property
+    def model_adjustments(self) -> FloatArray:
+        """(g, b): by how much the model's own parameters are smaller beside each candidate, portion by portion."""
+        return np.asarray(self._mixing @ self.projection.T)
+
+    def select_own_columns(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
+        """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
+        if self._mixing.shape[0] <= _FEW:
+            return np.arange(self._mixing.shape[0]), self._dense[:, columns]
+        selected = self._mixing[:, columns]
+        rows = np.flatnonzero(np.diff(selected.indptr))
+        return rows, selected[rows]
+
+    @cached_property
+    def _dense(self) -> FloatArray:
+        return np.asarray(self._mixing.toarray())
+
+    @cached_property
+    def _mixing(self) -> sparse.csr_array:
+        """(g, c): makes of all columns one for every candidate, portion by portion."""
+        widths = np.concatenate([np.full(len(own), own.shape[1]) for own in self.each])
+        values = np.concatenate([own.ravel() for own in self.each])
+        columns = np.concatenate([portion.columns.ravel() for portion in self.portions])
+        ends = np.concatenate([[0], np.cumsum(widths)])
+        return sparse.csr_array((values, columns, ends), shape=(len(widths), self.projection.shape[1]))
+
+
+_RIDGE = 1e-10
+_OWN_RIDGE, _RANK = 1e-9, 1e-8
+_ROUNDING = 1e-12
+"""Share of a sum below which a difference of two sums is what rounding leaves: thousands of terms of 1e-16 each."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointSums:
+    """One joint's sums over stretches, of the w columns of the model and the x of the candidates that it has.
+
+    WᵀW (w, w), WᵀX (w, x), Wᵀy (w,), Xᵀy (x,), and XᵀX within candidates, those of all portions in a row.
+    """
+
+    ww: FloatArray
+    wx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+    xx: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ProductSums:
+    """Weighted sums: WᵀW (b, b), WᵀX (b, c), Wᵀy (b,), Xᵀy (c,), and XᵀX within candidates (g, k, k) by portion."""
+
+    ww: FloatArray
+    wx: FloatArray
+    wy: FloatArray
+    xy: FloatArray
+    xx: tuple[FloatArray, ...]
+
+    def subtract(self, other: ProductSums) -> ProductSums:
+        """The products of the rows that are in these and not in the others.
+
+        A column that none of these rows has leaves rounding errors alone: it is nothing here, not a small column.
+        """
+        seen = _is_left(np.diag(self.ww), np.diag(other.ww))
+        own = [
+            _is_left(np.einsum("gkk->gk", a), np.einsum("gkk->gk", b)) for a, b in zip(self.xx, other.xx, strict=True)
+        ]
+        return ProductSums(
+            (self.ww - other.ww) * (seen[:, None] & seen),
+            (self.wx - other.wx) * seen[:, None],
+            (self.wy - other.wy) * seen,
+            self.xy - other.xy,
+            tuple(
+                (mine - theirs) * (is_present[:, :, None] & is_present[:, None, :])
+                for mine, theirs, is_present in zip(self.xx, other.xx, own, strict=True)
+            ),
+        )
+
+
+def _is_left(whole: FloatArray, part: FloatArray) -> BoolArray:
+    """Which squares of columns have anything of their own once a part of the rows is taken away."""
+    return np.asarray(whole - part > _ROUNDING * whole)
+
+
+class FoldFit:
+    """The model fitted on some stretches, and what is left of every candidate column beside it.
+
+    `chi` (b,) are the model's parameters, `projection` (b, c) what the model says of every candidate column.
+    """
+
+    def __init__(self, sums: ProductSums, portions: Sequence[Batch]) -> None:
+        scale = np.sqrt(np.maximum(np.diag(sums.ww), np.finfo(float).tiny))
+        # Columns are scaled to one, since parameters have different units; the small ridge keeps columns that a fold
+        # lacks solvable.
+        normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        solved = _solve_normal_equations(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
+        self.chi, self.projection = solved[:, 0], solved[:, 1:]
+        right = sums.xy - sums.wx.T @ self.chi
+        self._right, self._rest, self._whole = [], [], []
+        for portion, own in zip(portions, sums.xx, strict=True):
+            explained = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
+            squares = np.einsum("gkk->gk", own)
+            is_present = squares > 0
+            self._rest.append((own - explained) * (is_present[:, :, None] & is_present[:, None, :]))
+            self._whole.append(np.maximum(squares, np.finfo(float).tiny))
+            self._right.append(right[portion.columns] * is_present)
+
+    def fit_amplitudes(self, number: int) -> FloatArray:
+        """(g, k): parameters of a portion's candidates, each fitted beside the model."""
+        scale, normal = self._scale_products(number)
+        normal = normal + _OWN_RIDGE * np.eye(normal.shape[2])
+        right = self._right[number] / scale
+        if normal.shape[2] == 1:
+            return np.asarray(right / np.maximum(normal[:, :, 0], np.finfo(float).tiny) / scale)
+        inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
+        return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
+
+    def compute_unit_directions(self, number: int) -> FloatArray:
+        """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
+        scale, normal = self._scale_products(number)
+        values, vectors = np.linalg.eigh(normal)
+        is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
+        root = np.where(is_determined, 1.0 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
+        return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
+
+    def compute_separability(self, number: int) -> FloatArray:
+        """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""
+        share = np.einsum("gkk->gk", self._rest[number]) / self._whole[number]
+        return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
+
+    def _scale_products(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """The columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
+        scale = np.sqrt(self._whole[number])
+        return scale, self._rest[number] / (scale[:, :, None] * scale[:, None, :])
+
+
+def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution (b, k) of normal equations (b, b); of all that fit equally well the smallest.
+
+    Without one of the runs, the others may not determine the model: joints that stand still, a single posture.
+    """
+    try:
+        return np.asarray(cho_solve(cho_factor(normal), right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(normal, rcond=_RANK, hermitian=True) @ right)

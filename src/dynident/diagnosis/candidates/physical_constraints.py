@@ -1,0 +1,130 @@
+"""Whether nature can be so: friction takes energy, a mass or a compliance is above zero."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import compute_deviations
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.effects import Estimate, get_effect, get_spec
+
+_GIVEN_BACK = 0.1
+# A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
+_DEVIATIONS, _CORRELATION = 2.0, 10.0
+
+
+def is_physically_possible(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
+    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
+    rows = data.select_for_model(columns)
+    values, doubts = _fit_columns(rows, columns, noise)
+    if get_effect(scored.candidate.effect).is_friction and not _is_dissipative(rows, pool, columns, values, scored):
+        return False
+    estimates = _build_estimates(values, doubts)
+    if get_effect(scored.candidate.effect).is_friction and not _keeps_friction_sign(pool, base, estimates, scored):
+        return False
+    own = estimates[len(base) :]
+    if pool.is_change(scored.candidate):
+        # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
+        difference_deviations = compute_deviations(
+            JointBlocks.from_products(rows, columns[: len(base)], [scored.candidate]), 1, noise
+        )[0]
+        return _is_possible_change(pool, base, scored, _build_estimates(values[len(base) :], difference_deviations))
+    return all(
+        get_effect(scored.candidate.effect).is_plausible(known) for _, known in _group_by_link(pool, scored, own)
+    )
+
+
+def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
+    return [
+        Estimate(float(value), float(_DEVIATIONS * deviation))
+        for value, deviation in zip(values, deviations, strict=True)
+    ]
+
+
+def _group_by_link(
+    pool: Pool, scored: ScoredCandidate, own: Sequence[Estimate]
+) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
+    """A candidate's parameters by name, on each joint that it sits on."""
+    by_link: dict[str, dict[str, Estimate]] = {}
+    for k, estimate in zip(scored.candidate.columns, own, strict=True):
+        column = pool.observation.columns[k]
+        by_link.setdefault(column.link, {})[column.parameter] = estimate
+    return by_link.items()
+
+
+def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
+    """Whether the later days may differ so: by less, too, where there is something to lose.
+
+    Friction wears in, a mass is taken off; what the other days do not have can only be added.
+    """
+    effect = get_effect(scored.candidate.effect)
+    columns = [pool.observation.columns[k] for k in base]
+    had = {column.link for column in columns if column.effect == effect.id}
+    return all(
+        effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
+        for link, known in _group_by_link(pool, scored, own)
+    )
+
+
+def _keeps_friction_sign(
+    pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
+) -> bool:
+    """Whether the friction that the model has on a candidate's joints keeps its sign beside it.
+
+    A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
+    """
+    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
+    for k, estimate in zip(base, estimates, strict=False):
+        column = pool.observation.columns[k]
+        effect = get_effect(column.effect)
+        if effect.is_friction and column.link in joints:
+            spec = get_spec(column)
+            if spec is not None and not spec.admits(estimate):
+                return False
+    return True
+
+
+def _is_dissipative(
+    data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
+
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    """
+    for j in scored.joints:
+        where = data.position[j]
+        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
+        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
+        if not len(coulomb) or not len(friction):
+            continue
+        places = where[columns[friction]]
+        work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
+        if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
+            return False
+    return True
+
+
+def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Parameters (k,) of columns, fitted to all stretches, and their standard deviations (k,)."""
+    k = len(columns)
+    normal, right = np.zeros((k, k)), np.zeros(k)
+    for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
+        have = np.flatnonzero(where[columns] >= 0)
+        places = where[columns[have]]
+        total = data.sum_products(joint, np.append(places, -1)) / sigma**2
+        normal[np.ix_(have, have)] += total[:-1, :-1]
+        right[have] += total[:-1, -1]
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
+    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

@@ -1,0 +1,227 @@
+"""When an improvement on held-out data counts as a finding, and when two explanations count as equal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.familywise_test import compute_evenness
+from dynident.diagnosis.candidates.pool import Candidate
+from dynident.diagnosis.candidates.scoring import Score
+from dynident.diagnosis.residuals.time_blocks import compute_median_error, compute_t
+from dynident.effects import CATALOGUE
+
+ALPHA = 0.01
+"""How often anything at all may be named, by chance, in an arm where nothing is missing (`benchmarks/placebo.py`)."""
+
+SMALLEST_ERROR_DROP = 0.02
+"""Share of the held-out error, in N m, that an effect must remove where it is said to be: less nobody would notice."""
+
+SMALLEST_DROP = 0.04
+"""The same as a share of the squared error of the joint that it helps most."""
+
+SMALLEST_GAIN_OVER_NOISE = 0.08
+"""Share of the sensor noise's own power that an effect must remove: less would be no matter to anybody. Up to a quarter
+most names are right ones still (`benchmarks/smallest_gain.py`)."""
+
+SMALLEST_GAIN_AT_REVERSALS = 0.3
+"""The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""
+
+_CAP = 3.0
+# Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
+_MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredCandidate:
+    """A candidate with its score in interleaved and contiguous folds.
+
+    `drop` is the share of the squared held-out error that it removes: of an effect of a single joint or of the whole
+    robot on the joint where that share is largest, of a group on all its joints; the smaller of the two fold kinds.
+    `total_drop`, over all joints that it acts on, likewise; `gains` (s,) the drop of every stretch in units of the
+    noise, all joints, fold kinds averaged, and `t` that of their roots over the stretches; `measured` (n,) the squared
+    torque; `after_weighted` (s,) what is left on its joints, in units of the noise. `p` is that of the family-wise test
+    among all candidates of its round.
+    """
+
+    candidate: Candidate
+    joints: tuple[int, ...]
+    before: FloatArray
+    after: FloatArray
+    drop: float
+    total_drop: float
+    t: float
+    gains: FloatArray
+    separability: float
+    amplitudes: FloatArray
+    share_improved: float
+    measured: FloatArray
+    after_weighted: FloatArray
+    p: float = 1.0
+
+    @property
+    def n_columns(self) -> int:
+        """Number of the candidate's amplitudes."""
+        return len(self.candidate.columns)
+
+    @property
+    def complexity(self) -> int:
+        """Number of parameters of the effect on so many joints, whether or not each of them acts on this robot."""
+        effect = CATALOGUE.get(self.candidate.effect)
+        each = len(effect.parameters) if effect else self.n_columns
+        return each * max(1, len(self.candidate.joints))
+
+    @property
+    def freedom(self) -> int:
+        """The same with the shape constants that the data chose: the best of forty springs is no plain offset."""
+        effect = CATALOGUE.get(self.candidate.effect)
+        return self.complexity + (sum(spec.refined is not None for spec in effect.shapes) if effect else 0)
+
+    @property
+    def total_gain(self) -> float:
+        """What the candidate removes in all, in units of the noise."""
+        return float(self.gains.sum())
+
+    @property
+    def reported_joints(self) -> list[int]:
+        """Joints that errors are told of: those named; of an effect of the whole robot all that it acts on."""
+        named = len(self.candidate.joints)
+        if not named or named == len(self.joints):
+            return list(self.joints)
+        # An effect of one joint that acts on others too: the joint that it helps most.
+        removed = (self.before - self.after).sum(axis=0) / np.maximum(self.before.sum(axis=0), np.finfo(float).tiny)
+        return [max(self.joints, key=lambda j: float(removed[j]))]
+
+    @property
+    def error_drop(self) -> float:
+        """Share of the held-out error, in N m, that it removes on the joints that it is told of."""
+        joints = self.reported_joints
+        before, after = float(self.before[:, joints].sum()), float(self.after[:, joints].sum())
+        return 1.0 - float(np.sqrt(after / before)) if before > 0 else 0.0
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the improvement is large enough to matter, and no chance: among all that was tried, and by itself.
+
+        By itself, what it gains where it was not fitted has to be above zero: scores alone are of the data that it was.
+        """
+        matters = self.drop >= SMALLEST_DROP and self.error_drop >= SMALLEST_ERROR_DROP
+        return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
+
+    def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
+        """Whether it still improves the prediction beside all that was found."""
+        return self.drop >= least_drop and self.t >= least_t
+
+
+@dataclass(frozen=True, eq=False)
+class BaselineErrors:
+    """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
+
+    `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
+    one's.
+    """
+
+    weighted: FloatArray
+    factor: FloatArray
+
+    @classmethod
+    def from_errors(cls, before: FloatArray, noise: FloatArray) -> BaselineErrors:
+        """From squared errors (s, n) and the noise (n,)."""
+        weighted = before / noise**2
+        whole = weighted.sum(axis=1)
+        return cls(weighted, np.minimum(1.0, _CAP * compute_median_error(whole) / np.maximum(whole, 1e-300)))
+
+
+def combine_scores(
+    scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[BaselineErrors] | None = None
+) -> ScoredCandidate:
+    """Put a candidate's scores in the two kinds of folds together.
+
+    Parameters
+    ----------
+    scores : one a kind of folds
+    joints : indices of the joints that the candidate acts on
+    noise : (n,)
+    bars : what the model alone leaves, one a kind of folds, where that is at hand
+    """
+    bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
+    drops, totals, gains = [], [], []
+    index = list(joints)
+    for score, bar in zip(scores, bars, strict=True):
+        before = bar.weighted
+        # Nothing can gain more than there was; nor does a loss count for more, where a fold leaves out what decides.
+        gain = before - np.minimum(score.after / noise**2, 2.0 * before)
+        gains.append(gain.sum(axis=1) * bar.factor)
+        base, own = bar.factor @ before[:, index], bar.factor @ gain[:, index]
+        drops.append(own / np.maximum(base, np.finfo(float).tiny))
+        totals.append(float(own.sum()) / max(float(base.sum()), np.finfo(float).tiny))
+    # An effect that acts on several joints may help one of them alone; a group of single ones is judged by all.
+    alone = len(scores[0].candidate.joints) < 2
+    mean_gain = _average_arrays(gains)
+    before = _average_arrays([score.before for score in scores])
+    after = _average_arrays([np.minimum(score.after, 2.0 * score.before) for score in scores])
+    return ScoredCandidate(
+        candidate=scores[0].candidate,
+        joints=joints,
+        before=before,
+        after=after,
+        drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
+        total_drop=min(totals),
+        t=float(compute_evenness(mean_gain[None])[0]),
+        gains=mean_gain,
+        separability=scores[0].separability,
+        amplitudes=scores[0].amplitudes,
+        share_improved=float(np.mean(mean_gain > 0)),
+        measured=scores[0].measured,
+        after_weighted=(after / noise**2)[:, index].sum(axis=1),
+    )
+
+
+def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:
+    """Of a few large arrays: without stacking them."""
+    first, *others = values
+    return np.asarray(sum(others, first) / len(values))
+
+
+def are_indistinguishable(best: ScoredCandidate, other: ScoredCandidate) -> bool:
+    """Whether the stretches do not tell two explanations apart: mean difference below its standard error."""
+    difference = best.gains - other.gains
+    return abs(compute_t(difference)) < 1.0 or np.allclose(difference, 0.0)
+
+
+def select_simplest(judged: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]:
+    """The simplest candidate that the best one does not beat by a finding; and those the data cannot tell from it.
+
+    Fewer columns are preferred as long as what more of them gain would not pass the gate itself; among equally many
+    the larger gain decides.
+    """
+    ordered = sorted(judged, key=lambda scored: -scored.total_gain)
+    best = ordered[0]
+    plain = [scored for scored in ordered if scored is best or not _is_worth_complexity(best, scored)]
+    slimmest = min(scored.complexity for scored in plain)
+    slim = [scored for scored in plain if scored.complexity == slimmest]
+    # Of those on other joints that gain as much, the one whose gain is most even: on a wrong joint gains are by chance.
+    elsewhere = [scored for scored in slim if scored.candidate.joints != slim[0].candidate.joints]
+    chosen = max(
+        [slim[0], *(scored for scored in elsewhere if are_indistinguishable(slim[0], scored))], key=lambda i: i.t
+    )
+    return chosen, tuple(scored for scored in ordered if scored is not chosen and are_indistinguishable(chosen, scored))
+
+
+def _is_worth_complexity(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
+    """Whether the more complex candidate removes enough more of the error, often enough."""
+    return simpler.complexity >= best.complexity or has_larger_gain(best, simpler)
+
+
+def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
+    """Whether a candidate removes so much more of the error than another that it may be more complex."""
+    difference = best.gains - simpler.gains
+    remaining = float(simpler.after_weighted.sum())
+    more = float(difference.sum())
+    if more >= _MUCH_MORE * best.total_gain:
+        return True
+    return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and compute_t(difference) >= 2.0

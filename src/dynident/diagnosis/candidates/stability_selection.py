@@ -1,0 +1,65 @@
+"""Would the same name be found in other data of the same kind? Stretches of time drawn anew, and each run left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.effects import get_effect
+
+FOUND_AGAIN = 0.9
+"""In so many of the resamplings a name has to come first again."""
+
+_DRAWS = 200
+_SEED = 21
+
+_MORE = 0.2
+"""A candidate with more parameters takes the place of a simpler one if it gains so much more."""
+
+
+def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredCandidate], run: IndexArray) -> float:
+    """Share of resamplings in which one of these names for a finding is not overtaken by another.
+
+    Parameters
+    ----------
+    names : sequence of JudgedCandidate
+        The names that the data do not tell apart, the chosen one first.
+    rivals : sequence of JudgedCandidate
+        Candidates that would take its place, beside which nothing of it is left.
+    run : (s,)
+        Which run every stretch is of: without any one of several, the name has to stand as well.
+    """
+    if not rivals:
+        return 1.0
+    margins = np.array([[_compute_margin(name, rival) for rival in rivals] for name in names])
+    s = len(names[0].gains)
+    drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
+    share = _compute_share_ahead(margins, drawn)
+    runs = np.unique(run)
+    if len(runs) < 2:
+        return share
+    without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
+    return min(share, _compute_share_ahead(margins, without))
+
+
+def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:
+    """Of draws (d, s) the share in which a name (f, r, s) is ahead of all rivals."""
+    return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
+
+
+def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
+    """Whether a candidate would be another name: another effect, that is not known to be the same function."""
+    mine, theirs = get_effect(chosen.candidate.effect), get_effect(rival.candidate.effect)
+    if theirs.id == mine.id:
+        return False
+    return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
+
+
+def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArray:
+    """(s,): by how much each stretch speaks for the chosen candidate; below zero in sum it would not be chosen."""
+    if rival.complexity > chosen.complexity:
+        return np.asarray(chosen.gains - (1.0 - _MORE) * rival.gains)
+    return np.asarray(chosen.gains - rival.gains)

@@ -1,0 +1,332 @@
+"""Diagnose a model: rank every effect by its prediction of held-out data, and recommend those that pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.diagnosis.ambiguities import Doubt, list_doubts
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.pool import Pool, build_pool
+from dynident.diagnosis.changes import (
+    add_friction_differences,
+    compute_friction_differences,
+    identify_on_both,
+    list_changes,
+    word_changes,
+)
+from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.diagnosis.comparing.noise import estimate_sensor_noise
+from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
+from dynident.diagnosis.misattribution import find_dependent_findings, find_misnamed, is_only_helpful_at_first
+from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, check_candidates
+from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
+from dynident.diagnosis.residuals.resolution import compute_resolution
+from dynident.diagnosis.residuals.shape_proposals import propose_shapes
+from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
+from dynident.diagnosis.search.contacts import find_contacts
+from dynident.diagnosis.search.detection_power import find_invisible, find_too_uncertain
+from dynident.diagnosis.search.forward_selection import search_findings
+from dynident.diagnosis.search.refine import RecordedSource, refine_findings
+from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
+from dynident.diagnosis.search.static_friction import find_static_friction
+from dynident.diagnosis.summary import (
+    UNDETERMINED,
+    compute_residual_over_noise,
+    rank_effects,
+    select_verdict,
+    word_summary,
+)
+from dynident.effects import EffectChoice, get_effect
+from dynident.effects.catalogue import is_lasting_change
+from dynident.errors import DynidentError
+from dynident.identification import Identification, extend, reidentify
+from dynident.identification.equations.reduce_data import split_friction_tests
+from dynident.identification.study.extending import extend_at_once
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.recordings.poses import has_poses
+
+_AT_FIRST = (
+    "what it explains beside the model as it is, it does not explain in one that is identified with it: the motion "
+    "hardly determines the torque that it depends on"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A diagnosis, its doubts, most important first, and the data behind it.
+
+    `identification` is the model in question, identified on both sets of recordings where there was a baseline;
+    `comparisons` are its predictions of each of `recordings`, without tests of single joints' friction.
+    """
+
+    diagnosis: Diagnosis
+    doubts: tuple[Doubt, ...]
+    identification: Identification
+    comparisons: tuple[Comparison, ...]
+    recordings: tuple[Recording, ...]
+
+
+def diagnose(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    baseline: Sequence[Recording] = (),
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    progress: Progress = ignore_progress,
+) -> Diagnosis:
+    """Find the effects that are missing in an identified model.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+        The data to learn from; usually those the model was identified on. A recommended effect has improved the
+        prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
+    baseline : sequence of Recording, optional
+        Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
+        is
+        then identified on both.
+    candidates : sequence of effect ids, optional
+        Only these effects; the whole catalogue otherwise.
+    most_effects : int
+        At most so many effects are recommended.
+    progress : Progress
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, in which nothing that is missing shows.
+    """
+    return examine(
+        identification,
+        recordings,
+        baseline=baseline,
+        candidates=candidates,
+        most_effects=most_effects,
+        progress=progress,
+    ).diagnosis
+
+
+@single_threaded
+def examine(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    *,
+    baseline: Sequence[Recording] = (),
+    candidates: Sequence[str] | None = None,
+    most_effects: int = DEFAULT_MOST_EFFECTS,
+    progress: Progress = ignore_progress,
+) -> Examination:
+    """Find missing effects as `diagnose` does, and keep what advice on the next experiment needs.
+
+    Parameters
+    ----------
+    identification, recordings, baseline, candidates, most_effects, progress
+        As for `diagnose`.
+
+    Returns
+    -------
+    Examination
+
+    Raises
+    ------
+    DynidentError
+        For recordings of poses at rest, in which nothing that is missing shows.
+    """
+    check_candidates(candidates or ())
+    if any(has_poses(recording) for recording in (*recordings, *baseline)):
+        raise DynidentError(
+            "poses at rest show gravity and constant torques, which the model has; what is missing shows in motion: "
+            "record one, and identify from it",
+            pointer="/measurement_ids",
+            title="Poses at rest",
+        )
+    recordings, _ = split_friction_tests(recordings)
+    since: tuple[str, ...] = ()
+    n_later = len(recordings)
+    if baseline:
+        identification, recordings, since = identify_on_both(identification, baseline, recordings)
+    identification = _reidentify_unweighted(identification)
+    # A push of a few seconds shifts all parameters, and its traces look like missing friction. So disturbed seconds are
+    # taken out before anything else.
+    undisturbed = leave_out_disturbances(identification, recordings)
+    identification, recordings = undisturbed.identification, undisturbed.recordings
+    model = identification.model
+    comparisons = [compare(identification, recording, scale_progress(progress, 0.0, 0.1)) for recording in recordings]
+    resolved = compute_resolution(comparisons, identification.preprocessing)
+    leads = propose_shapes(comparisons, recordings, identification, since)
+    pool = build_pool(model, candidates, leads, resolved)
+    floor = estimate_sensor_noise(recordings, identification.preprocessing)
+    reference = identification.estimate.next_reference()
+    rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
+    start = _build_start_state(data, pool, identification, floor)
+    first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
+    # First the best candidates of a coarse grid, then their shape constants, on all rows.
+    picks, given_up = search_findings(data, pool, start, first, most_effects, rows, scale_progress(progress, 0.5, 0.8))
+    picks, recommended = refine_findings(
+        identification, picks, recordings, reference, resolved, floor, since, scale_progress(progress, 0.8, 0.9)
+    )
+    # The findings are put to the test by identifying the model with them. Some cannot be added, or explain nothing any
+    # more in that model.
+    grown, undetermined = _extend_model(identification, recommended, recordings, scale_progress(progress, 0.9, 1.0))
+    picks, recommended = _drop_findings(picks, recommended, list(undetermined))
+    final = _compare_extended(identification, grown, recordings, comparisons)
+    unknown = find_unknown_patterns(final)
+    # An effect whose residual still depends on the same variable has the wrong name, and misleads what was found after
+    # it.
+    wrong = find_misnamed(picks, recommended, unknown, final)
+    if wrong:
+        picks, recommended = _drop_findings(picks, recommended, [*wrong, *find_dependent_findings(picks, wrong, first)])
+        grown, _ = _extend_model(identification, recommended, recordings, ignore_progress)
+        final = _compare_extended(identification, grown, recordings, comparisons)
+        unknown = find_unknown_patterns(final)
+    # Of two days, halts would have to be asked apart.
+    if not baseline:
+        grown, final, held = find_static_friction(grown, recordings, final, candidates)
+        picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
+        unknown = find_unknown_patterns(final) if held else unknown
+    residual = _compute_rms(final)
+    contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
+    pushes = tuple(finding.judged.candidate.choice for finding in contacts)
+    ranked = rank_effects((*contacts, *picks), first, (*pushes, *recommended))
+    unknown = (*undisturbed.unexplained_patterns, *unknown)
+    changes: tuple[Change, ...] | None = None
+    friction: tuple[FrictionDifference, ...] = ()
+    if baseline:
+        grown = add_friction_differences(grown, since, recordings)
+        # The contacts stand first in the ranking, and are no changes of the robot.
+        changes = list_changes(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
+        friction = compute_friction_differences(grown, since, final[-n_later:])
+    # What changed is no part of the model: that is of both sets of recordings.
+    missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
+    verdict = select_verdict(missing, unknown, compute_residual_over_noise(final, floor))
+    lasting_effects = [ranked_effect for ranked_effect in ranked if not is_lasting_change(ranked_effect.choice, since)]
+    hidden = (*undetermined.values(), *find_invisible(first))
+    sentences = [*undisturbed.sentences, word_summary(verdict, lasting_effects, unknown, residual, floor, model)]
+    if given_up:
+        sentences.append(UNDETERMINED)
+    if changes is not None:
+        sentences.insert(0, word_changes(changes, friction))
+    progress(1.0, "diagnosed")
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        summary=" ".join(sentences),
+        noise_floor=floor,
+        residual_rms=residual,
+        candidates=ranked,
+        recommended=missing,
+        unknown=unknown,
+        not_visible=hidden + find_too_uncertain(data, pool, start.base, picks, hidden),
+        failure_map=build_failure_map(comparisons),
+        changes=changes,
+        friction=friction,
+    )
+    doubts = list_doubts(picks, recommended, hidden, model.robot, first, candidates or ())
+    return Examination(diagnosis, doubts, identification, tuple(comparisons), tuple(recordings))
+
+
+def _reidentify_unweighted(identification: Identification) -> Identification:
+    """Identify the model once more with equally weighted rows, by plain least squares, where it was not.
+
+    Missing friction shows where joints reverse, which weights would hide. And what keeps parameters to bodies that can
+    exist would be in the residual as if it were missing, too.
+    """
+    choices, estimate = identification.choices, identification.estimate
+    is_held = choices.solver.possible_where_free
+    if not (choices.weighs_turns or is_held) or not choices.plan.from_reduced or estimate.not_essential:
+        return identification
+    estimator = "wls" if is_held else choices.estimator
+    return reidentify(identification, replace(choices, weigh_turns=False, estimator=estimator))
+
+
+def _build_start_state(data: PhasedProducts, pool: Pool, identification: Identification, floor: FloatArray) -> State:
+    """Return the state that the search starts from: the model with the contacts that disturb it."""
+    base, noise = tuple(range(pool.n_base)), identification.noise
+    picks = find_contacts(data, pool, base, noise, identification.preprocessing)
+    for finding in picks:
+        base += finding.columns
+    return State(base, estimate_residual_noise(data, base) if picks else noise, floor, picks, pool.since)
+
+
+def _compute_rms(comparisons: Sequence[Comparison]) -> FloatArray:
+    squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in comparisons], axis=0)
+    counts = np.sum([c.counted_rows.sum(axis=0) for c in comparisons], axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(counts, 1)), dtype=np.float64)
+
+
+def _extend_model(
+    identification: Identification,
+    recommended: Sequence[EffectChoice],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> tuple[Identification, dict[int, Invisible]]:
+    """Extend the model by all recommended effects; return also, by number, those that cannot be added or help no more.
+
+    First-order effects come one by one: each is about the torque that the model with those before it predicts.
+    """
+    grown = identification
+    undetermined: dict[int, Invisible] = {}
+    for portion in _group_portions(recommended):
+        portion_progress = scale_progress(progress, portion[0] / len(recommended), (portion[-1] + 1) / len(recommended))
+        if len(portion) > 1:
+            # One after another where one of them cannot be added.
+            with suppress(DynidentError):
+                grown = extend_at_once(grown, [recommended[number] for number in portion], recordings, portion_progress)
+                continue
+        for number in portion:
+            choice = recommended[number]
+            try:
+                with_it = extend(grown, [choice], recordings, (), portion_progress)
+            except DynidentError as error:
+                undetermined[number] = Invisible(choice.effect, choice.joints, f"it cannot be added: {error.detail}")
+                continue
+            if is_only_helpful_at_first(grown, with_it, choice):
+                undetermined[number] = Invisible(choice.effect, choice.joints, _AT_FIRST)
+            else:
+                grown = with_it
+    return grown, undetermined
+
+
+def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
+    """Group the choices, in their order, into portions that can be added at once."""
+    first_order = [get_effect(choice.effect).first_order for choice in recommended]
+    portions: list[list[int]] = []
+    for number in range(len(recommended)):
+        if number and not any(first_order[number - 1 : number + 1]):
+            portions[-1].append(number)
+        else:
+            portions.append([number])
+    return portions
+
+
+def _drop_findings(
+    picks: tuple[Finding, ...], recommended: tuple[EffectChoice, ...], gone: Sequence[int]
+) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
+    """Return the findings without those of these numbers."""
+    remaining = [k for k in range(len(picks)) if k not in gone]
+    return tuple(picks[k] for k in remaining), tuple(recommended[k] for k in remaining)
+
+
+def _compare_extended(
+    identification: Identification,
+    grown: Identification,
+    recordings: Sequence[Recording],
+    comparisons: Sequence[Comparison],
+) -> list[Comparison]:
+    """Compare the model with everything recommended in it with the recordings."""
+    if grown is identification:
+        return list(comparisons)
+    return [compare(grown, recording) for recording in recordings]

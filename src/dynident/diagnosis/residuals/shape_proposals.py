@@ -1,0 +1,99 @@
+"""Where to look for effects that no grid can offer: lines in the residual's spectra, bursts, groups of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.residuals.spectral_peaks import (
+    AngleLines,
+    find_angle_lines,
+    find_base_vibration,
+    find_motion_lines,
+)
+from dynident.diagnosis.residuals.time_blocks import find_bursts
+from dynident.identification import Identification
+from dynident.recordings import Recording
+
+_MOST_GROUPS = 16
+
+
+@dataclass(frozen=True)
+class ShapeProposals:
+    """Where to look for effects that a grid cannot offer, from the recordings and their residual.
+
+    `angle_lines`: lines in the residual over a joint's angle; `time_lines`: Hz of lines over time; `bursts`: (run
+    label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs that an effect may be limited to;
+    `has_temperature`: whether all recordings have one; `session`: s that the clock of all recordings has run, 0 where
+    it starts anew in each; `since`: labels of the later runs, where what changed between them and the others is asked.
+    """
+
+    angle_lines: AngleLines = field(default_factory=AngleLines)
+    time_lines: tuple[float, ...] = ()
+    bursts: tuple[tuple[str, float, float], ...] = ()
+    run_groups: tuple[tuple[str, ...], ...] = ()
+    has_temperature: bool = False
+    session: float = 0.0
+    since: tuple[str, ...] = ()
+
+    @property
+    def single_runs(self) -> list[tuple[str, ...]]:
+        """Those groups that are one run each."""
+        return [group for group in self.run_groups if len(group) == 1]
+
+
+def propose_shapes(
+    comparisons: Sequence[Comparison],
+    recordings: Sequence[Recording],
+    identification: Identification,
+    since: tuple[str, ...] = (),
+) -> ShapeProposals:
+    """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
+    highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
+    motion = find_motion_lines(comparisons, highest)
+    signals, reference = identification.model.signals, identification.estimate.next_reference()
+    return ShapeProposals(
+        angle_lines=find_angle_lines(comparisons, identification.model.robot),
+        time_lines=tuple(find_base_vibration(comparisons, signals, reference, highest, motion)),
+        bursts=tuple(
+            (recording.name_segment(segment), start, end)
+            for comparison, recording in zip(comparisons, recordings, strict=True)
+            for segment, start, end in find_bursts(comparison)
+        ),
+        # What the later runs have is asked of each link by itself.
+        run_groups=() if since else tuple(list_run_groups(recordings)),
+        has_temperature=all(recording.has_temperature for recording in recordings),
+        session=compute_session_length(recordings),
+        since=since,
+    )
+
+
+def compute_session_length(recordings: Sequence[Recording]) -> float:
+    """Seconds from the first to the last sample; 0 where t starts anew in every recording, so that it is no clock."""
+    spans = sorted(
+        (segment.start_time, segment.start_time + segment.length * recording.period)
+        for recording in recordings
+        for segment in recording.segments
+    )
+    if any(after[0] < before[1] - 1e-6 for before, after in pairwise(spans)):
+        return 0.0
+    return spans[-1][1] - spans[0][0]
+
+
+def list_run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
+    """Sets of runs that something may have been attached in: those that say so, single ones, the first or last few."""
+    labels = list(dict.fromkeys(label for recording in recordings for label in recording.segment_names))
+    groups: list[tuple[str, ...]] = []
+    if any(recording.payload is not None for recording in recordings):
+        groups.append(())
+    count = len(labels)
+    proposals: list[tuple[str, ...]] = [(label,) for label in labels]
+    proposals += [tuple(labels[:k]) for k in range(2, count)] + [tuple(labels[k:]) for k in range(1, count - 1)]
+    for group in proposals if count > 1 else []:
+        if group not in groups and len(group) < count:
+            groups.append(group)
+    return groups[:_MOST_GROUPS]

@@ -1,0 +1,331 @@
+"""Which of the candidates that pass is added: the simplest that explains as much, on the joints that gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dynident.array_types import IndexArray
+from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.physical_constraints import is_physically_possible
+from dynident.diagnosis.candidates.pool import Candidate, Pool
+from dynident.diagnosis.candidates.significance import (
+    ALPHA,
+    SMALLEST_ERROR_DROP,
+    ScoredCandidate,
+    has_larger_gain,
+    select_simplest,
+)
+from dynident.diagnosis.candidates.stability_selection import FOUND_AGAIN, compute_stability, is_other_name
+from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.search.acceptance import (
+    VISIBLE,
+    has_gain_on_joint,
+    is_acceptable,
+    is_too_small,
+    is_too_small_for_runs,
+)
+from dynident.diagnosis.search.state import State, score_all
+from dynident.effects import get_effect
+from dynident.effects.catalogue import is_lasting_change
+
+# A group is one effect as long as its joints together would not gain so many times as much, each by itself.
+_ONE_BY_ONE = 1.3
+_AS_MUCH = 0.9
+"""Of what a change explains: warmth that says so much of it leaves nothing that need have changed."""
+# What gains so much of it still once the chosen effect is in the model is another finding, and no rival.
+_STILL = 0.5
+# Of what gains more, so many are asked whether they explain the chosen one away.
+_SHADOWS = 3
+# A rival that gains so much of what the chosen effect does is told from it by this t of the difference.
+_NEARLY, _DECIDED = 0.97, 1.5
+
+
+def select_candidate(
+    data: PhasedProducts, pool: Pool, state: State, judged: Sequence[ScoredCandidate]
+) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
+    """The next effect to add and its equals on this data; None where nothing passes.
+
+    What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
+    less of the same than a torque before its cause is the shadow of something that has no name here.
+    """
+    large = [scored for scored in judged if is_acceptable(state, data, scored)]
+    natural = {id(scored) for scored in large if is_physically_possible(data, pool, state.base, state.noise, scored)}
+    passing = [scored for scored in large if id(scored) in natural]
+    unnatural = [scored for scored in large if id(scored) not in natural]
+    doubted: list[ScoredCandidate] = []
+    shy = [scored for scored in judged if is_too_small_for_runs(state, data, scored)]
+    while passing:
+        best, equal = select_simplest(_drop_split_groups(passing))
+        plainer = _find_plainer(data, pool, state, best, judged)
+        chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
+        lasting = _find_warmth(state, chosen, passing)
+        chosen, equal = (lasting, (chosen, *equal)) if lasting else (chosen, equal)
+        others = [
+            scored
+            for scored in [*passing, *doubted]
+            if is_other_name(chosen, scored) and not _is_part_of_change(chosen, scored)
+        ]
+        if lasting:
+            # Wear that warmth says is no rival to it.
+            others = [scored for scored in others if not is_lasting_change(scored.candidate.choice, state.since)]
+        chosen, twins = _prefer_usual_change(state, chosen, _find_twins(chosen, others, data.moving.run))
+        beyond = [scored for scored in others if all(scored is not twin for twin in twins)]
+        equal = (*(scored for scored in equal if scored is not chosen), *(twin for twin in twins if twin not in equal))
+        hidden = [*_select_first_order(chosen, unnatural), *_find_larger_rivals(data, pool, state, chosen, judged)]
+        if _is_stable(data, pool, state, (chosen, *twins), [*beyond, *hidden]):
+            slim = drop_idle_joints(data, pool, state, chosen, judged)
+            # A single joint that is left of a group has to stand by itself.
+            whole = slim is chosen or len(slim.candidate.joints) > 1
+            by_itself = whole or is_acceptable(state, data, replace(slim, p=chosen.p))
+            shows = by_itself and _helps_where_joints_move(data, pool, state, slim)
+            if shows and not _is_shadow_of_run_effect(data, pool, state, slim, shy):
+                equivalents = equal + _find_confused(slim, judged, equal)
+                return replace(slim, p=chosen.p), equivalents + find_richer_changes(state, slim, passing, equivalents)
+        else:
+            # What takes its place in other draws would be no surer a name for want of it.
+            doubted.append(best)
+        passing = [scored for scored in passing if scored is not best]
+    return None
+
+
+def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run: IndexArray) -> list[ScoredCandidate]:
+    """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
+    mine, runs = set(chosen.joints), chosen.candidate.runs
+
+    def is_undecided(scored: ScoredCandidate) -> bool:
+        level = abs(compute_t(chosen.gains - scored.gains)) < _DECIDED
+        return level or compute_stability([chosen], [scored], run) < FOUND_AGAIN
+
+    alike = [scored for scored in others if scored.candidate.runs == runs and not mine.isdisjoint(scored.joints)]
+    return [scored for scored in alike if scored.total_gain >= _NEARLY * chosen.total_gain and is_undecided(scored)]
+
+
+def _find_plainer(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> ScoredCandidate | None:
+    """What says as much of the same joints with fewer parameters, though it alone would just have missed the level.
+
+    That something is there is what the test says; what it is called is another question.
+    """
+    plainer = [
+        scored
+        for scored in judged
+        if scored.candidate.joints == chosen.candidate.joints
+        and scored.freedom < chosen.freedom
+        and scored.p > ALPHA
+        and not has_larger_gain(chosen, scored)
+        and is_acceptable(state, data, replace(scored, p=chosen.p))
+        and is_physically_possible(data, pool, state.base, state.noise, scored)
+    ]
+    return max((replace(scored, p=chosen.p) for scored in plainer), key=lambda scored: scored.total_gain, default=None)
+
+
+def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
+    """Warmth that says as much as what only the later day is said to have: that is no wear."""
+    if not is_lasting_change(chosen.candidate.choice, state.since):
+        return None
+    places = set(chosen.candidate.joints)
+    lasting = [
+        scored
+        for scored in passing
+        if _is_warmth(scored)
+        and places <= set(scored.candidate.joints)
+        and bool(places) == bool(scored.candidate.joints)
+        and scored.total_gain >= _AS_MUCH * chosen.total_gain
+    ]
+    return max(lasting, key=lambda scored: scored.total_gain, default=None)
+
+
+def _is_part_of_change(chosen: ScoredCandidate, scored: ScoredCandidate) -> bool:
+    """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
+    mine, other = chosen.candidate, scored.candidate
+    together = get_effect(mine.effect).changes_with
+    return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
+
+
+def _is_warmth(scored: ScoredCandidate) -> bool:
+    effect = get_effect(scored.candidate.effect)
+    return effect.needs_temperature or effect.needs_session
+
+
+def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
+    """Those that are sensitivities of the predicted torque as well."""
+    if not get_effect(chosen.candidate.effect).first_order:
+        return []
+    return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
+
+
+def _helps_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> bool:
+    """Whether what remembers the path lowers the error where joints move on, too, and not alone where they turn.
+
+    There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
+    """
+    turns, starts = data.find_row_kinds(chosen.candidate.columns)
+    if not turns:
+        return True
+    (scored,) = score_all(data, pool, state.base, [chosen.candidate], state.noise, kinds=(False, starts))
+    return scored.error_drop >= SMALLEST_ERROR_DROP
+
+
+def _is_shadow_of_run_effect(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]
+) -> bool:
+    """Whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
+
+    A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
+    """
+    places = set(chosen.joints)
+    larger = [
+        scored
+        for scored in shy
+        if not places.isdisjoint(scored.joints)
+        and scored.candidate.runs != chosen.candidate.runs
+        and has_larger_gain(scored, chosen)
+    ]
+    for scored in sorted(larger, key=lambda scored: -scored.total_gain)[:_SHADOWS]:
+        (rescored,) = score_all(data, pool, state.base + scored.candidate.columns, [chosen.candidate], state.noise)
+        if rescored.total_gain < _STILL * chosen.total_gain:
+            return True
+    return False
+
+
+def _find_larger_rivals(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> list[ScoredCandidate]:
+    """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
+
+    The chosen one is no surer a name for want of it.
+    """
+    return [
+        scored
+        for scored in judged
+        if scored.candidate.joints == chosen.candidate.joints
+        and scored.candidate.runs == chosen.candidate.runs
+        and scored.total_gain > chosen.total_gain
+        and scored.is_significant
+        and scored.separability >= VISIBLE
+        and is_too_small(state, data, scored)
+        and data.find_row_kinds(scored.candidate.columns) == data.find_row_kinds(chosen.candidate.columns)
+        and is_physically_possible(data, pool, state.base, state.noise, scored)
+    ]
+
+
+def _prefer_usual_change(
+    state: State, chosen: ScoredCandidate, twins: list[ScoredCandidate]
+) -> tuple[ScoredCandidate, list[ScoredCandidate]]:
+    """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
+    seldom = is_seldom_change(state, chosen)
+    usual = [
+        scored for scored in twins if is_lasting_change(scored.candidate.choice, state.since) and not _is_seldom(scored)
+    ]
+    if not (seldom and usual):
+        return chosen, twins
+    best = max(usual, key=lambda scored: scored.total_gain)
+    return best, [chosen, *(scored for scored in twins if scored is not best)]
+
+
+def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
+    """Whether it is said of the later runs, and robots seldom get it from one day to the next."""
+    return is_lasting_change(scored.candidate.choice, state.since) and _is_seldom(scored)
+
+
+def _is_seldom(scored: ScoredCandidate) -> bool:
+    return get_effect(scored.candidate.effect).seldom_changes
+
+
+def _is_stable(
+    data: PhasedProducts, pool: Pool, state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]
+) -> bool:
+    """Whether the same finding, by any of its names, is made in resampled data.
+
+    Another finding beside it is none that could take its place.
+    """
+    others = [scored for scored in passing if all(is_other_name(name, scored) for name in names)]
+    run, chosen = data.moving.run, names[0]
+    if compute_stability(names, others, run) >= FOUND_AGAIN:
+        return True
+    base = state.base + chosen.candidate.columns
+    rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
+    rivals = [
+        before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
+    ]
+    return compute_stability(names, rivals, run) >= FOUND_AGAIN
+
+
+def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str, ScoredCandidate]:
+    """The best candidate of an effect on every joint by itself, each with its own shape constants."""
+    best: dict[str, ScoredCandidate] = {}
+    for scored in judged:
+        joints = scored.candidate.joints
+        if scored.candidate.effect != effect or len(joints) != 1:
+            continue
+        if joints[0] not in best or scored.total_gain > best[joints[0]].total_gain:
+            best[joints[0]] = scored
+    return best
+
+
+def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
+    """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
+    alone = {effect: _find_best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
+
+    def sum_single_gains(scored: ScoredCandidate) -> float:
+        own = alone[scored.candidate.effect]
+        return sum(own[joint].total_gain for joint in scored.candidate.joints if joint in own)
+
+    return [
+        scored
+        for scored in passing
+        if len(scored.candidate.joints) < 2 or sum_single_gains(scored) < _ONE_BY_ONE * scored.total_gain
+    ]
+
+
+def _find_confused(
+    chosen: ScoredCandidate, judged: Sequence[ScoredCandidate], equal: Sequence[ScoredCandidate]
+) -> tuple[ScoredCandidate, ...]:
+    """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
+    known = {scored.candidate.effect for scored in equal} | {chosen.candidate.effect}
+    confused = get_effect(chosen.candidate.effect).confused_with
+    rivals: dict[str, ScoredCandidate] = {}
+    for scored in judged:
+        name = scored.candidate.effect
+        near = scored.total_gain >= _NEARLY * chosen.total_gain and compute_t(chosen.gains - scored.gains) < _DECIDED
+        if name in confused and name not in known and scored.candidate.joints == chosen.candidate.joints and near:
+            rivals.setdefault(name, scored)
+    return tuple(rivals.values())
+
+
+def find_richer_changes(
+    state: State,
+    chosen: ScoredCandidate,
+    passing: Sequence[ScoredCandidate],
+    equivalents: Sequence[ScoredCandidate],
+) -> tuple[ScoredCandidate, ...]:
+    """Other changes that say more of the same joints, with more parameters, though not surely more.
+
+    The simpler name stands, but what changed may as well be this: a base that leans, of which an offset says the most.
+    """
+    if not is_lasting_change(chosen.candidate.choice, state.since):
+        return ()
+    known = {scored.candidate.effect for scored in (chosen, *equivalents)}
+    richer: dict[str, ScoredCandidate] = {}
+    for scored in sorted(passing, key=lambda scored: -scored.total_gain):
+        same = scored.candidate.runs == chosen.candidate.runs and set(chosen.joints) <= set(scored.joints)
+        if scored.candidate.effect not in known and same and scored.total_gain >= chosen.total_gain:
+            richer.setdefault(scored.candidate.effect, scored)
+    return tuple(scored for scored in richer.values() if not has_larger_gain(scored, chosen))
+
+
+def drop_idle_joints(
+    data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
+) -> ScoredCandidate:
+    """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
+    if len(chosen.candidate.joints) < 2:
+        return chosen
+    movers = pool.observation.robot.get_movers
+    gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, data, chosen, movers(name)[0])]
+    if not gaining or len(gaining) == len(chosen.candidate.joints):
+        return chosen
+    columns = tuple(k for k in chosen.candidate.columns if pool.observation.columns[k].link in gaining)
+    smaller = Candidate(chosen.candidate.effect, tuple(gaining), chosen.candidate.shape, columns, chosen.candidate.runs)
+    return score_all(data, pool, state.base, [smaller], state.noise)[0]

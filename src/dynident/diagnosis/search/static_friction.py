@@ -1,0 +1,363 @@
+"""Static friction above Coulomb friction, told by what holds joints at rest.
+
+A peak of friction that is narrower than the filter hardly shows where a joint moves. But a joint at rest is held by
+all of it, and its equations at rest are no part of the fit: what the moving joint's model cannot hold is seen there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import stats
+
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
+from dynident.diagnosis.candidates.familywise_test import compute_evenness, compute_single_p
+from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
+from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
+from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate
+from dynident.diagnosis.comparing.compare import Comparison, compare
+from dynident.diagnosis.search.harm_check import select_harmless
+from dynident.diagnosis.search.state import KINDS, Finding
+from dynident.effects import CATALOGUE, Effect, EffectChoice
+from dynident.errors import DynidentError
+from dynident.identification import Identification, extend
+from dynident.recordings import Recording
+from dynident.recordings.phases import Phase
+from dynident.robot import Robot
+
+# `benchmarks/held_at_rest.py` calibrates the first five.
+
+_MUCH = 0.2
+"""Share of what the model's friction holds that a halt has to hold beyond it."""
+
+_OVER_NOISE = 3.0
+"""And times the residual where the joint moves. What moves beside a halt leaves 0.15 and 2.3 times in the median."""
+
+_USUAL = 0.4
+"""Share of the halts of a joint without static friction above its Coulomb friction that hold so much more, at most: it
+is more on one such joint in twenty."""
+
+_ALIKE = 0.5
+"""Half of the halts lie at most so far apart, over the middle one: a joint breaks away at the same torque each time, a
+brake holds whatever there is."""
+
+_ALONG = 0.9
+"""Or in so many of them the torque is largest towards the motion beside it, as friction has it: where a filter smears
+halts of unequal length, what it leaves of the same torque is not alike. A brake holds towards either side."""
+
+_LIKE = 2.0
+"""Times what is held, or its part, that the friction is at its width: between widths it is interpolated."""
+
+_LEFT = 0.5
+"""Share of what is held beyond the friction that may be left once the effect is in the model."""
+
+_HALF_OCTAVES = 6
+"""So many below the grid: a peak an eighth as wide as its narrowest leaves nothing where a joint moves."""
+
+_WORTH_A_LOOK = 0.05
+"""How likely the halts may be by chance, one joint alone, for what moves to be asked as well."""
+
+_NOTICED = 1.005
+"""Times the error where the joint moves from which on anybody would notice that it grew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Halts:
+    """The halts (h,) of one joint: what is held beyond the model's friction, at most, in N m or N, and as squares.
+
+    `friction` is what the model's friction holds, `measured` the squared torque. `along`: 1 where the most is held
+    towards the joint's motion at that end of the halt, else 0.
+    """
+
+    beyond: FloatArray
+    friction: FloatArray
+    squares: FloatArray
+    measured: FloatArray
+    along: FloatArray
+
+    @property
+    def share(self) -> FloatArray:
+        """(h,): what is held beyond the friction, over the friction."""
+        return self.beyond / np.maximum(self.friction, np.finfo(float).tiny)
+
+    @property
+    def are_alike(self) -> bool:
+        """Whether what is held is about the same in most halts."""
+        low, middle, high = np.quantile(self.beyond, (0.25, 0.5, 0.75))
+        return bool(high - low <= _ALIKE * middle)
+
+    @property
+    def are_along_the_motion(self) -> bool:
+        """Whether nearly all are held towards the motion beside them, and more than a brake's would be by chance."""
+        number = int(self.along.sum())
+        return number >= _ALONG * len(self.along) and bool(stats.binom.sf(number - 1, len(self.along), 0.5) <= ALPHA)
+
+    @property
+    def look_like_friction(self) -> bool:
+        """Whether they are alike or along the motion, which what a brake holds is not."""
+        return self.are_alike or self.are_along_the_motion
+
+    def count_large(self, noise: float) -> int:
+        """The number of halts that hold much more than a friction that the model has, and than its residual."""
+        much = (self.share >= _MUCH) & (self.beyond >= _OVER_NOISE * noise) & (self.friction > noise)
+        return int(much.sum())
+
+    def compute_p(self, noise: float) -> float:
+        """How likely as many halts are where static friction is not above Coulomb friction."""
+        return float(stats.binom.sf(self.count_large(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
+
+
+def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
+    """The halts of a joint in the comparisons of one model."""
+    halts: list[tuple[float, ...]] = []
+    for comparison in comparisons:
+        standing = comparison.phase[:, joint] == Phase.STANDING
+        broken = np.concatenate([[True], np.diff(comparison.segment) != 0, [True]])
+        edge = np.diff(np.concatenate([[False], standing, [False]]).astype(int))
+        starts = np.flatnonzero(standing & ((edge[:-1] == 1) | broken[:-1]))
+        ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
+        rest, hold = comparison.residual[:, joint], 0.5 * (comparison.upper - comparison.lower)[:, joint]
+        for a, b in zip(starts, ends, strict=True):
+            most = int(a + np.abs(rest[a:b]).argmax())
+            # The rows beside a halt move; at either end of a run there are none.
+            after = broken[a] or (b - most <= most - a and not broken[b])
+            moving_row = min(int(b), len(rest) - 1) if after else int(a) - 1
+            along = rest[most] * comparison.dq[moving_row, joint] > 0.0
+            measured = (comparison.measured[a:b, joint] ** 2).sum()
+            halts.append((abs(rest[most]), hold[a:b].mean(), (rest[a:b] ** 2).sum(), measured, along))
+    return Halts(*np.array(halts, dtype=float).reshape(-1, 5).T)
+
+
+def find_static_friction(
+    grown: Identification, recordings: Sequence[Recording], final: Sequence[Comparison], asked: Sequence[str] | None
+) -> tuple[Identification, list[Comparison], tuple[Finding, ...]]:
+    """The model with the static friction that its halts ask for, its comparisons, and what was found.
+
+    An effect is found where the friction at low speed that the moving rows ask for is what holds the joint at rest,
+    takes most of what was held beyond the model's friction, and makes nothing worse where the joint moves.
+
+    Parameters
+    ----------
+    grown : Identification
+        With all in it that is recommended.
+    final : its comparisons with the recordings
+    asked : ids of the effects that may be found; None for all
+    """
+    final, findings = list(final), []
+    names = final[0].joint_names
+    for joint in range(len(names)):
+        halts = find_halts(final, joint)
+        noise = float(final[0].noise[joint])
+        if halts.compute_p(noise) > _WORTH_A_LOOK or not halts.look_like_friction:
+            continue
+        candidate = _find_best_friction(grown, recordings, joint, halts, asked)
+        if candidate is None:
+            continue
+        p = min(1.0, len(names) * _combine_p_values(halts.compute_p(noise), candidate.p))
+        if p > ALPHA:
+            continue
+        try:
+            larger = extend(grown, [candidate.candidate.choice], recordings)
+        except DynidentError:
+            continue
+        after = [compare(larger, recording) for recording in recordings]
+        held = find_halts(after, joint)
+        worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
+        if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
+            continue
+        judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
+        why = (
+            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
+            f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
+            "falls off is hardly resolved."
+        )
+        findings.append(Finding(judged, tuple(_list_equivalents(judged)), p, why=why))
+        grown, final = larger, after
+    return grown, final, tuple(findings)
+
+
+def _combine_p_values(at_rest: float, moving: float) -> float:
+    """How likely halts and moving rows are by chance: of halts alone and of both the smaller, at half the level each.
+
+    Halts are no part of any fit, so the two are independent (Fisher's sum of logarithms): six halts that all hold more
+    than the friction are few, but not where the moving rows ask for the same friction.
+    """
+    both = stats.combine_pvalues([at_rest, moving], method="fisher").pvalue
+    return 2.0 * float(min(at_rest, both))
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedCandidate:
+    """A candidate beside the model: what of its column is left, and its amplitudes.
+
+    `p`: how likely what it gains where joints move is by chance, nothing else tried; 1 where that was not asked.
+    """
+
+    candidate: Candidate
+    separability: float
+    amplitudes: FloatArray
+    p: float = 1.0
+
+    @property
+    def size(self) -> float:
+        """What it holds at rest."""
+        return float(self.amplitudes[0])
+
+    @property
+    def width(self) -> float:
+        """The constant that a filtered position has to resolve."""
+        shape = dict(self.candidate.shape)
+        return next(
+            shape[spec.name] for spec in CATALOGUE[self.candidate.effect].shapes if spec.resolved_by is not None
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _FrictionTrials:
+    """The model and candidates beside it, on the rows that are equations for each."""
+
+    grown: Identification
+    pool: Pool
+    data: PhasedProducts
+
+    @classmethod
+    def from_choices(
+        cls, grown: Identification, recordings: Sequence[Recording], choices: Sequence[EffectChoice]
+    ) -> _FrictionTrials:
+        """Gather the products of the model's columns and of the choices'."""
+        model, reference = grown.model, grown.estimate.next_reference()
+        pool = build_pool_of_choices(model, choices)
+        data = gather_products(
+            pool.observation, model.signals, recordings, grown.preprocessing, reference, model.n_parameters
+        )
+        return cls(grown, pool, data)
+
+    @property
+    def candidate_fits(self) -> list[_FittedCandidate]:
+        """Every candidate that has a column of its own, by its width."""
+        fits = []
+        for candidate in self.pool.candidates:
+            rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(candidate.columns)))
+            columns = np.array(self._base, dtype=np.intp)
+            *_, separability, own = compute_fitted_errors(rows, columns, candidate, self.grown.noise)
+            fits.append(_FittedCandidate(candidate, separability, own))
+        return sorted(fits, key=lambda fit: fit.width)
+
+    def test_where_moving(self, fit: _FittedCandidate) -> _FittedCandidate:
+        """The same with what speaks for it where joints move: the weaker of both kinds of folds."""
+        rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(fit.candidate.columns)))
+        base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
+        p = 0.0
+        for kind in KINDS:
+            before, (score,) = score_candidates(rows, base, [fit.candidate], noise, kind)
+            p = max(p, compute_single_p(((before - score.after) / noise**2).sum(axis=1)))
+        return replace(fit, p=p)
+
+    def is_harmless(self, fit: _FittedCandidate) -> bool:
+        """Whether it makes nothing worse where joints move."""
+        return bool(select_harmless(self.data, self._base, [fit.candidate.columns], self.grown.noise))
+
+    @property
+    def _base(self) -> tuple[int, ...]:
+        return tuple(range(self.pool.n_base))
+
+
+def _find_best_friction(
+    grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
+) -> _FittedCandidate | None:
+    """The friction whose size, from where the joint moves, is what is held: the narrower, the larger it has to be."""
+    robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
+    known = {choice.effect for choice in grown.choices.effects if not choice.joints or name in choice.joints}
+    needed = float(np.quantile(halts.beyond, 0.9))
+    for effect in CATALOGUE.values():
+        if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
+            continue
+        if is_extrapolated(effect, known):
+            continue
+        shapes = [tuple(sorted(shape.items())) for shape in _list_narrow_shapes(effect, robot, joint)]
+        coarse = _FrictionTrials.from_choices(
+            grown, recordings, [EffectChoice(effect.id, (name,), shape) for shape in shapes]
+        )
+        shape = _interpolate_width(coarse.candidate_fits, needed)
+        if shape is None:
+            continue
+        exact = _FrictionTrials.from_choices(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
+        fit = next(iter(exact.candidate_fits), None)
+        if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.is_harmless(fit):
+            return exact.test_where_moving(fit)
+    return None
+
+
+def is_extrapolated(effect: Effect, known: Collection[str]) -> bool:
+    """Whether the model has a law of the velocity that looks like the effect: its curve decides what is left at rest.
+
+    Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb
+    friction with it; what then holds the joint beyond that tells of the power, not of another friction.
+    """
+    laws = [CATALOGUE[effect_id] for effect_id in known if effect_id in effect.confused_with]
+    return any(all(spec.resolved_by is None for spec in law.shapes) for law in laws)
+
+
+def _interpolate_width(fits: Sequence[_FittedCandidate], needed: float) -> tuple[tuple[str, float], ...] | None:
+    """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
+    for narrow, wide in reversed(list(pairwise(fits))):
+        large, small = narrow.size / needed, wide.size / needed
+        if large >= 1.0 > small > 0.0:
+            share = np.log(large) / (np.log(large) - np.log(small))
+            width = narrow.width * (wide.width / narrow.width) ** float(share)
+            changed = {spec.name for spec in CATALOGUE[wide.candidate.effect].shapes if spec.resolved_by is not None}
+            return tuple((name, width if name in changed else value) for name, value in wide.candidate.shape)
+    return None
+
+
+def _list_equivalents(judged: ScoredCandidate) -> list[ScoredCandidate]:
+    """Other friction at the start of a motion that halts alone do not tell from it."""
+    mine = judged.candidate.effect
+    others = [
+        effect
+        for effect in CATALOGUE.values()
+        if mine in effect.confused_with and effect.is_friction and effect.at_starts(effect.shape_with_defaults({}))
+    ]
+    return [replace(judged, candidate=replace(judged.candidate, effect=effect.id, shape=())) for effect in others]
+
+
+def _list_narrow_shapes(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
+    """The effect's grid, and on below what is resolved, in half octaves; constants that nothing resolves as usual."""
+    usual = [spec for spec in effect.shapes if spec.resolved_by is None]
+    grid = [shape for shape in effect.grid(robot, joint) if all(shape[spec.name] == spec.default for spec in usual)]
+    shapes = [dict(shape) for shape in grid]
+    for spec in effect.shapes:
+        if spec.resolved_by is not None:
+            least = min(grid, key=lambda shape: shape[spec.name])
+            steps = [2.0 ** (-0.5 * k) for k in range(1, _HALF_OCTAVES + 1)]
+            shapes += [{**least, spec.name: least[spec.name] * step} for step in steps]
+    return shapes
+
+
+def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> ScoredCandidate:
+    """The candidate with the joint's halts as the stretches that were left out of the fit."""
+    before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
+    before[:, joint], after[:, joint] = halts.squares, held.squares
+    measured = np.zeros(len(noise))
+    measured[joint] = halts.measured.sum()
+    gains = (halts.squares - held.squares) / noise[joint] ** 2
+    drop = 1.0 - float(held.squares.sum() / halts.squares.sum())
+    return ScoredCandidate(
+        candidate=fit.candidate,
+        joints=(joint,),
+        before=before,
+        after=after,
+        drop=drop,
+        total_drop=drop,
+        t=float(compute_evenness(gains[None])[0]),
+        gains=gains,
+        separability=fit.separability,
+        amplitudes=fit.amplitudes,
+        share_improved=float(np.mean(gains > 0)),
+        measured=measured,
+        after_weighted=held.squares / noise[joint] ** 2,
+    )

@@ -1,0 +1,203 @@
+"""Word a diagnosis for a robotics engineer: ranking, verdict and summary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.diagnosis.candidates.significance import ScoredCandidate
+from dynident.diagnosis.comparing.compare import Comparison
+from dynident.diagnosis.result import Adequacy, RankedEffect, UnknownPattern
+from dynident.diagnosis.search.state import Finding
+from dynident.effects import EffectChoice, get_effect
+from dynident.regressors.model import Model
+
+ABOVE_NOISE = 4.0
+"""Times the sensor's noise from which on what is left where a joint moves is no adequate model, whatever it depends on.
+
+Clocks, filters and torque that is logged slower than it is commanded leave more than noise beside a sound model, too:
+up to 1.9 times in 72 cases of `benchmarks/clean_residuals.py`, up to 3.8 where arms dwell at many points."""
+
+# A torque sensor hardly resolves less of the torque: in noiseless simulations what is left has to be more than that.
+_QUIET = 1e-3
+
+UNDETERMINED = (
+    "This motion does not determine the model: from most of it the rest is predicted much worse than short stretches "
+    "are from those around them. What would explain the less of it is not named for that: a longer motion, or a richer "
+    "one, would tell."
+)
+"""What is said where a finding was given up for that."""
+
+
+def rank_effects(
+    picks: Sequence[Finding], first: Sequence[ScoredCandidate], recommended: Sequence[EffectChoice]
+) -> tuple[RankedEffect, ...]:
+    """Rank every effect at its best place: the findings in the order of picking, then the others by their gain.
+
+    Parameters
+    ----------
+    picks, recommended : of equal length
+        The findings, and how they are recommended.
+    first : sequence of JudgedCandidate
+        All candidates tried beside the model alone.
+
+    Returns
+    -------
+    tuple of RankedEffect
+    """
+    ranked: list[RankedEffect] = []
+    for finding, choice in zip(picks, recommended, strict=True):
+        others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
+        twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
+        why = finding.why or f"Its mark in a residual: {get_effect(choice.effect).signature}."
+        if twins:
+            why += f" This data cannot tell it from: {', '.join(twins)}."
+        if places := _list_other_places(finding, choice):
+            why += f" It may as well be on: {', '.join(places)}."
+        scored = _narrow_to_joints(finding.judged, choice)
+        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, choice, finding.p, why, twins))
+    picked = {choice.effect for choice in recommended}
+    best: dict[str, ScoredCandidate] = {}
+    for scored in first:
+        effect = scored.candidate.effect
+        if effect not in picked and (effect not in best or scored.total_gain > best[effect].total_gain):
+            best[effect] = scored
+    for scored in sorted(best.values(), key=lambda judged: -judged.total_gain):
+        # It may have passed on its own at first; what was picked then explained the same part of the residual.
+        better = "What ranks above it explains the same part of the residual, or nature does not allow it."
+        why = better if scored.is_significant else "That is not enough."
+        ranked.append(_build_ranked_effect(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
+    return tuple(ranked)
+
+
+def _list_other_places(finding: Finding, choice: EffectChoice) -> tuple[str, ...]:
+    """Return other joints on which the same effect gains as much by itself.
+
+    Passive joints of a parallelogram turn alike, for example.
+    """
+    same = [scored.candidate.joints for scored in finding.equal if scored.candidate.effect == choice.effect]
+    places = same if get_effect(choice.effect).in_some_runs else [joints for joints in same if len(joints) == 1]
+    return tuple(dict.fromkeys(name for joints in places for name in joints if name not in choice.joints))
+
+
+def _narrow_to_joints(scored: ScoredCandidate, choice: EffectChoice) -> ScoredCandidate:
+    """Return a finding on the joints that are recommended in the end: some of a group may have dropped out."""
+    candidate = scored.candidate
+    if candidate.joints == choice.joints:
+        return scored
+    joints = scored.joints
+    if len(joints) == len(candidate.joints):
+        joints = tuple(j for j, name in zip(joints, candidate.joints, strict=True) if name in choice.joints)
+    return replace(scored, joints=joints, candidate=replace(candidate, joints=choice.joints))
+
+
+def _build_ranked_effect(
+    rank: int,
+    scored: ScoredCandidate,
+    choice: EffectChoice,
+    p: float,
+    why: str,
+    equivalent: tuple[str, ...] | None,
+) -> RankedEffect:
+    """Return one row of the ranking; `equivalent` is None for what is no finding."""
+    joints = scored.reported_joints
+    measured = np.maximum(scored.measured[joints].sum(), 1e-300)
+    before = float(np.sqrt(scored.before[:, joints].sum() / measured))
+    after = float(np.sqrt(scored.after[:, joints].sum() / measured))
+    return RankedEffect(
+        rank=rank,
+        choice=choice,
+        error_before=before,
+        error_after=after,
+        error_drop=scored.error_drop,
+        t_value=scored.t,
+        p_value=p,
+        significant=equivalent is not None,
+        evidence=_word_evidence(scored, before, after, why),
+        equivalent=equivalent or (),
+        separability=scored.separability,
+    )
+
+
+def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: str) -> str:
+    effect = get_effect(scored.candidate.effect)
+    place = ", ".join(scored.candidate.joints) or "the whole robot"
+    if after >= before:
+        return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
+    return (
+        f"{effect.title} on {place} lowers the error on stretches left out of the fit from {before:.2%} to {after:.2%} "
+        f"(t = {scored.t:.1f} over {len(scored.gains)} stretches, {scored.share_improved:.0%} of them better). {why}"
+    )
+
+
+def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatArray) -> FloatArray:
+    """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
+
+    In a simulation without sensor noise a residual counts against a small share of the torque instead.
+    """
+    squares = np.sum([np.where(c.moving, c.residual**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
+    torque = np.sum([np.where(c.moving, c.measured**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
+    rows = np.maximum(np.sum([c.moving.sum(axis=0) for c in comparisons], axis=0), 1)
+    noise = np.maximum(floor, _QUIET * np.sqrt(torque / rows))
+    return np.asarray(np.sqrt(squares / rows) / np.where(noise > 0.0, noise, np.inf))
+
+
+def select_verdict(
+    recommended: Sequence[EffectChoice], unknown: Sequence[UnknownPattern], above: FloatArray
+) -> Adequacy:
+    """Return the verdict: a nameable effect is missing, something without a name is left, or nothing is.
+
+    Parameters
+    ----------
+    recommended : sequence of EffectChoice
+    unknown : sequence of UnknownPattern
+        What the residual depends on.
+    above : (n,)
+        `over_noise` of the model with all that is recommended.
+    """
+    if recommended:
+        return "missing_effect"
+    if unknown or (above > ABOVE_NOISE).any():
+        return "unexplained"
+    return "adequate"
+
+
+def word_summary(
+    verdict: Adequacy,
+    ranked: Sequence[RankedEffect],
+    unknown: Sequence[UnknownPattern],
+    residual: FloatArray,
+    floor: FloatArray,
+    model: Model,
+) -> str:
+    """Word the verdict in a few sentences."""
+    significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
+    if verdict == "missing_effect":
+        names = "; ".join(
+            f"{get_effect(ranked_effect.effect).title} on {', '.join(ranked_effect.joints) or 'the whole robot'}"
+            for ranked_effect in significant
+        )
+        text = f"The model lacks: {names}."
+    elif verdict == "unexplained":
+        text = "No effect of the catalogue explains what is left."
+        if not unknown:
+            text += (
+                " It depends on none of the variables that were tried. Where the torque was filtered before it was "
+                "recorded, the sensor's noise is larger than is told here."
+            )
+    else:
+        text = "Nothing is missing that this data could show."
+    if unknown:
+        parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
+        text += f" The residual still depends on: {parts}."
+    # The joint where the residual exceeds the noise most, in multiples, stands for all.
+    worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))
+    joint = model.robot.joints[worst]
+    text += (
+        f" The residual left is {residual[worst]:.3g} {joint.effort_unit} on {joint.name}, against a sensor noise of "
+        f"{floor[worst]:.2g} {joint.effort_unit} in the same band."
+    )
+    return text

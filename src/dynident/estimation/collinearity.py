@@ -1,0 +1,113 @@
+"""Collinearity: parameters that the data determine only together, and directions that they hardly determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.estimation.least_squares import Solution
+from dynident.estimation.uncertainty import Statistics, compute_correlations
+
+STRONG_CORRELATION = 0.9
+"""Correlation of two estimates above which they are determined mostly together."""
+
+POORLY_DETERMINED, NOT_DETERMINED = 50.0, 1000.0
+"""How many times less than the best direction one is seen to be called hardly, or not, determined."""
+
+# Share of the largest contribution below which a parameter does not belong to a direction.
+_SHOWN = 0.25
+
+
+@dataclass(frozen=True)
+class CorrelatedPair:
+    """Two parameters, by number, and the correlation of their estimates."""
+
+    first: int
+    second: int
+    correlation: float
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """A combination of parameters that the data hardly determine.
+
+    Parameters
+    ----------
+    parts : tuple of (number, factor)
+        The parameters in it, the one with the largest factor, 1, first.
+    ratio : float
+        How many times less than the best direction the torque shows it, with columns of W scaled to equal size.
+    deviation : float
+        Standard deviation of the combination.
+    """
+
+    parts: tuple[tuple[int, float], ...]
+    ratio: float
+    deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Collinearity:
+    """Correlation (c, c) of all estimates, close pairs and poorly determined directions, worst first."""
+
+    correlation: FloatArray
+    pairs: tuple[CorrelatedPair, ...]
+    directions: tuple[WeakDirection, ...]
+
+
+def find_collinearity(solution: Solution, uncertainty: Statistics, most: int = 10) -> Collinearity:
+    """Find parameters that the data determine only together.
+
+    Parameters
+    ----------
+    solution : Solution
+    uncertainty : Statistics
+        Covariance of the same estimates.
+    most : int
+        Largest number of pairs and of directions.
+
+    Returns
+    -------
+    Dependence
+    """
+    correlation = compute_correlations(uncertainty.covariance)
+    # A parameter that is fixed has no correlation with anything.
+    fixed = np.diag(uncertainty.covariance) <= 0
+    correlation[fixed] = correlation[:, fixed] = 0.0
+    np.fill_diagonal(correlation, 1.0)
+    return Collinearity(
+        correlation, _find_correlated_pairs(correlation, most), _find_weak_directions(solution, uncertainty, most)
+    )
+
+
+def _find_correlated_pairs(correlation: FloatArray, most: int) -> tuple[CorrelatedPair, ...]:
+    first, second = np.nonzero(np.triu(np.abs(correlation) >= STRONG_CORRELATION, 1))
+    sizes = correlation[first, second]
+    order = np.argsort(-np.abs(sizes), kind="stable")[:most]
+    return tuple(CorrelatedPair(int(first[k]), int(second[k]), float(sizes[k])) for k in order)
+
+
+def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int) -> tuple[WeakDirection, ...]:
+    scales = solution.scales
+    if len(scales) == 0 or np.any(scales <= 0):
+        return ()
+    # Scaled columns make the ratio independent of the parameters' units.
+    _, singular, vt = np.linalg.svd(solution.factor / scales)
+    weak_directions: list[WeakDirection] = []
+    for size, direction in zip(singular[::-1], vt[::-1], strict=True):
+        ratio = float(singular[0] / size) if size > 0 else float("inf")
+        if ratio < POORLY_DETERMINED or len(weak_directions) == most:
+            break
+        members = np.flatnonzero(np.abs(direction) >= _SHOWN * np.abs(direction).max())
+        # The combination whose estimate is bad: v in columns of equal size is v times their sizes in parameters.
+        weights = direction * scales
+        largest = members[np.argmax(np.abs(weights[members]))]
+        weights = weights / weights[largest]
+        order = members[np.argsort(-np.abs(weights[members]), kind="stable")]
+        parts = tuple((int(k), float(weights[k])) for k in order)
+        weak_directions.append(
+            WeakDirection(parts, ratio, float(np.sqrt(max(weights @ uncertainty.covariance @ weights, 0.0))))
+        )
+    return tuple(weak_directions)

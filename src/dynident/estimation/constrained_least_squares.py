@@ -1,0 +1,220 @@
+"""Least squares under physical constraints: bounds, equations and positive semidefinite matrices.
+
+Solved with Clarabel, an interior-point method for cones (Goulart and Chen 2024).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.errors import DynidentError
+
+_SOLVED = ("Solved", "AlmostSolved")
+_INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
+# What is aimed at, one after the other until it is reached, and what is accepted where rounding stops the progress.
+_TOLERANCES, _ACCEPTED = (1e-11, 1e-9), 1e-7
+_REGULARISATION = 1e-10
+# A constraint holds the solution where so little is left to it; parameters are about one.
+_HELD = 1e-6
+
+
+class InfeasibleError(DynidentError):
+    """No parameters satisfy all constraints."""
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixBound:
+    """A symmetric matrix that must have no negative eigenvalue: constant + Σ xₖ partₖ ⪰ 0.
+
+    Parameters
+    ----------
+    columns : (k,)
+        Numbers of the parameters in it.
+    parts : (k, m, m)
+        What a unit of each parameter adds.
+    constant : (m, m)
+    """
+
+    columns: IndexArray
+    parts: FloatArray
+    constant: FloatArray
+
+    def evaluate(self, values: FloatArray) -> FloatArray:
+        """Return the matrix (m, m) for parameters (c,)."""
+        return np.asarray(self.constant + np.einsum("k,kij->ij", values[self.columns], self.parts))
+
+
+@dataclass(frozen=True, eq=False)
+class EqualityConstraints:
+    """Equations that parameters must satisfy exactly: factor x = right, (e, c) and (e,)."""
+
+    factor: FloatArray
+    right: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedSolution:
+    """A constrained least-squares solution.
+
+    Parameters
+    ----------
+    values : (c,)
+    held : (h, c)
+        Directions in which an active constraint holds the solution back, one per row; a small change dx that keeps
+        these
+        constraints active satisfies held dx = 0.
+    zeros : tuple of int
+        Parameters that are held at zero.
+    edges : tuple of int
+        Indices of the matrices that are singular.
+    """
+
+    values: FloatArray
+    held: FloatArray
+    zeros: tuple[int, ...]
+    edges: tuple[int, ...]
+
+
+def solve_constrained(
+    factor: FloatArray,
+    right: FloatArray,
+    matrices: Sequence[MatrixBound] = (),
+    not_negative: Sequence[int] | IndexArray = (),
+    equations: EqualityConstraints | None = None,
+) -> ConstrainedSolution:
+    """Minimise ‖factor x - right‖² over the x (c,) that satisfy all constraints.
+
+    Numbers of very different size make it imprecise: give x in units in which it is about one.
+
+    Parameters
+    ----------
+    factor, right : (r, c), (r,)
+    matrices : sequence of MatrixBound
+    not_negative : indices of parameters
+    equations : Equations, optional
+
+    Returns
+    -------
+    Constrained
+
+    Raises
+    ------
+    InfeasibleError
+        Where no parameters satisfy all constraints, or none could be found.
+    """
+    scale = float(np.abs(factor).max(initial=0.0)) or 1.0
+    at_least = np.asarray(not_negative, dtype=np.intp)
+    problem = _Problem(factor / scale, right / scale, tuple(matrices), at_least, equations)
+    return problem.describe_solution(problem.solve())
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The problem in Clarabel's form: ½ zᵀz over (x, z) with factor x - z = right, and s = b - A (x, z) in cones."""
+
+    factor: FloatArray
+    right: FloatArray
+    matrices: tuple[MatrixBound, ...]
+    at_least: IndexArray
+    equations: EqualityConstraints | None
+
+    def solve(self) -> FloatArray:
+        """Return the solution x (c,)."""
+        r, c = self.factor.shape
+        # The residual as a variable of its own: factorᵀfactor would square the condition number.
+        quadratic = sparse.diags(np.concatenate([np.zeros(c), np.ones(r)]), format="csc")
+        rows, rights, cones = self._build_rows()
+        # A strict tolerance first. Where rounding prevents it, a looser one still gives far more digits than the data
+        # have.
+        for tolerance in _TOLERANCES:
+            answer = clarabel.DefaultSolver(
+                quadratic, np.zeros(c + r), sparse.csc_matrix(rows), rights, cones, _build_settings(tolerance)
+            ).solve()
+            status = str(answer.status)
+            if status in _SOLVED or status in _INFEASIBLE:
+                break
+        if status in _INFEASIBLE:
+            raise InfeasibleError("no parameters satisfy all constraints at once", title="Infeasible")
+        if status not in _SOLVED or not np.all(np.isfinite(answer.x)):
+            raise InfeasibleError(
+                f"the constrained problem could not be solved ({status}): its numbers differ too much in size",
+                title="Not solved",
+            )
+        return np.asarray(answer.x)[:c]
+
+    def _build_rows(self) -> tuple[FloatArray, FloatArray, list[object]]:
+        r, c = self.factor.shape
+        rows = [np.hstack([self.factor, -np.eye(r)])]
+        rights = [self.right]
+        cones: list[object] = [clarabel.ZeroConeT(r)]
+        if self.equations is not None:
+            rows.append(np.hstack([self.equations.factor, np.zeros((len(self.equations.right), r))]))
+            rights.append(self.equations.right)
+            cones.append(clarabel.ZeroConeT(len(self.equations.right)))
+        if len(self.at_least):
+            bounds = np.zeros((len(self.at_least), c + r))
+            bounds[np.arange(len(self.at_least)), self.at_least] = -1.0
+            rows.append(bounds)
+            rights.append(np.zeros(len(self.at_least)))
+            cones.append(clarabel.NonnegativeConeT(len(self.at_least)))
+        for bound in self.matrices:
+            # Only the upper triangle enters; the factor √2 keeps the inner product that of the whole matrix.
+            triangle = np.zeros((len(_pack_triangle(bound.constant)), c + r))
+            for column, part in zip(bound.columns, bound.parts, strict=True):
+                triangle[:, column] = -_pack_triangle(part)
+            rows.append(triangle)
+            rights.append(_pack_triangle(bound.constant))
+            cones.append(clarabel.PSDTriangleConeT(len(bound.constant)))
+        return np.vstack(rows), np.concatenate(rights), cones
+
+    def describe_solution(self, values: FloatArray) -> ConstrainedSolution:
+        """Return the solution with the constraints that are active in it."""
+        c = len(values)
+        zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
+        rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
+        edges = []
+        for place, bound in enumerate(self.matrices):
+            of_matrix = _find_held_directions(bound, values)
+            edges += [place] if of_matrix else []
+            rows += of_matrix
+        return ConstrainedSolution(values, np.array(rows).reshape(-1, c), zeros, tuple(edges))
+
+
+def _build_settings(tolerance: float) -> clarabel.DefaultSettings:
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.static_regularization_constant = _REGULARISATION
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = settings.reduced_tol_feas = _ACCEPTED
+    return settings
+
+
+def _find_held_directions(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
+    """Return the directions that would change the matrix on its null space: rows of vᵢᵀ dJ vⱼ = 0, V spanning it."""
+    eigenvalues, vectors = np.linalg.eigh(bound.evaluate(values))
+    zero = vectors[:, eigenvalues < _HELD * max(float(np.abs(eigenvalues).max()), 1.0)]
+    directions = []
+    for i in range(zero.shape[1]):
+        for j in range(i + 1):
+            row = np.zeros(len(values))
+            row[bound.columns] = np.einsum("i,kij,j->k", zero[:, i], bound.parts, zero[:, j])
+            directions.append(row)
+    return directions
+
+
+def _pack_triangle(matrix: FloatArray) -> FloatArray:
+    """Return the upper triangle of a symmetric matrix, column by column, off-diagonals times √2: Clarabel's order."""
+    rows, columns = _index_triangle(len(matrix))
+    return np.asarray(matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))
+
+
+def _index_triangle(size: int) -> tuple[IndexArray, IndexArray]:
+    columns, rows = np.tril_indices(size)
+    return rows, columns

@@ -1,0 +1,130 @@
+"""Uncertainty of shape constants, on which the columns of W depend: the equations linearised about the estimate.
+
+Y = W(θ) χ + ρ is linear in χ, not in θ. About an estimate the columns ∂(W χ)/∂θ are added to W for a change of θ, and
+everything that is known of linear estimates holds for both together: the covariance of θ takes that of χ into account,
+and the other way round (Seber and Wild 2003, chapter 2). Constants lie in ranges, so that a constant that the data do
+not determine does not make everything else uncertain without limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.estimation.factors import Reduction
+from dynident.estimation.least_squares import Solution, build_weighted_factor, check_rank, compute_correlated_noise
+from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.qr import compute_r_factor
+from dynident.estimation.uncertainty import CovarianceName, Statistics, statistics
+
+_SINGULAR = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedSolution:
+    """Parameters followed by changes of shape constants: their data, one Gauss-Newton step and their uncertainty.
+
+    Parameters
+    ----------
+    reduction, solution, statistics : Reduction, Solution, Statistics
+        Of parameters and constants together.
+    n_own : int
+        Number of parameters; the constants follow them.
+    """
+
+    reduction: Reduction
+    solution: Solution
+    statistics: Statistics
+    n_own: int
+
+    @property
+    def steps(self) -> FloatArray:
+        """Change (k,) of each constant that the data ask for."""
+        return self.solution.values[self.n_own :]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations (k,) of the constants."""
+        return self.statistics.standard_deviations[self.n_own :]
+
+    @property
+    def half_widths(self) -> FloatArray:
+        """Half-widths (k,) of the 95 % intervals of the constants."""
+        return self.statistics.half_widths()[self.n_own :]
+
+    @property
+    def parameter_statistics(self) -> Statistics:
+        """Statistics of the parameters alone, the uncertainty of the constants included."""
+        b, joint_statistics = self.n_own, self.statistics
+        return replace(
+            joint_statistics, covariance=joint_statistics.covariance[:b, :b], freedom=joint_statistics.freedom[:b]
+        )
+
+
+def linearise_constants(
+    reduction: Reduction, solution: Solution, ranges: FloatArray, kind: CovarianceName
+) -> LinearisedSolution:
+    """Solve for parameters and shape constants together, one step from an estimate.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        Of [W | ∂(W χ)/∂θ | Y]: the columns of the constants follow those of the parameters.
+    solution : Solution
+        Of W alone. Its weights, prior knowledge and active constraints are kept.
+    ranges : (k,)
+        Standard deviations of the constants without any data: those of the ranges that they lie in.
+    kind : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for, see `statistics`.
+
+    Returns
+    -------
+    Linearised
+
+    Raises
+    ------
+    EstimationError
+        Where the data, with prior knowledge, do not determine the parameters.
+    """
+    b, c = len(solution.values), reduction.n_columns
+    known, noise = _build_prior_and_noise(reduction, solution, ranges)
+    start = np.concatenate([solution.values, np.zeros(c - b)])
+    # Solve for the deviation from the estimate within the free directions, so that active constraints stay active.
+    free = _build_free_directions(solution, c)
+    rows = build_weighted_factor(reduction, noise, known)
+    rest = rows[:, c] - rows[:, :c] @ start
+    r = compute_r_factor(np.column_stack([rows[:, :c] @ free, rest]))
+    check_rank(r[:-1, :-1], _SINGULAR)
+    values = start + free @ np.linalg.solve(r[:-1, :-1], r[:-1, -1])
+    stepped = Solution(values, noise, rows[:c, :c], known, None if solution.free is None else free)
+    return LinearisedSolution(reduction, stepped, statistics(reduction, stepped, kind), b)
+
+
+def _build_prior_and_noise(
+    reduction: Reduction, solution: Solution, ranges: FloatArray
+) -> tuple[PriorInformation, FloatArray]:
+    """Return prior knowledge with the ranges of the constants, and the noise (n,) that it is weighed against."""
+    b, k = len(solution.values), len(ranges)
+    range_prior = PriorInformation(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
+    before = solution.known
+    if before is not None:
+        wide = np.hstack([before.factor, np.zeros((len(before.right), k))])
+        return PriorInformation(wide, before.right).combine_with(range_prior), solution.noise
+    # Rows count for as much as they are worth as independent samples; how they weigh among each other stays.
+    noise, counts = solution.noise, reduction.row_counts
+    doubt = compute_correlated_noise(reduction.select_columns(np.arange(b)), solution.values)
+    size = float(np.sum(counts * noise**2))
+    return range_prior, noise * float(np.sqrt(np.sum(counts * doubt**2) / size)) if size > 0 else noise
+
+
+def _build_free_directions(solution: Solution, c: int) -> FloatArray:
+    """Return the free directions (c, f + k): those of the parameters, and all constants."""
+    b = len(solution.values)
+    if solution.free is None:
+        return np.eye(c)
+    f = solution.free.shape[1]
+    directions = np.zeros((c, f + c - b))
+    directions[:b, :f], directions[b:, f:] = solution.free, np.eye(c - b)
+    return directions

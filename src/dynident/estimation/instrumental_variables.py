@@ -1,0 +1,182 @@
+"""Instrumental variables: estimates that noise in W does not bias, from triangular factors.
+
+Least squares takes W as exact. Positions carry noise and are differentiated twice, so W carries noise too, and what it
+shares with the residual biases [12.5]. Instruments Z that correlate with W but not with its noise remove the bias:
+χ = (Zᵀ W)⁻¹ Zᵀ Y (Young 1970; Janot, Vandanjon and Gautier 2014 for robots).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from dynident.array_types import FloatArray
+from dynident.estimation.cluster_robust import FEWEST_CLUSTERS, estimate_cluster_covariance, find_occupied_blocks
+from dynident.estimation.factors import Reduction
+from dynident.estimation.least_squares import (
+    MOST_ROUNDS,
+    EstimationError,
+    Solution,
+    are_weights_settled,
+    build_weighted_factor,
+    check_rank,
+    check_rows,
+    compute_noise_levels,
+)
+from dynident.estimation.prior_information import PriorInformation
+from dynident.estimation.qr import compute_r_factor
+from dynident.estimation.residual_correlation import compute_overstatement
+from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom
+
+_SINGULAR = 1e-10
+WEAKEST = 0.1
+"""Smallest canonical correlation of instruments and observations: below it, some direction is not determined."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentalSolution:
+    """Estimates by instrumental variables and their uncertainty.
+
+    Parameters
+    ----------
+    solution : Solution
+    statistics : Statistics
+    strength : float
+        Smallest canonical correlation between Z and W, in [0, 1]; 1 where they are the same.
+    """
+
+    solution: Solution
+    statistics: Statistics
+    strength: float
+
+
+def solve_instrumental(
+    both: Reduction, known: PriorInformation | None = None, covariance: CovarianceName = "by_time_and_joints"
+) -> InstrumentalSolution:
+    """Solve by instrumental variables, each equation weighted by 1 / standard deviation of its residual.
+
+    Parameters
+    ----------
+    both : Reduction
+        Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 the columns of W that they stand for.
+    known : Information, optional
+        Prior knowledge of the c parameters.
+    covariance : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for, see `statistics`.
+
+    Returns
+    -------
+    InstrumentalSolution
+
+    Raises
+    ------
+    EstimationError
+        Where the instruments do not determine the parameters.
+    """
+    c = both.n_columns // 2
+    observed = both.select_columns(np.arange(c, 2 * c))
+    # Prior knowledge has no noise in W: it is its own instrument.
+    twice = None if known is None else PriorInformation(np.hstack([known.factor, known.factor]), known.right)
+
+    def compute_levels(values: FloatArray) -> FloatArray:
+        noise = compute_noise_levels(observed, values)
+        return noise if known is None else noise * np.sqrt(_compute_overstatements(both, values))
+
+    solved, converged = _solve_weighted(both, np.ones(len(both.equations)), twice), False
+    for _ in range(MOST_ROUNDS):
+        noise = compute_levels(solved.values)
+        solved = _solve_weighted(both, noise, twice)
+        if converged := are_weights_settled(observed, noise, compute_levels(solved.values)):
+            break
+    solution = Solution(solved.values, noise, solved.observed, known, converged=converged)
+    return InstrumentalSolution(
+        solution, _compute_statistics(both, observed, solution, solved, covariance), solved.strength
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _InstrumentalFactors:
+    """χ (c,), the factors of the weighted Z and W (c, c), and W projected on Z: Q_zᵀ W (c, c)."""
+
+    values: FloatArray
+    instruments: FloatArray
+    observed: FloatArray
+    projected: FloatArray
+    strength: float
+
+
+def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation | None) -> _InstrumentalFactors:
+    c = both.n_columns // 2
+    check_rows(both.n_rows, c, twice)
+    r = build_weighted_factor(both, noise, twice)
+    # One QR of [Z | W | Y] gives everything: its first block rows are R_z, Q_zᵀ W and Q_zᵀ Y.
+    instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
+    observed = compute_r_factor(r[: 2 * c, c : 2 * c])
+    check_rank(instruments, _SINGULAR, " of the simulated motion")
+    check_rank(observed, _SINGULAR, " of the measured motion")
+    # Q_zᵀ Q_w: its singular values are the canonical correlations.
+    common = solve_triangular(observed, projected.T, trans="T").T
+    strength = float(np.linalg.svd(common, compute_uv=False)[-1])
+    if strength < WEAKEST:
+        raise EstimationError(
+            f"the simulated motion goes with the measured one by a correlation of only {strength:.2g} in the direction "
+            "that it shows least: its rows are no instruments for these parameters. Use wls, or data of a robot that "
+            "moves more",
+            pointer="/estimator",
+            title="Weak instruments",
+        )
+    values = solve_triangular(observed, np.linalg.solve(common, right))
+    return _InstrumentalFactors(values, instruments, observed, projected, strength)
+
+
+def _compute_overstatements(both: Reduction, values: FloatArray) -> FloatArray:
+    """Return by how much the rows of every equation overstate the information in them (n,)."""
+    inflation = []
+    for equation in both.equations:
+        k = len(equation.columns) // 2
+        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ values[equation.columns[:k]]
+        inflation.append(compute_overstatement(equation.factors[:, :, :k], rests, float(equation.counts.sum())))
+    return np.array(inflation)
+
+
+def _compute_statistics(
+    both: Reduction, observed: Reduction, solution: Solution, solved: _InstrumentalFactors, kind: CovarianceName
+) -> Statistics:
+    """Return (ZᵀW)⁻¹ Zᵀ cov(ρ) Z (WᵀZ)⁻¹, with correlated residuals treated as in `statistics`."""
+    overstated = _compute_overstatements(both, solution.values)
+    noise = compute_noise_levels(observed, solution.values)
+    worth = both.row_counts / overstated
+    if kind == "by_time_and_joints" and find_occupied_blocks(both).sum() >= FEWEST_CLUSTERS:
+        # Of the instruments those combinations whose ZᵀW is WᵀW; their leverage is that of W, which they go with.
+        turned = solve_triangular(solved.instruments, np.linalg.solve(solved.projected.T, solved.observed.T))
+        spread = estimate_cluster_covariance(observed, solution, _compute_scores(both, solution) @ turned)
+        return Statistics(spread.covariance, worth, noise, spread.freedom)
+    c = observed.n_columns
+    counted = np.ones(len(overstated)) if kind == "independent" else overstated
+    meat = np.zeros((c, c))
+    for j, equation in enumerate(both.equations):
+        k = len(equation.columns) // 2
+        z = equation.joint_factor[:, :k]
+        where = equation.columns[:k]
+        meat[np.ix_(where, where)] += (noise[j] ** 2 * counted[j] / solution.noise[j] ** 4) * (z.T @ z)
+    if solution.known is not None:
+        meat += solution.known.factor.T @ solution.known.factor
+    whitened = solve_triangular(solved.instruments, meat, trans="T")
+    whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
+    inverse = np.linalg.inv(solved.projected)
+    covariance = inverse @ whitened @ inverse.T
+    freedom = compute_row_freedom(both.row_counts / counted, c)
+    return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
+
+
+def _compute_scores(both: Reduction, solution: Solution) -> FloatArray:
+    """Return Z_sᵀρ_s of every block (s, c), each equation in units of its noise."""
+    scores = np.zeros((both.n_blocks, both.n_columns // 2))
+    for equation, sigma in zip(both.equations, solution.noise, strict=True):
+        k = len(equation.columns) // 2
+        where = equation.columns[:k]
+        rests = equation.factors[:, :, 2 * k] - equation.factors[:, :, k : 2 * k] @ solution.values[where]
+        scores[:, where] += (rests[:, None, :] @ equation.factors[:, :, :k])[:, 0] / sigma**2
+    return scores

@@ -1,0 +1,92 @@
+"""Prior knowledge of parameters: from earlier steps, separate experiments or a robot description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from dynident.array_types import FloatArray, IndexArray
+
+_FLAT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PriorInformation:
+    """Equations factor χ = right, each in units of its own standard deviation.
+
+    They are rows like those of W and Y, already weighted: stacked under the weighted rows they give the estimate that
+    weighs both by their uncertainty.
+
+    Parameters
+    ----------
+    factor : (k, c)
+    right : (k,)
+    """
+
+    factor: FloatArray
+    right: FloatArray
+
+    @property
+    def n_columns(self) -> int:
+        """Number of parameters c."""
+        return int(self.factor.shape[1])
+
+    @property
+    def rows(self) -> FloatArray:
+        """The matrix [factor | right], (k, c + 1)."""
+        return np.column_stack([self.factor, self.right])
+
+    def combine_with(self, other: PriorInformation) -> PriorInformation:
+        """Return the equations of both."""
+        return PriorInformation(np.vstack([self.factor, other.factor]), np.concatenate([self.right, other.right]))
+
+
+def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray, n_columns: int) -> PriorInformation:
+    """Turn estimates and their covariance into equations of prior knowledge.
+
+    A variance of zero would be certainty, which no weight can express: it counts as a millionth of a millionth of the
+    largest.
+
+    Parameters
+    ----------
+    values, covariance : (k,), (k, k)
+    columns : (k,)
+        Numbers of these parameters.
+    n_columns : int
+        Number of all parameters c.
+
+    Returns
+    -------
+    Information
+    """
+    deviation = extract_deviations(covariance)
+    least = max(float(deviation.max(initial=0.0)), float(np.abs(values).max(initial=0.0)), 1.0) * 1e-9
+    deviation = np.maximum(deviation, least)
+    correlation = covariance / np.outer(deviation, deviation)
+    np.fill_diagonal(correlation, 1.0)
+    # The correlation matrix instead of the covariance: parameters differ in size by many orders of magnitude, and the
+    # smallest would be lost in rounding.
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    roots = 1.0 / np.sqrt(np.maximum(eigenvalues, _FLAT))
+    whiten = (vectors * roots).T / deviation
+    factor = np.zeros((len(values), n_columns))
+    factor[:, columns] = whiten
+    return PriorInformation(factor, whiten @ values)
+
+
+def invert_information(factor: FloatArray) -> FloatArray:
+    """Return (RᵀR)⁻¹ (c, c) of a triangular factor R."""
+    root = invert_factor(factor)
+    return np.asarray(root @ root.T)
+
+
+def invert_factor(factor: FloatArray) -> FloatArray:
+    """Return R⁻¹ (c, c) of a triangular factor R."""
+    return np.asarray(solve_triangular(factor, np.eye(len(factor))))
+
+
+def extract_deviations(covariance: FloatArray) -> FloatArray:
+    """Return the standard deviations (c,) of a covariance, [12.9]; 0 where rounding left a negative variance."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

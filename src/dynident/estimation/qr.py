@@ -1,0 +1,69 @@
+"""QR decomposition and whitening: triangular factors that stand for any number of rows, and uncorrelated columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from dynident.array_types import FloatArray
+
+_SEEN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedColumns:
+    """Columns (s, m, p) of s blocks with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
+
+    They are combinations of the columns that they were made of; directions that no block excites are left out.
+    """
+
+    rows: FloatArray
+    spread: float
+
+    @property
+    def count(self) -> int:
+        """Number of directions p."""
+        return int(self.rows.shape[2])
+
+
+def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
+    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where all are zero."""
+    _, singular, vt = np.linalg.svd(factor, full_matrices=False)
+    is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
+    if not is_excited.any():
+        return None
+    rows = w @ (vt[is_excited].T / singular[is_excited])
+    grams = rows.transpose(0, 2, 1) @ rows
+    return WhitenedColumns(rows, float(np.sum(grams * grams)))
+
+
+_BLOCK = 32
+"""Columns that LAPACK processes at once; its workspace is this many times the number of columns."""
+
+
+def compute_r_factor(rows: FloatArray) -> FloatArray:
+    """Return the factor R (…, k, k) of the QR decomposition of rows (…, m, k); (…, m, k) where there are fewer rows."""
+    if rows.ndim > 2 or not rows.size:
+        return np.asarray(np.linalg.qr(rows, mode="r"))
+    # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
+    k = rows.shape[1]
+    return np.triu(lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k])
+
+
+def join_factors(factors: FloatArray) -> FloatArray:
+    """Return the factor (k, k) of the rows of all factors (s, k, k) together."""
+    k = factors.shape[-1]
+    if not len(factors):
+        return np.zeros((k, k))
+    return pad_to_square(compute_r_factor(factors.reshape(-1, k)))
+
+
+def pad_to_square(r: FloatArray) -> FloatArray:
+    """Return a factor (…, m, k) padded with zero rows to (…, k, k) where it has fewer rows than columns."""
+    missing = r.shape[-1] - r.shape[-2]
+    if missing <= 0:
+        return r
+    padding = [(0, 0)] * (r.ndim - 2) + [(0, missing), (0, 0)]
+    return np.pad(r, padding)

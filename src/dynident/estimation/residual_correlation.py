@@ -1,0 +1,80 @@
+"""Inflation factors: by how much the rows of correlated residuals overstate the information in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.estimation.factors import EquationFactors, Reduction
+from dynident.estimation.qr import WhitenedColumns, compute_r_factor, whiten_columns
+
+_FEWEST_STRETCHES = 5
+
+
+def compute_correlation_factor(equation: EquationFactors, values: FloatArray) -> float:
+    """Return by how much the rows of one equation overstate the information in them, at least 1.
+
+    Parameters
+    ----------
+    equation : EquationFactors
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Notes
+    -----
+    With g_s = W_sᵀρ_s the score of block s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
+    residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself removes.
+    """
+    rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
+    rows = float(equation.counts.sum())
+    if not _is_determined(equation.factors[:, :, :-1], rows):
+        return 1.0
+    return _compute_overstatement_of_whitened(equation.whitened_columns, rests, rows)
+
+
+def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """Return the correlation factor of every equation (n,) at parameters χ (c,)."""
+    return np.array([compute_correlation_factor(equation, values) for equation in reduction.equations])
+
+
+def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray:
+    """Return how many independent samples the rows of every equation are worth.
+
+    Parameters
+    ----------
+    reduction : Reduction
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Returns
+    -------
+    (n,) array
+    """
+    return reduction.row_counts / compute_correlation_factors(reduction, values)
+
+
+def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
+    """Return the correlation factor of columns (s, m, p) and residuals (s, m) that stand for `rows` rows together."""
+    if not _is_determined(w, rows):
+        return 1.0
+    return _compute_overstatement_of_whitened(
+        whiten_columns(w, compute_r_factor(w.reshape(-1, w.shape[2]))), rests, rows
+    )
+
+
+def _is_determined(w: FloatArray, rows: float) -> bool:
+    n_stretches, _, k = w.shape
+    return bool(n_stretches >= _FEWEST_STRETCHES and k > 0 and rows > k)
+
+
+def _compute_overstatement_of_whitened(columns: WhitenedColumns | None, rests: FloatArray, rows: float) -> float:
+    if columns is None:
+        return 1.0
+    # With whitened columns A is one, so that the score's weighted square is a plain sum of squares.
+    scores = (rests[:, None, :] @ columns.rows)[:, 0]
+    variance = float(np.sum(rests * rests)) / max(rows - columns.count, 1.0)
+    expected = variance * (columns.count - columns.spread)
+    if expected <= 0 or variance == 0:
+        return 1.0
+    # Below one would mean that rows hold more than their own number of samples: it is chance, and is not used.
+    return float(max(1.0, np.sum(scores * scores) / expected))

@@ -1,0 +1,85 @@
+"""Choice of a criterion by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.errors import DynidentError
+from dynident.schema.fields import Choice, OneOf, declare_field
+
+if TYPE_CHECKING:
+    from dynident.effects import EffectChoice
+
+NAMES = OneOf(
+    Choice("condition_number", "condition number", "Of W [12.12]: the usual choice."),
+    Choice("equilibrated", "equilibrated condition number", "And its largest entry over its smallest [12.13]."),
+    Choice("condition_plus_inverse_sigma", "condition number and smallest singular value", "[12.14]"),
+    Choice("weighted", "weighted", "[12.15]"),
+    Choice("d_optimal", "D-optimal", "The volume of the ellipsoid of uncertainty."),
+    Choice("a_optimal", "A-optimal", "The sum of the variances."),
+    Choice("e_optimal", "E-optimal", "The largest variance."),
+    Choice("parameters", "chosen parameters", "The variances of those that are named."),
+    Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
+)
+_SMALLEST = 1e-12
+CRITERIA = NAMES.names
+"""Names of the criteria."""
+
+
+@dataclass(frozen=True)
+class CriterionChoice:
+    """How exciting a motion is (§12.3.4.1)."""
+
+    name: str = declare_field(
+        "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
+    )
+    weight: float = declare_field(
+        "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)",
+        default=1.0,
+        option="--weight",
+        at_least=_SMALLEST,
+        at_most=1e12,
+    )
+    a_priori: Mapping[str, float] = declare_field(
+        "|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to",
+        made_by=dict,
+    )
+    parameters: tuple[str, ...] = declare_field("For parameters: those whose variances count", default=())
+    effects: tuple[EffectChoice, ...] = declare_field(
+        "For separation: to be told from the rest of the model and from each other", default=(), option="-"
+    )
+
+    @property
+    def is_sample_dependent(self) -> bool:
+        """Whether the value belongs to the samples that W is taken at, and to no others.
+
+        The smallest entry of W [12.13] is where a sample happens to come nearest to a zero: between the samples there
+        are zeros.
+        """
+        return self.name == "equilibrated"
+
+
+def check_criterion(choice: CriterionChoice) -> None:
+    """Raise `DynidentError` for an unknown criterion, or an a-priori value that nothing can be relative to."""
+    if choice.name not in CRITERIA:
+        raise DynidentError(
+            f"there is no criterion {choice.name!r}; there are: {', '.join(CRITERIA)}",
+            pointer="/criterion/name",
+            title="Unknown criterion",
+        )
+    for name, value in choice.a_priori.items():
+        if abs(value) < _SMALLEST:
+            raise DynidentError(
+                f"the a-priori value of {name} is {value}; it must be a number other than zero",
+                pointer="/criterion/a_priori",
+            )
+
+
+def check_criterion_targets(choice: CriterionChoice) -> None:
+    """Raise `DynidentError` where a criterion needs names that are not stated."""
+    if choice.name == "parameters" and not choice.parameters:
+        raise DynidentError("name the parameters whose variances count", pointer="/criterion/parameters")
+    if choice.name == "separation" and not choice.effects:
+        raise DynidentError("name the effects that are to be separated", pointer="/criterion/effects")

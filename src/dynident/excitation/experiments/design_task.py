@@ -1,0 +1,131 @@
+"""Task of a design, which all kinds of experiments share: request, model, limits and verification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
+from dynident.excitation.criteria.design_criterion import DesignCriterion, compute_row_weights
+from dynident.excitation.criteria.parameter_variances import ExpectedParameter, predict_uncertainties
+from dynident.excitation.experiments.earlier_runs import compute_planned_seconds
+from dynident.excitation.observation.design_model import DesignModel
+from dynident.excitation.observation.row_models import DYNAMIC_ROWS, RowModel
+from dynident.excitation.request import DesignRequest
+from dynident.excitation.result import Run
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.margins import Margin, compute_margins
+from dynident.motion.trajectories.motion import Motion, Piece, check_length, sample_pieces
+from dynident.progress import Checkpoints, NoCheckpoints, Progress, scale_progress
+
+_CHECKS_PER_SAMPLE = 10
+_CHUNK = 50_000
+_VALUED_SAMPLES = 10_000
+
+STANDSTILL_VELOCITY = 1e-4
+"""Velocity, rad/s or m/s, below which a joint of a planned motion, which has no noise, stands still."""
+
+
+@dataclass(frozen=True, eq=False)
+class DesignTask:
+    """A design to be made.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    yardstick : Yardstick
+    limits : Bounds
+        Limits that must hold.
+    bounds : Bounds
+        Limits that are designed for, slightly tighter.
+    progress : Progress
+    checkpoints : Checkpoints
+    """
+
+    request: DesignRequest
+    model: DesignModel
+    yardstick: DesignCriterion
+    limits: Bounds
+    bounds: Bounds
+    progress: Progress
+    checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate, Hz."""
+        return self.request.trajectory.sampling_rate
+
+    def verify_pieces(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
+        """Return the margins against the true limits, on a grid finer than the sampling."""
+        check_length(pieces, self.rate)
+        torque = self.model.torque if self.limits.has_torque_limits else None
+        finely = _sample_finely(pieces, self.rate * _CHECKS_PER_SAMPLE, scale_progress(self.progress, 0.95, 1.0))
+        return compute_margins(self.limits, finely, torque)
+
+    def evaluate_pieces(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> MotionValues:
+        """Return the values of the exciting part of a sequence of pieces."""
+        motion = sample_pieces(pieces, self.rate)
+        inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
+        samples = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
+        dq = motion.dq[samples]
+        # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
+        w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDSTILL_VELOCITY).reshape(-1, 1)
+        earlier = self.yardstick.earlier
+        if earlier is not None:
+            # They count in proportion to how long the experiment is, not to how long it was asked for.
+            earlier = earlier * np.sqrt(compute_planned_seconds(self.request) / (exciting[1] - exciting[0]))
+        expected = self.predict_uncertainties(w.reshape(*dq.shape, -1), dq, DYNAMIC_ROWS, len(inside), earlier)
+        return MotionValues(replace(self.yardstick, earlier=earlier).evaluate(w, len(samples)), expected)
+
+    def predict_uncertainties(
+        self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None
+    ) -> tuple[ExpectedParameter, ...]:
+        """Return the expected uncertainty of the parameters.
+
+        Parameters
+        ----------
+        w, dq : (m, n, b), (m, n)
+            W and q̇ at representative samples.
+        rows : RowModel
+        n_samples : float
+            Number of samples of the experiment.
+        earlier : (r, b) or None
+            Rows besides W / √m that stand for the information of earlier runs.
+        """
+        noise = 1.0 / compute_row_weights(self.model, self.request.noise) if self.request.noise else None
+        return predict_uncertainties(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionValues:
+    """Values of a motion by the criteria, and parameter by parameter."""
+
+    values: CriterionValues
+    expected: tuple[ExpectedParameter, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedExperiment:
+    """A designed motion with all that a `Design` needs."""
+
+    pieces: tuple[Piece, ...]
+    exciting: tuple[float, float]
+    period: float | None
+    valued: MotionValues
+    baseline: Baseline | None
+    margins: tuple[Margin, ...]
+    notes: tuple[str, ...]
+    runs: tuple[Run, ...] = ()
+
+
+def _sample_finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> Iterator[Motion]:
+    """Yield pieces on grids of at least `rate`, ends included, in chunks."""
+    for number, piece in enumerate(pieces):
+        t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
+        for first in range(0, len(t), _CHUNK):
+            progress(number / len(pieces), "verifying")
+            yield piece.evaluate(t[first : first + _CHUNK])

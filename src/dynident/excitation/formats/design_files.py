@@ -1,0 +1,139 @@
+"""A design as a table, a file and a JSON document."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from dynident.array_types import FloatArray, IntArray
+from dynident.errors import DynidentError
+from dynident.excitation.criteria.criterion_values import CriterionValues
+from dynident.excitation.result import Design
+from dynident.recordings.arrow import table_column_to_numbers, table_from_arrays, to_header_row
+
+FORMATS = ("csv", "parquet", "json")
+"""Formats of a trajectory."""
+
+
+def design_table(design: Design) -> pa.Table:
+    """Return the samples of a design as a table.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    pyarrow.Table
+        Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>…. For a set of test motions also `segment`: the number of the
+        run
+        from 1 on, 0 on the moves between runs. A recording that keeps it is cut there.
+    """
+    columns: dict[str, FloatArray | IntArray] = {"t": design.t}
+    if design.runs:
+        columns["segment"] = design.segments
+    for prefix, values in (("q", design.q), ("dq", design.dq), ("ddq", design.ddq)):
+        columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(design.joint_names)}
+    return table_from_arrays(columns)
+
+
+def write_design(design: Design, path: Path) -> None:
+    """Write the trajectory to a file: t in s, positions in rad or m and their derivatives, row by row.
+
+    Parameters
+    ----------
+    design : Design
+    path : Path
+
+    Raises
+    ------
+    DynidentError
+        For a file that ends neither in .csv nor in .parquet.
+    """
+    table = design_table(design)
+    if path.suffix == ".parquet":
+        pq.write_table(table, path)
+    elif path.suffix == ".csv":
+        with path.open("wb") as stream:
+            stream.write(to_header_row(table.column_names))
+            values = np.column_stack([table_column_to_numbers(column) for column in table.columns])
+            # Times are decimal fractions; twelve digits keep positions far below any encoder's step.
+            np.savetxt(stream, values, fmt="%.12g", delimiter=",")
+    else:
+        raise DynidentError(f"cannot write a trajectory to {path.name}; use .csv or .parquet", pointer="format")
+
+
+def trajectory_document(design: Design) -> dict[str, object]:
+    """Return the trajectory as JSON: t, and q, dq, ddq as [sample][joint].
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "joints": list(design.joint_names),
+        "sampling_rate": design.sampling_rate,
+        "t": design.t.tolist(),
+        "q": design.q.tolist(),
+        "dq": design.dq.tolist(),
+        "ddq": design.ddq.tolist(),
+    }
+
+
+def design_document(design: Design) -> dict[str, object]:
+    """Return what a design achieves, as JSON.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict
+        Infinite numbers (W without full rank) are None.
+    """
+    baseline = design.baseline
+    return {
+        "criterion_values": _to_dict(design.criterion_values),
+        "baseline_values": None
+        if baseline is None
+        else {
+            **_to_dict(baseline.best),
+            "median_condition_number": _finite_or_none(baseline.median_condition_number),
+            "count": baseline.count,
+        },
+        "margins": [asdict(margin) for margin in design.margins],
+        "n_samples": design.n_samples,
+        "duration": design.duration,
+        "sampling_rate": design.sampling_rate,
+        "exciting": {"from": design.exciting[0], "to": design.exciting[1], "period": design.period},
+        "parameters": list(design.parameter_names),
+        "expected_parameters": [
+            {
+                **asdict(parameter),
+                "standard_deviation": None
+                if parameter.standard_deviation is None
+                else _finite_or_none(parameter.standard_deviation),
+            }
+            for parameter in design.expected
+        ],
+        "runs": [asdict(run) for run in design.runs],
+        "notes": list(design.notes),
+    }
+
+
+def _to_dict(values: CriterionValues) -> dict[str, object]:
+    return {name: _finite_or_none(value) for name, value in asdict(values).items()}
+
+
+def _finite_or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,179 @@
+"""Optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.excitation.criteria.smooth_criteria import Criterion
+from dynident.excitation.observation.design_model import DesignModel
+from dynident.excitation.observation.observation_gradient import ObservationGradient
+from dynident.excitation.observation.row_models import RowModelName, build_row_model
+from dynident.excitation.optimising.period_sampling import choose_sign_rounding, count_period_samples
+from dynident.motion.limits.bounds import Bounds
+from dynident.motion.trajectories.motion import Family
+
+# Between the samples a motion swings out a little further than on them.
+_SHARE_OF_LIMITS = 0.99
+ROOM_UNIT = 0.5
+"""Missing clearance, m, that weighs as much as a limit that is exceeded twofold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Multipliers of the augmented Lagrangian, and the penalty's weight.
+
+    Parameters
+    ----------
+    values : (6, N, n)
+        One for each limit and sample.
+    crowding : (N, K)
+        One for each distance that is kept.
+    penalty : float
+    """
+
+    values: FloatArray
+    crowding: FloatArray
+    penalty: float
+
+    def update(self, at: Evaluation, penalty: float) -> Multipliers:
+        """Return those of the next round, after an evaluation at the end of this one."""
+        return Multipliers(
+            np.maximum(0.0, self.values + self.penalty * at.excess),
+            np.maximum(0.0, self.crowding + self.penalty * at.crowding),
+            penalty,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The augmented Lagrangian at one x, and its parts.
+
+    An excess of 0 touches a limit, above 0 breaks it: |value| / bound - 1.
+
+    Parameters
+    ----------
+    lagrangian : float
+    gradient : (m n,)
+    criterion : float
+    excess : (6, N, n)
+        Of the limits.
+    crowding : (N, K)
+        Excess of the distances that are kept, in units of `ROOM_UNIT`.
+    """
+
+    lagrangian: float
+    gradient: FloatArray
+    criterion: float
+    excess: FloatArray
+    crowding: FloatArray
+
+    @property
+    def worst_excess(self) -> float:
+        """The largest excess."""
+        return max(float(self.excess.max()), float(self.crowding.max(initial=-np.inf)))
+
+
+class DesignProblem:
+    """Criterion and limits over the coefficients x (m, n) of a family; those of joints without range stay as they are.
+
+    For one thread at a time; see `apart`.
+
+    Parameters
+    ----------
+    family : Family
+    model : DesignModel
+    criterion : Criterion
+    bounds : Bounds
+    rows : str
+        The identification model whose rows the criterion is computed from.
+    """
+
+    def __init__(
+        self,
+        family: Family,
+        model: DesignModel,
+        criterion: Criterion,
+        bounds: Bounds,
+        rows: RowModelName = "dynamic",
+    ) -> None:
+        self.family, self.bounds = family, bounds
+        self.n = model.robot.n
+        self.n_samples = count_period_samples(model, family)
+        self._model = model
+        self._criterion = criterion
+        self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
+        self._rows_of = rows
+        self._row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
+        self._rows = ObservationGradient(model, self.n_samples, choose_sign_rounding(model, bounds))
+        b = model.n_parameters
+        self._n_parameters = b
+        self._nominal = model.nominal_values
+        self._counted = None if model.counted.all() else model.counted[:, None].astype(np.float64)
+        self._middle = np.zeros((6, 1, self.n))
+        self._middle[0, 0] = bounds.middle
+        self._rooms = None if bounds.space is None else bounds.space.constraints
+        of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
+        room = np.stack([bounds.half_range, *of_rates])
+        self._moving = bounds.half_range > 0
+        room[0, ~self._moving] = np.inf
+        # An absent limit has infinite room: its share is zero, and it never acts.
+        self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
+
+    def copy_for_thread(self) -> DesignProblem:
+        """Return a copy for another thread: evaluations of one problem use the same memory."""
+        return DesignProblem(self.family, self._model, self._criterion, self.bounds, self._rows_of)
+
+    def create_multipliers(self, penalty: float) -> Multipliers:
+        """Return zero multipliers, where the augmented Lagrangian begins."""
+        count = 0 if self._rooms is None else self._rooms.count
+        return Multipliers(np.zeros((6, self.n_samples, self.n)), np.zeros((self.n_samples, count)), penalty)
+
+    def evaluate(self, flat: FloatArray, multipliers: Multipliers) -> Evaluation:
+        """Return the augmented Lagrangian at coefficients (m n,), exact gradient included.
+
+        F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
+        """
+        x = flat.reshape(self.family.n_coefficients, self.n)
+        q, dq, ddq, dddq, ddddq = self._basis @ x
+        w = self._rows.evaluate(q, dq, ddq, dddq, ddddq)
+        # Torque is linear in the same base parameters, so that one evaluation of W serves criterion and torque limits.
+        torque = w @ self._nominal
+        b = self._n_parameters
+        scale = 1.0 / np.sqrt(self.n_samples)
+        chosen = self._mask_uncounted(w[:, :, :b])
+        criterion, of_rows = self._criterion(scale * self._row_model.build_rows(chosen, dq))
+        of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
+        shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
+        excess = np.abs(shares) - 1.0
+        active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
+        crowding, of_crowding, of_posture = self._evaluate_crowding(q, multipliers)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.values**2)) / (2 * multipliers.penalty) + of_crowding
+        of_signals = active * np.sign(shares) * self._per_room
+        # Power is torque times velocity: its share of the gradient goes to both by the product rule.
+        of_torque = of_signals[4] + of_signals[5] * dq
+        of_w = of_torque[:, :, None] * self._nominal
+        of_w[:, :, :b] += self._mask_uncounted(of_chosen)
+        gradient = self._basis[1].T @ (of_velocity + of_signals[5] * torque) + self._basis[0].T @ of_posture
+        for basis, of_derivative in zip(self._basis, of_signals[:4], strict=False):
+            gradient += basis.T @ of_derivative
+        for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
+            gradient += basis.T @ of_derivative
+        gradient[:, ~self._moving] = 0.0
+        return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
+
+    def _mask_uncounted(self, rows: FloatArray) -> FloatArray:
+        """Return the rows (N, n, b) with those of joints that do not count set to zero."""
+        return rows if self._counted is None else rows * self._counted
+
+    def _evaluate_crowding(self, q: FloatArray, multipliers: Multipliers) -> tuple[FloatArray, float, FloatArray]:
+        """Return the crowding (N, K), its part of the augmented Lagrangian, and the gradient of that over q (N, n)."""
+        if self._rooms is None:
+            return multipliers.crowding, 0.0, np.zeros_like(q)
+        rooms = self._rooms.evaluate(q)
+        crowding = rooms.values / -ROOM_UNIT
+        active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
+        penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)
+        return crowding, penalty, rooms.pull_back(active / -ROOM_UNIT) if active.any() else np.zeros_like(q)

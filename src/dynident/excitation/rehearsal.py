@@ -1,0 +1,125 @@
+"""Rehearsal of a design: its motion without verification, to predict what the design is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.excitation.criteria.design_criterion import build_design_criterion
+from dynident.excitation.experiments.periodic import build_family, search_trajectory
+from dynident.excitation.experiments.single_joint import Stroke, plan_stroke_moves, plan_strokes
+from dynident.excitation.observation.design_model import DesignModel
+from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.period_sampling import count_period_samples
+from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
+from dynident.motion.limits.postures import compute_static_torque
+from dynident.motion.moves.home import list_home_candidates
+from dynident.motion.trajectories.motion import Motion, PeriodicMotion, concatenate_motions, sample_pieces
+
+_CANDIDATES = 6
+_POSTURES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """A motion that stands for an experiment: its `n_samples` samples are like those of `motion`."""
+
+    motion: Motion
+    n_samples: float
+
+
+def rehearse_quickly(request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float) -> Rehearsal:
+    """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
+
+    Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
+    better,
+    or at least different. The moves from and to rest are not included.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
+    rate : float
+        Hz, of the samples of strokes.
+
+    Returns
+    -------
+    Rehearsal
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    hasty = replace(request, kind="random", random_trajectories=_CANDIDATES)
+    return rehearse_motion(request if request.kind in JOINT_BY_JOINT else hasty, model, bounds, rate)
+
+
+def rehearse_motion(
+    request: DesignRequest, model: DesignModel, bounds: Bounds, rate: float, earlier: FloatArray | None = None
+) -> Rehearsal:
+    """Return the motion that a design of this request will have, except for what its verification removes.
+
+    Parameters
+    ----------
+    request : DesignRequest
+    model : DesignModel
+    bounds : Bounds
+    rate : float
+        Hz, of the samples of strokes: the design's own where the model has a memory, fewer otherwise.
+    earlier : (r, b), optional
+        Rows besides W / √N that stand for earlier runs, see `earlier_rows`.
+
+    Returns
+    -------
+    Rehearsal
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        No such motion keeps the limits.
+    """
+    if request.kind in JOINT_BY_JOINT:
+        home = list_home_candidates(request.home, bounds, model)[0]
+        strokes = plan_strokes(request, bounds, home)
+        _check_holding(strokes, home, bounds, model)
+        # One look at all strokes is enough here; every single move is checked when it is designed.
+        unloaded = replace(bounds, torque=np.full_like(bounds.torque, np.inf))
+        course = plan_stroke_moves(unloaded, model, home, strokes, repeats=request.trajectory.periods, rate=rate)
+        motion = sample_pieces(course.pieces, rate)
+        return Rehearsal(motion, float(len(motion.t)))
+    trajectory = request.trajectory
+    family = build_family(trajectory, trajectory.duration)
+    yardstick = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
+    budget = Budget(request.starts_or_default, request.time_budget)
+    best = search_trajectory(request, family, model, bounds, yardstick, budget).best
+    parts, elapsed = [], 0.0
+    for pace in trajectory.paces:
+        slow = family.with_period(trajectory.duration / pace)
+        # The same number of samples at every pace would count the slow ones too little.
+        t = np.arange(0.0, slow.period, trajectory.duration / count_period_samples(model, family))
+        part = PeriodicMotion(slow, best.x).evaluate(t)
+        parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
+        elapsed += slow.period
+    return Rehearsal(concatenate_motions(parts), elapsed * trajectory.periods * rate)
+
+
+def _check_holding(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, model: DesignModel) -> None:
+    """Raise `ImpossibleLimitsError` where the arm cannot be held along the strokes."""
+    if not bounds.has_torque_limits:
+        return
+    postures = []
+    for joint in sorted({stroke.joint for stroke in strokes}):
+        own = [stroke for stroke in strokes if stroke.joint == joint]
+        along = np.tile(home, (_POSTURES, 1))
+        along[:, joint] = np.linspace(
+            min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
+        )
+        postures.append(along)
+    if (np.abs(compute_static_torque(model, np.concatenate(postures))) > bounds.torque).any():
+        raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")

@@ -1,0 +1,88 @@
+"""Export an identified model in any of the formats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from dynident.encoding import encode_text
+from dynident.errors import DynidentError
+from dynident.export.c_code import make_c_name, to_c
+from dynident.export.casadi_function import to_casadi_bytes
+from dynident.export.document import to_json
+from dynident.export.exported import ExportedFile
+from dynident.export.mjcf import to_mjcf
+from dynident.export.request import ExportFormat
+from dynident.export.summary import make_slug
+from dynident.export.urdf import to_urdf
+from dynident.identification import Identification
+
+
+def export_model(identification: Identification, format: ExportFormat | str, *, nearest: bool = False) -> ExportedFile:
+    """Return an identified model as a file for other programs.
+
+    Parameters
+    ----------
+    identification : Identification
+    format : {"json", "urdf", "mjcf", "c", "casadi"}
+        json, c and casadi hold every effect; urdf and mjcf links, rotors, Coulomb and viscous friction (mjcf also
+        springs), and what they leave out is in the file's `notes`.
+    nearest : bool
+        For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
+
+    Returns
+    -------
+    ExportedFile
+
+    Raises
+    ------
+    DynidentError
+        For an unknown format, or where the format cannot hold the model.
+    """
+    if format not in FORMATS:
+        raise DynidentError(
+            f"there is no format {format!r}; choose from: {', '.join(FORMATS)}",
+            pointer="/format",
+            title="No such format",
+        )
+    return _add_notes(FORMATS[format](identification, nearest), identification)
+
+
+def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFile:
+    """Add the notes that apply to the model in every format."""
+    joints = identification.model.robot.joints_without_torque
+    if not joints:
+        return file
+    note = (
+        f"The torque of {', '.join(joints)} is in no recording: its own friction and drive are not in the model, and "
+        "its torque is that of its links alone."
+    )
+    return replace(file, notes=(*file.notes, note))
+
+
+def _export_json(identification: Identification, nearest: bool) -> ExportedFile:
+    content = encode_text(to_json(identification))
+    return ExportedFile(f"{make_slug(identification.model.robot.name)}.json", "application/json", content)
+
+
+def _export_urdf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_urdf(identification, nearest=nearest)
+
+
+def _export_mjcf(identification: Identification, nearest: bool) -> ExportedFile:
+    return to_mjcf(identification, nearest=nearest)
+
+
+def _export_c(identification: Identification, nearest: bool) -> ExportedFile:
+    return ExportedFile(f"{make_c_name(identification)}.c", "text/x-c", encode_text(to_c(identification)))
+
+
+def _export_casadi(identification: Identification, nearest: bool) -> ExportedFile:
+    name = f"{make_slug(identification.model.robot.name)}.casadi"
+    return ExportedFile(name, "application/octet-stream", to_casadi_bytes(identification))
+
+
+FORMATS: Mapping[str, Callable[[Identification, bool], ExportedFile]] = MappingProxyType(
+    {"json": _export_json, "urdf": _export_urdf, "mjcf": _export_mjcf, "c": _export_c, "casadi": _export_casadi}
+)

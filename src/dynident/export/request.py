@@ -1,0 +1,39 @@
+"""Request for an export: format and options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dynident.schema.fields import Choice, OneOf, declare_field
+
+ExportFormat = Literal["json", "urdf", "mjcf", "c", "casadi"]
+FORMATS = OneOf(
+    Choice("json", "JSON"),
+    Choice("urdf", "URDF"),
+    Choice("mjcf", "MJCF"),
+    Choice("c", "C code"),
+    Choice("casadi", "CasADi"),
+)
+ENDINGS: dict[str, ExportFormat] = {
+    ".json": "json",
+    ".urdf": "urdf",
+    ".xml": "mjcf",
+    ".mjcf": "mjcf",
+    ".c": "c",
+    ".casadi": "casadi",
+}
+"""Format of a file by the ending of its name."""
+
+
+@dataclass(frozen=True)
+class ExportChoices:
+    """What a model is written as."""
+
+    format: ExportFormat = declare_field("What the model is to be written as", default="json", kinds=FORMATS)
+    nearest: bool = declare_field(
+        "urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest that have, which "
+        "changes the torque",
+        default=False,
+    )
+    anyway: bool = declare_field("Export a model whose error says that it is not to be used, too", default=False)

@@ -1,0 +1,424 @@
+"""Group the columns of one signal, one for each joint, by their names; find joints that lack a column."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference.column_names import ColumnName, Signal, get_signal_of_unit
+from dynident.identification.column_inference.proposal import Question
+from dynident.recordings.position_checks import MOVED
+from dynident.robot import Robot
+
+_POSITIONS: tuple[Signal, ...] = ("q",)
+_EFFORTS: tuple[Signal, ...] = ("tau", "current", "effort")
+_OF_JOINTS: tuple[Signal, ...] = ("q", "dq", *_EFFORTS)
+_AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
+"""rad or m: a locked joint's position below the first is 0; one above the second is no angle in radians."""
+
+
+def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
+    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs."""
+    if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
+        return []
+    used = set(columns.values())
+    known = {word for column in named if column.name in used for word in column.words}
+    strange = [
+        column for column in named if column.signal in _OF_JOINTS and column.rank < 4 and column.name not in used
+    ]
+    return [column.name for column in strange if not set(column.words) <= known]
+
+
+def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
+    positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
+    if positions is None:
+        return None
+    names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
+    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, and not in the file"
+    return Question("robot", f"{where}: lock {_get_pronoun(names)}, --lock {','.join(names)}.")
+
+
+def find_torque_of_most_joints(
+    named: Sequence[ColumnName], robot: Robot, positions: FloatArray, empty: int
+) -> ColumnGroup | Question | None:
+    """Return the torques that most joints have; a question where a joint without torque stands still.
+
+    Parameters
+    ----------
+    named : sequence of Named
+    robot : Robot
+    positions : (m, n)
+        Of all joints, in any unit.
+    empty : int
+        The column that is put in the place of missing torques.
+
+    Returns
+    -------
+    Group, Question or None
+        None where there are no such torques.
+    """
+    torques = _find_columns_of_most_joints(named, robot, _EFFORTS)
+    if torques is None:
+        return None
+    first, columns = torques
+    # A joint that stands still and has no torque is probably a gripper or a fixed axis: it is to be locked, not
+    # identified.
+    still = [k for k in range(robot.n) if k not in columns and np.ptp(positions[:, k]) <= MOVED[robot.joints[k].kind]]
+    if still:
+        names = [robot.joint_names[joint] for joint in still]
+        locks = [_write_lock(name, positions[:, joint]) for name, joint in zip(names, still, strict=True)]
+        verbs = "stand still and have" if len(names) > 1 else "stands still and has"
+        return Question(
+            "robot", f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, --lock {','.join(locks)}."
+        )
+    members = tuple(columns.get(joint, empty) for joint in range(robot.n))
+    return ColumnGroup(members, first.signal, first.unit, first.rank, first, "they are of most joints, by their names")
+
+
+def _find_columns_of_most_joints(
+    named: Sequence[ColumnName], robot: Robot, signals: Collection[Signal]
+) -> tuple[ColumnName, dict[int, int]] | None:
+    """Return the columns, by joint, of the most likely of some signals."""
+    groups = [group for group in find_incomplete_groups(named, robot.joint_names) if group[0].signal in signals]
+    measured = [group for group in groups if group[0].rank < 4]
+    return min(measured, key=lambda group: (group[0].rank, group[0].signal != "tau"), default=None)
+
+
+def _get_pronoun(names: Sequence[str]) -> str:
+    return "them" if len(names) > 1 else "it"
+
+
+def _write_lock(name: str, position: FloatArray) -> str:
+    at = float(np.median(position))
+    return f"{name}={at:.4g}" if _AT_ZERO < abs(at) < _MOST else name
+
+
+_LETTERS = "xyz"
+_SIGNALS = ("q", "dq", "ddq", "tau", "current", "effort", "temperature")
+_LENGTHS = ("m", "mm", "cm")
+_FORCES = frozenset({"f", "force", "kraft", "forces"})
+
+
+def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Robot) -> list[ColumnGroup]:
+    """Group columns that belong to the only joint, or by their letters to axes that all slide.
+
+    Parameters
+    ----------
+    named : sequence of Named
+        What the names of all columns say.
+    rest : sequence of int
+        The columns that belong to no group yet.
+    robot : Robot
+
+    Returns
+    -------
+    list of Group
+    """
+    slides = all(joint.kind == "prismatic" for joint in robot.joints)
+    signals = {index: _get_signal(named[index], slides=slides) for index in rest}
+    if robot.n == 1:
+        return [
+            ColumnGroup((index,), signal, named[index].unit, named[index].rank, named[index], "the robot has one joint")
+            for index, signal in signals.items()
+            if signal is not None
+        ]
+    if not slides or robot.n > len(_LETTERS):
+        return []
+    members: dict[tuple[Signal, int], dict[str, int]] = {}
+    for index, signal in signals.items():
+        letter = _get_axis_letter(named[index])
+        if signal is not None and letter:
+            members.setdefault((signal, named[index].rank), {}).setdefault(letter, index)
+    groups = []
+    for (signal, rank), places in members.items():
+        # Letters count as axes only where every joint has its column.
+        if len(places) == robot.n:
+            columns = tuple(places[letter] for letter in sorted(places))
+            first = named[columns[0]]
+            groups.append(
+                ColumnGroup(columns, signal, first.unit, rank, first, "the axes are called by their letters, in order")
+            )
+    return groups
+
+
+def _get_axis_letter(column: ColumnName) -> str:
+    """Return the axis that a name is of: the only word that is x, y or z, or the last letter of a force, fx."""
+    letters = [word[-1] for word in column.words if word in _LETTERS or word[:-1] in _FORCES]
+    return letters[0] if len(letters) == 1 and letters[0] in _LETTERS else ""
+
+
+def _get_signal(column: ColumnName, *, slides: bool) -> Signal | None:
+    """Return the signal that a name says, with forces and lengths where the axes slide."""
+    if column.signal in _SIGNALS:
+        return column.signal
+    if not slides or column.signal not in (None, "other"):
+        return None
+    if any(word in _FORCES or (word[:-1] in _FORCES and word[-1] in _LETTERS) for word in column.words):
+        return "tau"
+    if column.unit == "N":
+        return "tau"
+    is_length = column.unit in _LENGTHS or (
+        column.unit is None and column.words in tuple((letter,) for letter in _LETTERS)
+    )
+    return "q" if is_length and column.signal is None else None
+
+
+EXPLAINED = 0.3
+"""Largest unexplained share of the torque for positions that nothing else identifies: wrong ones leave far more."""
+
+_SAME = 0.01
+"""Share of its spread by which two topics of one position differ: the slower is interpolated between its samples."""
+
+_OURS: tuple[Signal, ...] = ("q", "dq", "ddq", "tau", "current", "temperature")
+"""Kinds of signals that are read by their own names."""
+
+_JOINT = frozenset({"joint", "jnt", "j", "axis", "achse", "a", "link"})
+_PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2"), ("wrist", "3"))
+"""What the pendants of one maker call six joints."""
+
+
+@dataclass(frozen=True)
+class ColumnGroup:
+    """Columns (by index) of one signal in the robot's order of joints, with the signal and how that is known."""
+
+    columns: tuple[int, ...]
+    signal: Signal | None
+    unit: str | None
+    rank: int
+    named: ColumnName
+    reason: str
+
+    def renumber(self, places: list[int]) -> ColumnGroup:
+        """Return the same group where its columns are at these places of all columns."""
+        return replace(self, columns=tuple(places[index] for index in self.columns))
+
+
+def group_columns(
+    named: Sequence[ColumnName], joint_names: Sequence[str], followers: Sequence[str] = ()
+) -> tuple[list[ColumnGroup], list[int], list[int]]:
+    """Group columns that differ by the joint alone.
+
+    Parameters
+    ----------
+    named : sequence of Named
+    joint_names, followers : sequence of str
+        Joints that are driven, and those that follow them.
+
+    Returns
+    -------
+    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`
+    """
+    ours = _group_by_own_names(named, joint_names)
+    in_ours = {index for group in ours for index in group.columns}
+    following: list[int] = []
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
+    reasons: dict[tuple[str, ...], str] = {}
+    for index, column in enumerate(named):
+        if index in in_ours:
+            continue
+        hit = _match_joint_name(column.words, (*joint_names, *followers))
+        if hit is not None and hit[0] >= len(joint_names):
+            following.append(index)
+        elif hit is not None:
+            joint, stem = hit
+            by_stem.setdefault(stem, {}).setdefault(joint, index)
+            reasons[stem] = "the joint's name stands in the column's"
+    used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
+    # Names of all joints or none: a stem that some joints lack is left to the numbers.
+    by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
+    numbered, why = _group_by_number(named, used | in_ours | set(following), len(joint_names))
+    by_stem |= numbered
+    reasons |= why
+    used = {index for group in by_stem.values() for index in group.values()} | in_ours | set(following)
+    groups = ours
+    for stem, group in by_stem.items():
+        columns = tuple(group[joint] for joint in range(len(joint_names)))
+        groups.append(_build_group(columns, named, reasons[stem]))
+    return groups, [index for index in range(len(named)) if index not in used], following
+
+
+def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str]) -> list[ColumnGroup]:
+    """Group columns that have the names of a stored recording: q_<joint>, whatever the joints are called."""
+    places = {name.name: index for index, name in enumerate(named)}
+    groups = []
+    for signal in _OURS:
+        columns = [places.get(f"{signal}_{joint}") for joint in joint_names]
+        known = tuple(column for column in columns if column is not None)
+        if len(known) == len(joint_names):
+            reason = "they are called as a recording's own columns are"
+            groups.append(ColumnGroup(known, signal, None, -1, named[known[0]], reason))
+    return groups
+
+
+def find_incomplete_groups(
+    named: Sequence[ColumnName], joint_names: Sequence[str]
+) -> list[tuple[ColumnName, dict[int, int]]]:
+    """Return the columns of each signal that most joints have, but not all.
+
+    Each as what the name of its first column says, and the columns by joint.
+    """
+    n = len(joint_names)
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
+    numbered: dict[tuple[str, ...], dict[int, int]] = {}
+    for index, column in enumerate(named):
+        own = next(
+            (joint for joint, name in enumerate(joint_names) if column.name in (f"tau_{name}", f"q_{name}")), None
+        )
+        hit = _match_joint_name(column.words, joint_names)
+        if own is not None:
+            by_stem.setdefault(("ours", column.signal or ""), {}).setdefault(own, index)
+        elif hit is not None:
+            by_stem.setdefault(hit[1], {}).setdefault(hit[0], index)
+        elif len(column.numbers) == 1:
+            stem = tuple("#" if word.isdigit() else word for word in column.words)
+            numbered.setdefault(stem, {}).setdefault(column.numbers[0], index)
+    for stem, members in numbered.items():
+        # Joints are counted from 0 or from 1.
+        first = 0 if 0 in members else 1
+        by_stem[stem] = {number - first: index for number, index in members.items() if number - first < n}
+    return [(named[next(iter(members.values()))], members) for members in by_stem.values() if n / 2 < len(members) < n]
+
+
+def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
+    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
+    first, *others = (values[:, list(group.columns)] for group in groups)
+    spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
+    return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
+
+
+def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them."""
+    counted: dict[tuple[str, ...], list[ColumnName]] = {}
+    for column in named:
+        if len(column.numbers) == 1:
+            counted.setdefault(tuple(word for word in column.words if not word.isdigit()), []).append(column)
+    for members in counted.values():
+        numbers = sorted(column.numbers[0] for column in members)
+        if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
+            return (
+                f" {members[0].name} … {members[-1].name} are {len(members)}, and the robot has {n} joints: which of "
+                "them are theirs?"
+            )
+    return ""
+
+
+def infer_by_elimination(
+    groups: Sequence[ColumnGroup],
+    whole: Sequence[ColumnGroup],
+    unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
+) -> list[ColumnGroup]:
+    """Return the one group of `whole` that must be the missing torque, or the missing positions.
+
+    Parameters
+    ----------
+    groups, whole : sequence of Group
+        Those with a signal, and those without.
+    unexplained : function
+        Returns the share of torques that the motion of positions leaves, given the columns of both.
+    """
+    ranked = sorted(whole, key=lambda group: group.rank)
+    if not ranked or (len(ranked) > 1 and ranked[1].rank == ranked[0].rank):
+        return []
+    only, have = ranked[0], {group.signal for group in groups}
+    efforts = [group for group in groups if group.signal in ("tau", "current", "effort")]
+    if "q" in have and not efforts and len(whole) == 1:
+        return [replace(only, signal="effort", reason="it is the only signal left")]
+    if "q" not in have and efforts:
+        best = min(efforts, key=lambda group: (group.rank, group.signal != "tau"))
+        share = unexplained(only.columns, best.columns)
+        if share < EXPLAINED:
+            reason = f"no other column is called a position, and with it the dynamics leave {share:.0%} of the torque"
+            return [replace(only, signal="q", reason=reason)]
+    return []
+
+
+def _build_group(columns: tuple[int, ...], named: Sequence[ColumnName], reason: str) -> ColumnGroup:
+    members = [named[index] for index in columns]
+    units = {member.unit for member in members}
+    # Of a robot that turns and slides the units differ; that of the first joint tells the signal.
+    unit = units.pop() if len(units) == 1 else members[0].unit
+    signals = {member.signal for member in members}
+    signal = signals.pop() if len(signals) == 1 else None
+    return ColumnGroup(
+        columns, signal or get_signal_of_unit(unit), unit, max(member.rank for member in members), members[0], reason
+    )
+
+
+def _match_joint_name(words: tuple[str, ...], joint_names: Sequence[str]) -> tuple[int, tuple[str, ...]] | None:
+    """Return the joint whose name the words hold, the longest where several do, and the words without it."""
+    best: tuple[int, int, int] | None = None
+    for joint, name in enumerate(joint_names):
+        for spelling in _list_spellings(name):
+            place = _find_phrase(words, spelling)
+            # The longest name wins: "wrist_1" must not be taken for a joint "wrist".
+            if place is not None and (best is None or len(spelling) > best[1]):
+                best = joint, len(spelling), place
+    if best is None:
+        return None
+    joint, length, place = best
+    return joint, (*words[:place], "*", *words[place + length :])
+
+
+def _list_spellings(name: str) -> list[tuple[str, ...]]:
+    """Return a joint's name as words, with and without the word joint; none that is a number alone."""
+    words = tuple(word.casefold() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name))
+    bare = tuple(word for word in words if word != "joint")
+    return [
+        spelling for spelling in (words, bare) if any(not word.isdigit() and word not in _JOINT for word in spelling)
+    ]
+
+
+def _find_phrase(words: tuple[str, ...], phrase: tuple[str, ...]) -> int | None:
+    for start in range(len(words) - len(phrase) + 1):
+        if words[start : start + len(phrase)] == phrase:
+            return start
+    return None
+
+
+def _group_by_number(
+    named: Sequence[ColumnName], used: set[int], n: int
+) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
+    """Group columns whose names differ by one number that counts all joints, from 0 or from 1."""
+    stems: dict[tuple[str, ...], dict[int, int]] = {}
+    for index, column in enumerate(named):
+        if index in used:
+            continue
+        for place, word in enumerate(column.words):
+            if word.isdigit():
+                stem = (*column.words[:place], "#", *column.words[place + 1 :])
+                stems.setdefault(stem, {}).setdefault(int(word), index)
+    by_stem: dict[tuple[str, ...], dict[int, int]] = {}
+    reasons: dict[tuple[str, ...], str] = {}
+    # Stems with most numbers first: a name may hold several numbers, and only one of them counts the joints.
+    for stem, members in sorted(stems.items(), key=lambda pair: -len(pair[1])):
+        for base in (1, 0):
+            if set(members) == set(range(base, base + n)) and not used & set(members.values()):
+                by_stem[stem] = {number - base: index for number, index in members.items()}
+                reasons[stem] = f"the joints are counted from {base} in the names"
+                used = used | set(members.values())
+                break
+    pendant, why = _group_by_pendant_names(named, used, n)
+    return by_stem | pendant, reasons | why
+
+
+def _group_by_pendant_names(
+    named: Sequence[ColumnName], used: set[int], n: int
+) -> tuple[dict[tuple[str, ...], dict[int, int]], dict[tuple[str, ...], str]]:
+    if n != len(_PENDANT):
+        return {}, {}
+    stems: dict[tuple[str, ...], dict[int, int]] = {}
+    for index, column in enumerate(named):
+        if index in used:
+            continue
+        for joint, words in enumerate(_PENDANT):
+            place = _find_phrase(column.words, words)
+            if place is not None:
+                stem = (*column.words[:place], "*", *column.words[place + len(words) :])
+                stems.setdefault(stem, {}).setdefault(joint, index)
+    whole = {stem: group for stem, group in stems.items() if len(group) == n}
+    return whole, dict.fromkeys(whole, "the joints are called base, shoulder, elbow and wrist 1 to 3")

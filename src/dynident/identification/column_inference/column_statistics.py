@@ -1,0 +1,179 @@
+"""Properties of a sample's columns: which is a clock, which changes, which is the slope of which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+
+SLOPE = 0.9
+"""Correlation above which one column is taken for the slope of another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Consecutive rows of a file: its columns' names, values (m, columns), stated units, and how it was read."""
+
+    names: tuple[str, ...]
+    values: FloatArray
+    units: dict[str, str]
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The column that holds time, how to get seconds from it, and the reason for it."""
+
+    column: int
+    unit: str
+    factor: float
+    rate: float
+    jitter: float
+    sure: bool
+    reason: str
+
+
+CLOCK_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_BEGINS = 5.0
+"""Steps from the first row's time within which a clock that starts again begins."""
+_SLOWEST, _FASTEST = 8.0, 8000.0
+"""Hz: a robot's recording has a rate between them, so that one unit alone, in steps of a thousand, fits."""
+
+
+def find_changing_columns(values: FloatArray) -> BoolArray:
+    """Return which columns (columns,) hold numbers, and more than one."""
+    finite = np.isfinite(values)
+    enough = finite.mean(axis=0) > 0.9
+    low = np.where(finite, values, np.inf).min(axis=0)
+    high = np.where(finite, values, -np.inf).max(axis=0)
+    return np.asarray(enough & (high > low))
+
+
+def find_clock_columns(values: FloatArray) -> list[int]:
+    """Return the columns that run forward and never back, nearly evenly."""
+    clocks = []
+    for column in range(values.shape[1]):
+        steps = np.diff(values[:, column])
+        if not np.isfinite(steps).all() or not len(steps):
+            continue
+        middle = float(np.median(steps))
+        # A clock may start again with every run of a file, from where it began.
+        forward = (steps >= 0) | (values[1:, column] <= values[0, column] + _BEGINS * middle)
+        if middle > 0 and forward.mean() > 0.995 and np.mean(np.abs(steps - middle) < 0.9 * middle) > 0.7:
+            clocks.append(column)
+    return clocks
+
+
+def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | None:
+    """Read a column as a clock; None where no unit gives the rate of a robot's recording.
+
+    Parameters
+    ----------
+    values : (m, columns)
+    column : int
+    unit : str, optional
+        What its name states.
+    """
+    steps = np.diff(values[:, column])
+    # Gaps between runs, and rows that repeat a time, must not count for the period.
+    steps = steps[steps > 0]
+    middle = float(np.median(steps))
+    jitter = float(np.std(steps[steps < 5 * middle]) / middle)
+    mean = float(np.mean(steps[steps < 5 * middle]))
+    fits = [name for name, factor in CLOCK_FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
+    if unit in CLOCK_FACTORS:
+        rate = 1.0 / (mean * CLOCK_FACTORS[unit])
+        sure = _SLOWEST / 4 <= rate <= 4 * _FASTEST
+        return Clock(
+            column, unit, CLOCK_FACTORS[unit], rate, jitter, sure, f"its name says {unit}; that gives {rate:.4g} Hz"
+        )
+    if len(fits) != 1:
+        return None
+    (only_unit,) = fits
+    rate = 1.0 / (mean * CLOCK_FACTORS[only_unit])
+    return Clock(
+        column, only_unit, CLOCK_FACTORS[only_unit], rate, jitter, True, f"its steps give {rate:.4g} Hz in {only_unit}"
+    )
+
+
+def is_counter(values: FloatArray, column: int) -> bool:
+    """Tell whether a column counts rows: it goes up by one."""
+    return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
+
+
+def smooth_columns(values: FloatArray, width: int) -> FloatArray:
+    """Return means over `width` rows, twice, without the ends (m, columns)."""
+    if width <= 1:
+        return values
+    # Running means by cumulative sums take a time that does not depend on the width.
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    once = (total[width:] - total[:-width]) / width
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), once]), axis=0)
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def fill_gaps(values: FloatArray) -> FloatArray:
+    """Return the values with gaps filled by straight lines between the numbers."""
+    result = np.array(values, dtype=np.float64)
+    rows = np.arange(len(values))
+    for column in range(values.shape[1]):
+        good = np.isfinite(values[:, column])
+        if good.any() and not good.all():
+            result[:, column] = np.interp(rows, rows[good], values[good, column])
+    return result
+
+
+def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Correlate the slope of every column with every other column.
+
+    Parameters
+    ----------
+    t : (m,)
+        In s.
+    values : (m, c)
+
+    Returns
+    -------
+    correlation, factor : (c, c)
+        Of the slope of column i with column j; and column j = factor x slope of column i.
+    """
+    # A clock may start again with every run of a file: a slope must not reach across that.
+    steps = np.diff(t)
+    rate = len(t) / max(float(steps[steps > 0].sum()), 1e-9)
+    # Smooth over 40 ms: differences of positions from row to row would be mostly noise of the encoder.
+    width = max(1, int(rate * 0.04))
+    restarts = np.concatenate([[0], np.cumsum(steps < 0)])
+    steady = smooth_columns(np.column_stack([t, fill_gaps(values)]), width)
+    t, values = steady[:, 0], steady[:, 1:]
+    reach = max(1, width)
+    step = t[2 * reach :] - t[: -2 * reach]
+    span = len(restarts) - len(step)
+    one_run = restarts[span:] == restarts[:-span]
+    good = one_run & (step > 0) & (step < 20 * max(float(np.median(step)), 1e-12))
+    rise = (values[2 * reach :] - values[: -2 * reach])[good] / step[good][:, None]
+    middle = values[reach:-reach][good]
+    if len(rise) < 16:
+        nothing = np.zeros((values.shape[1], values.shape[1]))
+        return nothing, nothing
+    size = np.sqrt((rise**2).sum(axis=0))
+    other = np.sqrt((middle**2).sum(axis=0))
+    inner = rise.T @ middle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.nan_to_num(inner / (size[:, None] * other[None, :]))
+        factor = np.nan_to_num(inner / (size[:, None] ** 2))
+    return np.asarray(correlation), np.asarray(factor)
+
+
+def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the roughness of every column (c,): near 0 for positions, large for torques.
+
+    It is the rms of the second difference over the standard deviation.
+    """
+    values = fill_gaps(values)
+    first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)
+    size = values.std(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        del first
+        return np.asarray(np.nan_to_num(np.sqrt((second**2).mean(axis=0)) / size))

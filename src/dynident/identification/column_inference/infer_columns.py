@@ -1,0 +1,499 @@
+"""Propose the metadata of a file from a sample of its columns: names are checked against the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference import unit_inference as of_units
+from dynident.identification.column_inference.clock import (
+    TOGETHER,
+    columns_are_poses,
+    guess_clock,
+    guess_clock_of_poses,
+    guess_efforts_at_poses,
+)
+from dynident.identification.column_inference.column_groups import (
+    ColumnGroup,
+    ask_for_missing_joints,
+    describe_further_joints,
+    find_columns_of_other_joints,
+    find_torque_of_most_joints,
+    group_columns,
+    group_few_joints,
+    hold_same_values,
+    infer_by_elimination,
+)
+from dynident.identification.column_inference.column_statistics import (
+    SLOPE,
+    Sample,
+    correlate_slopes,
+    fill_gaps,
+    find_changing_columns,
+)
+from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
+from dynident.identification.column_inference.effort_kind import ask_for_gains, classify_effort
+from dynident.identification.column_inference.proposal import Proposal, Question
+from dynident.identification.column_inference.robot_check import check_against_dynamics
+from dynident.identification.column_inference.unnamed_columns import (
+    UnnamedColumns,
+    assign_torques,
+    identify_unnamed_columns,
+    is_in_order,
+    select_whole_signals,
+    sort_by_number,
+)
+from dynident.identification.column_inference.working_proposal import WorkingProposal
+from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.recordings.columns import NOT_RECORDED
+from dynident.recordings.conditioning.registers import decode_registers
+from dynident.recordings.metadata import EffortKind
+from dynident.recordings.units import find_conversion
+from dynident.robot import Robot
+
+NO_MEASUREMENT: dict[EffortKind, str] = {
+    "external": "external torques: what the robot's own dynamics need was taken out of them",
+    "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
+    "commanded": "commanded and not measured",
+}
+
+_FEWEST_ROWS = 3
+"""Rows with a time, below which that column is not the time."""
+
+_CLEARLY = 1.25
+"""Ratio of the unexplained shares above which another order of the columns is refuted."""
+
+
+def propose(sample: Sample, robot: Robot) -> Proposal:
+    """Guess what the columns are. Where that is not sure, the proposal has questions.
+
+    Parameters
+    ----------
+    sample : Sample
+    robot : Robot
+
+    Returns
+    -------
+    Proposal
+    """
+    units = find_description_units(robot)
+    return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()
+
+
+@dataclass
+class _ColumnInference(WorkingProposal):
+    """A proposal in the making: the steps from names and data to columns, units and the kind of effort."""
+
+    silent: list[int] = field(default_factory=list)
+
+    def run(self) -> Proposal:
+        """Guess time, groups of columns, positions, efforts and units, in this order."""
+        sample, n = self.sample, self.robot.n
+        self.of_poses = columns_are_poses(self)
+        self.alive = (
+            find_changing_columns(sample.values) if len(sample.values) else np.zeros(len(sample.names), dtype=bool)
+        )
+        kind: EffortKind = "unknown"
+        for remark in self.sample.remarks:
+            self.add_guess("rows", "joined", 0.95, remark)
+        self._report_empty_columns()
+        # Everything else needs the time: slopes, filters and fits.
+        clock = guess_clock_of_poses(self) if self.of_poses else guess_clock(self)
+        if clock is None:
+            return self._finish(kind)
+        self.t = sample.values[:, clock.column] * clock.factor
+        segment = self._find_segment_column()
+        good = np.isfinite(self.t)
+        if np.count_nonzero(good) < _FEWEST_ROWS:
+            self.add_question("columns/t", "Hardly any row has a time: which column is it?", sample.names)
+            return self._finish(kind)
+        self.values = fill_gaps(sample.values[good])
+        self.t = self.t[good]
+        labels = None if segment is None else segment[good]
+        # From here on every guess can be tested: the better the columns are understood, the more the dynamics
+        # explain.
+        self.fits = PoseFits(self.robot, self.t) if self.of_poses else DynamicsFits(self.robot, self.t, labels)
+        others = [name for index, name in enumerate(self.column_names) if index != clock.column]
+        places = [index for index in range(len(self.column_names)) if index != clock.column]
+        followers = () if self.robot.linkage is None else self.robot.linkage.passive
+        names = [self.robot.tree.joint_names[j] for j in followers]
+        local, rest, following = group_columns(others, self.robot.joint_names, names)
+        if following:
+            unused = ", ".join(others[index].name for index in following)
+            self.add_guess(
+                "columns", unused, 0.9, "not used: of joints that are not driven, which follow from those that are"
+            )
+        local += group_few_joints(others, rest, self.robot)
+        in_groups = {index for group in local for index in group.columns}
+        rest = [index for index in rest if index not in in_groups]
+        # The groups were numbered without the time column; number them as the file does.
+        groups = [group.renumber(places) for group in local]
+        groups += self._group_unnamed(groups, [places[index] for index in rest], n)
+        position = self._choose_position(groups)
+        effort, kind = self._choose_effort(groups, position)
+        if position is None or effort is None:
+            return self._finish(kind)
+        # Registers and empty columns are corrected first, as the import will do it.
+        self._read_signs(position, "q")
+        self._read_signs(effort, "tau")
+        self._mark_unrecorded_torques(effort)
+        q = self._convert_positions(position, effort)
+        if self.of_poses:
+            return self._finish(
+                guess_efforts_at_poses(self, self.fits, self.values[:, list(effort.columns)], effort, q, kind)
+            )
+        if q is not None:
+            rows = replace(self.sample, values=self.sample.values[good])
+            q, put_right = condition_sample(self.fits, rows, position, effort, q)
+            self._guess_rates(groups, position, q)
+            kind = self._guess_efforts(effort, q, kind)
+            self.guesses += put_right
+        return self._finish(kind)
+
+    def _finish(self, kind: EffortKind) -> Proposal:
+        if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
+            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
+        return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
+
+    def _report_empty_columns(self) -> None:
+        """Report which columns hold no numbers at all."""
+        empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
+        if len(empty):
+            names = ", ".join(self.sample.names[column] for column in empty)
+            self.add_guess("columns", names, 0.9, "not used: no row of them holds a number")
+
+    def _read_signs(self, group: ColumnGroup, kind: str) -> None:
+        """Read unsigned register values as signed ones, as an import does."""
+        columns = list(group.columns)
+        decoded, register = decode_registers(self.values[:, columns], self.t, kind)
+        if register is None:
+            return
+        self.values[:, columns] = decoded
+        raw = np.array(self.sample.values)
+        raw[:, columns] = register.decode(raw[:, columns])
+        self.sample = replace(self.sample, values=raw)
+        detail = f"{self.name_columns(group)} are registers whose sign was not read: {register}. They are read so."
+        self.add_guess("rows/registers", "put right", 0.95, detail)
+
+    def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
+        """Treat torques that hold no number as not recorded, as an import does."""
+        raw = np.array(self.sample.values)
+        for joint, column in enumerate(effort.columns):
+            if np.isfinite(raw[:, column]).any():
+                continue
+            raw[:, column] = self.values[:, column] = 0.0
+            name = self.robot.joint_names[joint]
+            reason = (
+                f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
+            )
+            self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
+            self.silent.append(joint)
+        self.sample = replace(self.sample, values=raw)
+
+    def _find_segment_column(self) -> FloatArray | None:
+        for index, name in enumerate(self.column_names):
+            values = self.sample.values[:, index]
+            if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
+                continue
+            if len(np.unique(values)) < max(2, len(values) // 20):
+                self.columns["segment"] = name.name
+                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay for long: runs")
+                return np.asarray(values)
+        return None
+
+    def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
+        """Return groups of the columns whose names say no signal."""
+        have = {group.signal for group in groups}
+        if "q" in have and have & {"tau", "current", "effort"}:
+            return []
+        silent = [index for group in groups if group.signal is None for index in group.columns]
+        # A column whose name says command is no measurement, whatever it holds.
+        measured = [index for index in (*rest, *silent) if self.column_names[index].rank < 4]
+        pool = sorted({index for index in measured if self.column_names[index].signal is None or index in silent})
+        pool = sort_by_number(self.column_names, select_whole_signals(pool, self.values, self.alive, n))
+        whole = [group for group in groups if group.signal is None]
+        kinds = identify_unnamed_columns(self.t, self.values, pool, n, self._measure_unexplained) if pool else None
+        if kinds is None:
+            return infer_by_elimination(groups, whole, self._measure_unexplained)
+        groups[:] = [group for group in groups if group.signal is not None]
+        for group in whole:
+            # The names count the joints, which gives the order; the content gives the signal.
+            for signal, columns in (("q", kinds.positions), ("dq", kinds.rates), ("tau", kinds.efforts)):
+                if set(group.columns) == set(columns):
+                    groups.append(ColumnGroup(group.columns, signal, group.unit, group.rank, group.named, kinds.reason))  # type: ignore[arg-type]
+        if {group.signal for group in groups} >= {"q", "tau"}:
+            return []
+        return self._order_by_joint(kinds, pool)
+
+    def _measure_unexplained(self, positions: tuple[int, ...], efforts: tuple[int, ...]) -> float:
+        """Return the unexplained share of the torque if these columns are it, with positions in rad or in degrees."""
+        q, tau = self.values[:, list(positions)], self.values[:, list(efforts)]
+        shares = [self.fits.measure_unexplained(q * factor, tau) for factor in (1.0, np.pi / 180.0)]
+        return min((share for share in shares if share is not None), default=1.0)
+
+    def _order_by_joint(self, kinds: UnnamedColumns, pool: list[int]) -> list[ColumnGroup]:
+        """Return unnamed columns of every kind in the robot's order: that of the pool, if nothing contradicts it."""
+        named = [self.column_names[columns[0]] for columns in (kinds.positions, kinds.efforts)]
+        positions, efforts = list(kinds.positions), list(kinds.efforts)
+        place = {column: k for k, column in enumerate(pool)}
+        regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
+        counted = pool != sorted(pool)
+        reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
+        if regular and counted and self._is_file_order_as_good(kinds):
+            self.add_question(
+                "columns", "The joints stand in one order by their numbers, in another in the file: which one?"
+            )
+        if not regular:
+            self.add_question(
+                "columns", "The names of the columns do not say which joint they are of, and their order neither."
+            )
+            q, tau = self.values[:, positions], self.values[:, efforts]
+            order, _ = assign_torques(self.t, q, tau)
+            efforts = [efforts[index] for index in order]
+        groups = [
+            ColumnGroup(tuple(positions), "q", None, 0, named[0], reason),
+            ColumnGroup(tuple(efforts), "effort", None, 0, named[1], reason),
+        ]
+        if kinds.rates and regular and is_in_order([place[column] for column in kinds.rates]):
+            groups.append(ColumnGroup(kinds.rates, "dq", None, 0, self.column_names[kinds.rates[0]], reason))
+        return groups
+
+    def _is_file_order_as_good(self, kinds: UnnamedColumns) -> bool:
+        """Tell whether both also stand in order in the file, and the robot's dynamics do not refute that."""
+        positions, efforts = sorted(kinds.positions), sorted(kinds.efforts)
+        if not (is_in_order(positions) and is_in_order(efforts)):
+            return False
+        counted, in_file = ((kinds.positions, kinds.efforts), (tuple(positions), tuple(efforts)))
+        return in_file != counted and self._measure_unexplained(*in_file) < _CLEARLY * self._measure_unexplained(
+            *counted
+        )
+
+    def _choose_position(self, groups: list[ColumnGroup]) -> ColumnGroup | None:
+        candidates = sorted((group for group in groups if group.signal == "q"), key=lambda group: group.rank)
+        if not candidates:
+            if missing := ask_for_missing_joints(self.column_names, self.robot):
+                self.questions.append(missing)
+                return None
+            more = describe_further_joints(self.column_names, self.robot.n)
+            detail = (
+                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
+                f"they are in another file, {TOGETHER}."
+            )
+            self.add_question("columns/q", detail, self.sample.names)
+            return None
+        # Several columns of the same rank that hold the same numbers are one signal, logged twice.
+        equal = [group for group in candidates if group.rank == candidates[0].rank]
+        if len(equal) > 1 and not hold_same_values(self.values, equal):
+            names = tuple(self.name_columns(group) for group in equal)
+            self.add_question("columns/q", "Several sets of columns may be the measured positions: which one?", names)
+        elif candidates[0].rank >= 4:
+            self.add_question(
+                "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
+            )
+        self.assign_columns("q", candidates[0])
+        return candidates[0]
+
+    def _choose_effort(
+        self, groups: list[ColumnGroup], position: ColumnGroup | None
+    ) -> tuple[ColumnGroup | None, EffortKind]:
+        if any(question.field == "robot" for question in self.questions):
+            # First the user has to say which joints the robot has.
+            return None, "unknown"
+        candidates = [
+            group for group in groups if group.signal in ("tau", "current", "effort") and group is not position
+        ]
+        silent = [group for group in candidates if not np.nan_to_num(self.values[:, list(group.columns)]).any()]
+        candidates = [group for group in candidates if self.alive[list(group.columns)].any()]
+        # Torque is preferred to current, as it needs no drive gains.
+        candidates.sort(key=lambda group: (group.rank, group.signal != "tau"))
+        if not candidates and silent:
+            self.assign_columns(silent[0].signal or "tau", silent[0])
+            detail = (
+                f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
+                "swing with its motors off? Then only ratios can be found, inertia and friction over gravity."
+            )
+            self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
+            return None, "joint_torque"
+        if not candidates:
+            candidates = self._find_torque_of_most_joints(position)
+        if not candidates:
+            if any(question.field == "robot" for question in self.questions):
+                return None, "unknown"
+            detail = (
+                "No columns were recognised as torques or currents of all joints. Where they are in another file, "
+                f"{TOGETHER}."
+            )
+            self.add_question("columns/tau", detail, self.sample.names)
+            return None, "unknown"
+        best = candidates[0]
+        equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
+        if equal:
+            names = tuple(self.name_columns(group) for group in [best, *equal])
+            self.add_question("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
+        kind: EffortKind = "unknown"
+        if best.named.external:
+            kind = "external"
+        elif best.named.compensated:
+            kind = "gravity_compensated"
+        elif best.rank >= 4:
+            kind = "commanded"
+        if kind != "unknown":
+            self._refuse_kind(kind, self.name_columns(best))
+        return best, kind
+
+    def _find_torque_of_most_joints(self, position: ColumnGroup | None) -> list[ColumnGroup]:
+        """Return torques of most joints: those of the others were not recorded, or the joints are not the arm's."""
+        if position is None:
+            return []
+        positions = self.values[:, list(position.columns)]
+        torque = find_torque_of_most_joints(self.column_names, self.robot, positions, len(self.column_names))
+        if isinstance(torque, Question):
+            self.questions.append(torque)
+        if not isinstance(torque, ColumnGroup):
+            return []
+        # All joints without a torque share one empty column.
+        empty = np.full((len(self.sample.values), 1), np.nan)
+        columns = (*self.sample.names, NOT_RECORDED), np.hstack([self.sample.values, empty])
+        self.sample = Sample(*columns, self.sample.units)
+        self.values = np.column_stack([self.values, np.zeros(len(self.values))])
+        self.alive = np.append(self.alive, False)
+        return [torque]
+
+    def _refuse_kind(self, kind: EffortKind, names: str) -> None:
+        why = NO_MEASUREMENT[kind]
+        self.add_question(
+            "effort_kind", f"{names} are {why}. Nothing can be identified from them; give the measured torque."
+        )
+
+    def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
+        """Return the positions (m, n) in SI, and note their unit."""
+        q = np.array(self.values[:, list(position.columns)])
+        tau = self.values[:, list(effort.columns)]
+        units = [self.column_names[index].unit for index in position.columns]
+        turning = [unit for unit, joint in zip(units, self.robot.joints, strict=True) if joint.kind == "revolute"]
+        stated = turning[0] if turning and len(set(turning)) == 1 else None
+        turned = of_units.guess_position_unit(self.robot, q, stated, tau, self.fits)
+        mixed = any(joint.kind == "prismatic" for joint in self.robot.joints)
+        for index, joint in enumerate(self.robot.joints):
+            if joint.kind == "revolute":
+                assert turned is not None
+                guess = turned
+            else:
+                guess = of_units.guess_stroke_unit(q[:, index], joint.reach, units[index])
+            factor, offset = find_conversion("q", joint.kind, guess.unit, "q")
+            q[:, index] = q[:, index] * factor + offset
+            if mixed or index == 0:
+                key = f"q{index + 1}" if mixed else "q"
+                self.take_unit(key, guess, "m" if joint.kind == "prismatic" else "rad")
+        return q
+
+    def _guess_rates(self, groups: list[ColumnGroup], position: ColumnGroup, q: FloatArray) -> None:
+        """Take velocities that are the slope of the positions, and report those that are not."""
+        candidates = sorted((group for group in groups if group.signal == "dq"), key=lambda group: group.rank)
+        if candidates:
+            group = candidates[0]
+            values = self.values[:, list(group.columns)]
+            n = q.shape[1]
+            correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
+            own = np.array([correlation[j, n + j] for j in range(n)])
+            ratio = np.array([factor[j, n + j] for j in range(n)])
+            moving = q.std(axis=0) > 0.02 * q.std(axis=0).max()
+            guesses = [
+                of_units.guess_rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
+                for j, joint in enumerate(self.robot.joints)
+            ]
+            fine = [g is not None and own[j] > SLOPE for j, g in enumerate(guesses)]
+            kinds = {joint.kind for joint in self.robot.joints}
+            same = {g.unit for j, g in enumerate(guesses) if g is not None and moving[j]}
+            if all(fine[j] for j in np.flatnonzero(moving)) and len(kinds) == 1 and len(same) == 1:
+                self.assign_columns("dq", group)
+                usual = "rad/s" if kinds == {"revolute"} else "m/s"
+                (unit,) = same
+                self.take_unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
+            else:
+                self.add_guess(
+                    "columns/dq", self.name_columns(group), 0.5, "not used: it is not the slope of these positions"
+                )
+
+    def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
+        tau = self.values[:, list(effort.columns)]
+        gains = [drive.gain for drive in self.robot.drives]
+        signal = effort.signal
+        reach = of_units.compute_reach(self.robot)
+        torque = of_units.guess_torque_unit(self.robot, tau, effort.unit if signal == "tau" else None, reach)
+        current = of_units.guess_current_unit(tau, gains, self.robot, effort.unit if signal == "current" else None)
+        by_data = classify_effort(
+            self.fits,
+            q,
+            tau,
+            signal,
+            effort.unit,
+            of_units.get_factor("tau", "revolute", torque.unit) if " m" in torque.unit else 1.0,
+            {"A": 1.0, "mA": 1e-3}[current.unit] if current.confidence >= of_units.SURE else None,
+        )
+        if kind == "unknown":
+            kind = by_data.kind
+            if kind in ("gravity_compensated", "external", "commanded"):
+                self._refuse_kind(kind, f"{self.name_columns(effort)} look as if they were ({by_data.reason}); they")
+        unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
+        self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
+        if effort.unit in ("permille", "percent"):
+            signal = "current"
+            self.assign_columns("current", effort)
+            unit = f"{effort.unit} of the rated torque"
+            self.add_guess(
+                "units/current", unit, 0.9, f"its name says {effort.unit}; drive gains are then N m per {effort.unit}"
+            )
+            kind = "motor_torque" if kind == "unknown" else kind
+        elif signal == "effort":
+            if kind == "unknown":
+                detail = f"What are {self.name_columns(effort)}: torques of the joints, or currents of the motors?"
+                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque", "motor_current"))
+            signal = "current" if kind == "motor_current" else "tau"
+            self.assign_columns(signal, effort)
+        else:
+            if kind == "unknown" and signal == "tau":
+                detail = (
+                    f"What are {self.name_columns(effort)}? They are called torques, but {by_data.reason}: torques of "
+                    "the joints, with such inertias, or of the motors before the gears?"
+                )
+                self.add_question("effort_kind", detail, ("joint_torque", "motor_torque"))
+            self.assign_columns("tau" if signal == "tau" else "current", effort)
+        if effort.unit not in ("permille", "percent"):
+            self.take_effort_unit(signal or "tau", tau, effort, gains, reach)
+        in_si = signal == "tau" or None not in gains
+        if signal == "current":
+            question = ask_for_gains(self.name_columns(effort), effort.unit, gains, self.fits, (q, tau))
+            if question is not None:
+                # The size of the torques depends on the gains, so it is asked together with them.
+                self.questions.append(question)
+                in_si = False
+        self._check_against_dynamics(q, tau * self._get_factors(signal or "tau", gains), effort, in_si=in_si)
+        return kind
+
+    def _get_factors(self, signal: str, gains: list[float | None]) -> FloatArray:
+        """Return the factors (n,) that make N m or N of the effort's numbers, 1 where they are not known."""
+        factors = np.ones(self.robot.n)
+        for index, joint in enumerate(self.robot.joints):
+            unit = self.units.get(f"{signal}{index + 1}", self.units.get(signal))
+            if signal == "tau" and unit is not None:
+                factors[index] = of_units.get_factor("tau", joint.kind, unit)
+            elif signal == "current":
+                factors[index] = (gains[index] or 1.0) * {"mA": 1e-3}.get(unit or "A", 1.0)
+        return factors
+
+    def _check_against_dynamics(self, q: FloatArray, tau: FloatArray, effort: ColumnGroup, *, in_si: bool) -> None:
+        """Check the columns against the robot's dynamics; where much is unexplained, that comes first."""
+        positions = [self.columns[f"q{joint + 1}"] for joint in range(self.robot.n)]
+        torques = [self.sample.names[column] for column in effort.columns]
+        guesses, questions = check_against_dynamics(
+            self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
+        )
+        first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
+        self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
+        if any(question.field == "units/tau" for question in questions):
+            # A question that says by how much the torques are off replaces the one that only says the unit is unknown.
+            self.questions = [question for question in self.questions if question.field != "units/tau"]
+        self.questions += questions

@@ -1,0 +1,129 @@
+"""Inspect a file: its format, what it most probably holds, and its first rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from dynident.array_types import FloatArray
+from dynident.identification.column_inference.column_statistics import Sample
+from dynident.identification.column_inference.infer_columns import propose
+from dynident.identification.column_inference.proposal import Proposal, Question
+from dynident.identification.robot_recordings import build_recorded_joints
+from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, import_recording
+from dynident.recordings.formats import format_of, open_source
+from dynident.recordings.recording_files import compute_digest
+from dynident.robot import Robot
+
+SHOWN_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """The result of an inspection; `proposal` is None without a robot. `rows` (m, columns) are the first ones."""
+
+    path: Path
+    format: str
+    columns: tuple[str, ...]
+    rows: FloatArray
+    n_rows_seen: int
+    proposal: Proposal | None
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the whole file, which is read only when this is asked for."""
+        return compute_digest(self.path)
+
+
+def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> Inspection:
+    """Inspect a sample of a file: at most its first 65536 rows, or 16000 of a bag.
+
+    Parameters
+    ----------
+    path : path
+        Of one file, or of several that are one recording: q.csv+dq.csv+tau.csv.
+    robot : Robot, optional
+        Whose recording it is; without it nothing is proposed.
+    rate : float, optional
+        Hz of the rows, where they have no time.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read.
+    """
+    sample = read_sample(path, rate)
+    return Inspection(
+        path=path,
+        format=format_of(path),
+        columns=sample.names,
+        rows=sample.values[:SHOWN_ROWS],
+        n_rows_seen=len(sample.values),
+        proposal=None if robot is None else _import_sample(propose(sample, robot), sample, robot),
+    )
+
+
+def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal:
+    """Import the sample as proposed, and turn what is refused into questions."""
+    # Open questions come first: without their answers the import would fail for reasons that are known already.
+    if not proposal.is_sure:
+        return proposal
+    metadata = RecordingMetadata(columns=proposal.columns, units=proposal.units)
+    with TemporaryDirectory(prefix="dynident-") as folder:
+        rows = Path(folder) / "rows.parquet"
+        # The rows go through the real import, so that nothing is proposed that it would refuse afterwards.
+        pq.write_table(pa.table(dict(zip(sample.names, sample.values.T, strict=True))), rows)
+        try:
+            import_recording(
+                rows,
+                Path(folder) / "read.parquet",
+                build_recorded_joints(robot),
+                metadata=metadata,
+                against=_report_checked,
+            )
+        except RecordingError as error:
+            refused = [check for check in error.checks if check.status == "error"]
+            questions = [Question("columns", check.detail, check=check.name) for check in refused]
+            return replace(proposal, questions=tuple(questions) or (Question("columns", error.detail),))
+    return proposal
+
+
+def _report_checked(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
+    """Report that the columns were checked against the dynamics already, so that friction alone need not decide."""
+    return (Check("torque_order", "ok", "Held against the robot's dynamics before."),)
+
+
+def read_sample(path: Path, rate: float | None = None) -> Sample:
+    """Read the first rows of a file, whose `rate` in Hz may be stated.
+
+    Parameters
+    ----------
+    path : Path
+    rate : float, optional
+
+    Raises
+    ------
+    RecordingError
+        For a file that cannot be read.
+    """
+    source = open_source(path, None, rate)
+    parts: list[FloatArray] = []
+    n_rows = 0
+    for block in source.blocks():
+        parts.append(block[: source.sample_rows - n_rows])
+        n_rows += len(parts[-1])
+        if n_rows >= source.sample_rows:
+            break
+    values = np.concatenate(parts) if parts else np.empty((0, len(source.names)))
+    return Sample(tuple(source.names), values, source.units, source.remarks)

@@ -1,0 +1,209 @@
+"""Identify columns whose names say nothing: their signal by their content, and their joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.identification.column_inference.column_names import ColumnName
+from dynident.identification.column_inference.column_statistics import SLOPE, compute_roughness, correlate_slopes
+
+_EXPLAINED, _CLEARLY = 0.3, 1.5
+"""Largest unexplained share of the torque for an order of the columns to be taken, and ratio to the next best order."""
+_GAP = 3.0
+"""Ratio of the smoothest torque's roughness to the roughest position's, at least."""
+
+
+@dataclass(frozen=True)
+class UnnamedColumns:
+    """Columns (by index) by what they hold, in the order of the file; `rates` are those of the positions."""
+
+    positions: tuple[int, ...]
+    rates: tuple[int, ...]
+    efforts: tuple[int, ...]
+    reason: str
+
+
+def identify_unnamed_columns(
+    t: FloatArray,
+    values: FloatArray,
+    columns: Sequence[int],
+    n: int,
+    unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float],
+) -> UnnamedColumns | None:
+    """Tell positions, velocities and torques of n joints apart.
+
+    Parameters
+    ----------
+    t : (m,)
+        In s.
+    values : (m, c)
+    columns : sequence of int
+        Those in question.
+    n : int
+        Number of joints.
+    unexplained : function
+        Returns the share of torques that the motion of positions leaves, given the columns of both.
+
+    Returns
+    -------
+    Kinds or None
+        None where there are not as many columns as that needs, or they do not differ clearly.
+    """
+    part = values[:, list(columns)]
+    if len(columns) == 3 * n:
+        by_slope = _split_by_slopes(t, part, columns, n)
+        if by_slope is None:
+            return _split_three_blocks(t, part, columns, n, np.max)
+        if all(is_in_order(block) for block in (by_slope.positions, by_slope.rates, by_slope.efforts)):
+            return by_slope
+        # A torque may resemble a velocity by chance. So whole blocks of columns, with the median over the joints, are
+        # preferred to single pairs.
+        return _split_three_blocks(t, part, columns, n, np.median) or by_slope
+    if len(columns) != 2 * n:
+        return None
+    rough = compute_roughness(t, part)
+    order = np.argsort(rough)
+    if rough[order[n]] < _GAP * rough[order[n - 1]]:
+        return _split_two_blocks(columns, n, unexplained)
+    smooth = set(order[:n].tolist())
+    return UnnamedColumns(
+        tuple(columns[index] for index in range(2 * n) if index in smooth),
+        (),
+        tuple(columns[index] for index in range(2 * n) if index not in smooth),
+        f"half of the columns are smooth as positions are, the others at least {_GAP:.0f} times rougher",
+    )
+
+
+def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
+    correlation, _ = correlate_slopes(t, part)
+    np.fill_diagonal(correlation, 0.0)
+    follower = correlation.argmax(axis=1)
+    led = [
+        index
+        for index in range(len(columns))
+        if correlation[index, follower[index]] > SLOPE and correlation[:, follower[index]].argmax() == index
+    ]
+    # Positions lead to velocities. A velocity leads to accelerations, which look like torques, so a follower must not
+    # lead.
+    pairs = [(index, int(follower[index])) for index in led if follower[index] not in led]
+    if len(pairs) != n:
+        return None
+    paired = {index for pair in pairs for index in pair}
+    rest = [index for index in range(len(columns)) if index not in paired]
+    return UnnamedColumns(
+        tuple(columns[first] for first, _ in pairs),
+        tuple(columns[second] for _, second in pairs),
+        tuple(columns[index] for index in rest),
+        "some columns are the slopes of others, and the rest of neither",
+    )
+
+
+def _split_three_blocks(
+    t: FloatArray, part: FloatArray, columns: Sequence[int], n: int, of_joints: Callable[[list[float]], float]
+) -> UnnamedColumns | None:
+    """Find three signals of all joints side by side, some of which stand still, by the joints that move."""
+    correlation, _ = correlate_slopes(t, part)
+    best: tuple[float, tuple[list[int], ...]] | None = None
+    for blocks in _list_layouts(n, 3):
+        for first in range(3):
+            for second in range(3):
+                if first == second:
+                    continue
+                pairs = [correlation[a, b] for a, b in zip(blocks[first], blocks[second], strict=True)]
+                correlated = float(of_joints(pairs))
+                if correlated > SLOPE and (best is None or correlated > best[0]):
+                    rest = blocks[3 - first - second]
+                    best = correlated, (blocks[first], blocks[second], rest)
+    if best is None:
+        return None
+    q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
+    return UnnamedColumns(q, dq, tau, "of the joints that move one block of columns is the slope of another")
+
+
+def _split_two_blocks(
+    columns: Sequence[int], n: int, unexplained: Callable[[tuple[int, ...], tuple[int, ...]], float]
+) -> UnnamedColumns | None:
+    """Find two signals of all joints side by side, by the order with which the dynamics explain the torque."""
+    trials = []
+    for blocks in _list_layouts(n, 2):
+        for first in (0, 1):
+            q, tau = (tuple(columns[index] for index in blocks[place]) for place in (first, 1 - first))
+            trials.append((unexplained(q, tau), q, tau))
+    trials.sort(key=lambda trial: trial[0])
+    if trials[0][0] > _EXPLAINED or trials[1][0] < _CLEARLY * trials[0][0]:
+        return None
+    share, q, tau = trials[0]
+    return UnnamedColumns(
+        q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more"
+    )
+
+
+def _list_layouts(n: int, signals: int) -> list[list[list[int]]]:
+    """Return the places of the signals' columns: signal by signal, or joint by joint."""
+    by_signal = [list(range(k * n, (k + 1) * n)) for k in range(signals)]
+    by_joint = [list(range(k, n * signals, signals)) for k in range(signals)]
+    return [by_signal, by_joint]
+
+
+def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
+    """Return the columns that change; or all of them, where only all make whole signals of n joints."""
+    numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
+    moving = [index for index in numbers if alive[index]]
+    return numbers if len(moving) % n and not len(numbers) % n else moving
+
+
+def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
+    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged."""
+    numbers = [named[index].numbers for index in columns]
+    stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
+    if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):
+        return columns
+    return [columns[place] for place in np.argsort([number[0] for number in numbers])]
+
+
+def is_in_order(columns: Sequence[int]) -> bool:
+    """Tell whether columns stand side by side in the file, or in even steps."""
+    return len(set(np.diff(columns).tolist())) <= 1
+
+
+def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntArray, float]:
+    """Assign torques to positions, by friction and inertia of the joint itself.
+
+    Parameters
+    ----------
+    t : (m,)
+    q, tau : (m, n)
+
+    Returns
+    -------
+    order (n,), margin : the torque of every position, and by what factor another pairing explains less.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    n = q.shape[1]
+    rate = np.gradient(q, t, axis=0)
+    width = max(1, len(t) // 2000)
+    shares = np.zeros((n, n))
+    for joint in range(n):
+        own = rate[::width, joint]
+        rows = np.column_stack([np.tanh(own / (0.05 * own.std() + 1e-12)), own, np.ones(len(own))])
+        for other in range(n):
+            target = tau[::width, other]
+            remainder = target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]
+            shares[joint, other] = 1.0 - remainder.var() / max(target.var(), 1e-30)
+    # The assignment with the largest product of shares, by the Hungarian algorithm on their logarithms.
+    certainty = np.log(np.clip(shares, 1e-3, 1.0))
+    rows_, order = linear_sum_assignment(-certainty)
+    best = float(certainty[rows_, order].sum())
+    second = -np.inf
+    for joint in range(n):
+        # Forbid one pair after the other: the best of these assignments is the runner-up.
+        blocked = certainty.copy()
+        blocked[joint, order[joint]] = -50.0
+        again = linear_sum_assignment(-blocked)
+        second = max(second, float(blocked[again].sum()))
+    return order.astype(np.int64), best - second

@@ -1,7 +1,0 @@
-"""Inference of the columns of an unknown file: guesses with reasons, and questions where the data do not decide."""
-
-from dynident.identification.imports.inspecting import Inspection, inspect_file
-from dynident.identification.imports.proposal import Guess, Proposal, Question
-from dynident.recordings.stated import EffortKind
-
-__all__ = ["EffortKind", "Guess", "Inspection", "Proposal", "Question", "inspect_file"]

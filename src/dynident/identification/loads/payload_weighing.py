@@ -1,0 +1,132 @@
+"""Decide whether a payload can be weighed by runs without and with it, and weigh it.
+
+The standard deviation of the mass covers noise only. What misleads is something else: friction and offsets that are not
+the same in both runs, after a pause, warmer, on another day. Where the motion shows the payload well, the mass hardly
+changes when the loaded run may have friction and offsets of its own (as in a test of Hausman 1978: both estimates agree
+if the simpler model is right). Where it does not, the payload's gravity and these constants stand for one another, and
+any mass is possible: then there is no number to report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import hypot
+
+from dynident.effects import JOINT_FRICTION, EffectChoice
+from dynident.estimation import EstimationError
+from dynident.estimation.uncertainty import NORMAL_95
+from dynident.identification.loads.drive_gains import DriveGains, PayloadEstimate, payload_mass
+from dynident.identification.loads.payload_data import PLAIN_EFFECTS
+from dynident.recordings import Preprocessing, Recording
+from dynident.robot import Robot
+
+# Difference of both masses that is allowed beside their noise, and largest half-width of the interval, as shares of the
+# mass.
+_AGREE, _CERTAIN = 0.1, 0.25
+
+
+@dataclass(frozen=True)
+class PayloadVerdict:
+    """Whether a payload can be weighed by these runs, and why; its mass in kg where it can.
+
+    `alike` is the mass if friction and offsets are the same in all runs, `apart` if the loaded run has its own (None:
+    the runs do not determine them). `interval` holds the mass in 95 of 100 cases by both.
+    """
+
+    identifiable: bool
+    reason: str
+    mass: float | None
+    interval: tuple[float, float] | None
+    alike: PayloadEstimate
+    apart: PayloadEstimate | None
+
+
+def payload_from_pair(
+    robot: Robot,
+    unloaded: Sequence[Recording],
+    loaded: Recording,
+    *,
+    gains: DriveGains | None = None,
+    effects: Sequence[EffectChoice] = PLAIN_EFFECTS,
+    preprocessing: Preprocessing | None = None,
+) -> PayloadVerdict:
+    """Weigh a payload, or say why these runs do not tell its mass.
+
+    Parameters
+    ----------
+    robot : Robot
+    unloaded : sequence of Recording
+    loaded : Recording
+    gains : DriveGains, optional
+        Identified drive gains, with their uncertainty.
+    effects : sequence of EffectChoice
+        The model besides the payload.
+    preprocessing : Preprocessing, optional
+        Filters; from the data where left out.
+
+    Returns
+    -------
+    PayloadVerdict
+
+    Raises
+    ------
+    DynidentError
+        Where the recordings do not determine even the simpler model.
+    """
+
+    def weigh(own: tuple[EffectChoice, ...]) -> PayloadEstimate:
+        return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
+
+    alike = weigh(())
+    own = tuple(replace(choice, runs=(loaded.name,)) for choice in JOINT_FRICTION)
+    try:
+        with_own = weigh(own)
+    except EstimationError as error:
+        reason = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
+        return _not_identifiable(reason, alike, None)
+    return compare_estimates(alike, with_own)
+
+
+def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> PayloadVerdict:
+    """Compare two estimates of one mass: with the friction of all runs alike, and with the loaded run's own.
+
+    Parameters
+    ----------
+    alike, apart : PayloadEstimate
+
+    Returns
+    -------
+    PayloadVerdict
+    """
+    deviation = hypot(alike.standard_deviation, apart.standard_deviation)
+    between = abs(alike.mass - apart.mass)
+    both = f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if the loaded run has its own"
+    if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
+        return _not_identifiable(
+            f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "
+            "of friction or offset here; move the joints that lift it further, and slower, in the loaded run",
+            alike,
+            apart,
+        )
+    if alike.mass <= 0 or apart.mass <= 0:
+        return _not_identifiable(f"no payload is to be seen: {both}", alike, apart)
+    widest = max(alike.standard_deviation, apart.standard_deviation)
+    if NORMAL_95 * widest > _CERTAIN * alike.mass:
+        return _not_identifiable(
+            f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself "
+            f"({both}); move the joints that lift it further, or record for longer",
+            alike,
+            apart,
+        )
+    # The union of both intervals: whichever model is right, the interval holds the mass.
+    interval = min(alike.interval[0], apart.interval[0]), max(alike.interval[1], apart.interval[1])
+    return PayloadVerdict(True, f"the runs agree: {both}", alike.mass, interval, alike, apart)
+
+
+def _not_identifiable(reason: str, alike: PayloadEstimate, with_own: PayloadEstimate | None) -> PayloadVerdict:
+    return PayloadVerdict(False, reason, None, None, alike, with_own)
+
+
+def _write_mass(estimate: PayloadEstimate) -> str:
+    return f"{estimate.mass:.3g} ± {NORMAL_95 * estimate.standard_deviation:.2g} kg"

@@ -1,0 +1,200 @@
+"""Faults of the columns of a recording, each with the change of the signals that mends it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+
+FaultKind = Literal[
+    "torques swapped",
+    "positions swapped",
+    "joints swapped",
+    "torque turned",
+    "position turned",
+    "joint turned",
+    "torque scaled",
+    "joint coupled",
+]
+
+_SWAPS: tuple[FaultKind, ...] = ("torques swapped", "positions swapped", "joints swapped")
+_TURNS: tuple[FaultKind, ...] = ("torque turned", "position turned", "joint turned")
+_OF_POSITION = ("positions swapped", "joints swapped", "position turned", "joint turned", "joint coupled")
+_OF_TORQUE = ("torques swapped", "joints swapped", "torque turned", "joint turned", "torque scaled")
+_SMALL = 1e-3
+"""Factor that silences a torque: zero would take the joint out of the joints with a torque."""
+
+FACTORS = (0.001, 0.1, 10.0, 1000.0)
+"""Factors that mend a torque: a gain that is ten times off, and units in steps of a thousand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Filtered rows of a recording: q, dq, ddq and tau (m, n), and the block of time (m,) that each is in."""
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    block: IntArray
+
+
+@dataclass(frozen=True)
+class ColumnFault:
+    """One fault: joints whose columns stand in each other's place, or joints whose sign or size is wrong.
+
+    Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3, and 1 with 4. Of a joint
+    that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two joints
+    that are coupled, the first is counted from the second: its position is that of the column less `factor` times the
+    second's.
+    """
+
+    kind: FaultKind
+    joints: tuple[int, ...]
+    factor: float = 1.0
+
+    @property
+    def is_swap(self) -> bool:
+        """Whether two joints stand in each other's place."""
+        return self.kind in _SWAPS
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of joints that stand in each other's place."""
+        return tuple(zip(self.joints[::2], self.joints[1::2], strict=True)) if self.is_swap else ()
+
+    @property
+    def is_of_positions(self) -> bool:
+        """Whether positions are wrong."""
+        return self.kind in _OF_POSITION
+
+    @property
+    def is_of_torques(self) -> bool:
+        """Whether torques are wrong."""
+        return self.kind in _OF_TORQUE
+
+    @property
+    def is_of_whole_joints(self) -> bool:
+        """Whether positions and torques are wrong alike."""
+        return self.is_of_positions and self.is_of_torques
+
+    def mend(self, motion: Motion) -> Motion:
+        """Return the motion without the fault, if it is the one that was made.
+
+        Parameters
+        ----------
+        motion : Motion
+            As it was recorded.
+        """
+        n = motion.q.shape[1]
+        order, sign = np.arange(n), np.ones(n)
+        if self.is_swap:
+            for first, second in self.pairs:
+                order[first], order[second] = second, first
+        elif self.kind != "joint coupled":
+            sign[list(self.joints)] = self.factor if self.kind == "torque scaled" else -1.0
+        q, dq, ddq, tau = motion.q, motion.dq, motion.ddq, motion.tau
+        if self.kind == "joint coupled":
+            q, dq, ddq = (_uncouple(signal, self) for signal in (q, dq, ddq))
+        elif self.is_of_positions:
+            q, dq, ddq = (signal[:, order] * sign for signal in (q, dq, ddq))
+        if self.is_of_torques:
+            tau = tau[:, order] * sign
+        return Motion(q, dq, ddq, tau, motion.block)
+
+
+def _uncouple(signal: FloatArray, mistake: ColumnFault) -> FloatArray:
+    own, other = mistake.joints
+    changed = signal.copy()
+    changed[:, own] -= mistake.factor * signal[:, other]
+    return changed
+
+
+def silence_others(motion: Motion, joints: tuple[int, ...]) -> Motion:
+    """Return the motion with some joints' torques so small that they have no say in the parameters of the others.
+
+    Parameters
+    ----------
+    motion : Motion
+    joints : tuple of int
+    """
+    tau = motion.tau.copy()
+    tau[:, list(joints)] *= _SMALL
+    return replace(motion, tau=tau)
+
+
+def list_possible_faults(
+    moving: BoolArray,
+    parallel: BoolArray | None = None,
+    has_torque: BoolArray | None = None,
+    chains: Sequence[Sequence[int]] = (),
+) -> Iterator[ColumnFault]:
+    """Yield all faults that are possible, those of the whole robot first.
+
+    Parameters
+    ----------
+    moving : (n,)
+        Joints that move: the others tell nothing.
+    parallel : (n,), optional
+        Joints whose axis is parallel to that of the joint before.
+    has_torque : (n,), optional
+        Joints whose torque changes: nobody has exchanged one that was not recorded.
+    chains : sequence of joints, optional
+        The joints of each arm, or leg, of the robot.
+    """
+    yield from _list_faults_of_many_joints(moving)
+    yield from _list_chain_faults(moving, chains)
+    if parallel is not None:
+        for index in np.flatnonzero(parallel & moving):
+            pair = (int(index), int(index) - 1)
+            yield from (ColumnFault("joint coupled", pair, factor) for factor in (1.0, -1.0))
+    joints = [int(j) for j in np.flatnonzero(moving)]
+    for first, second in combinations(range(len(moving)), 2):
+        if moving[first] and moving[second]:
+            yield from (ColumnFault(kind, (first, second)) for kind in _SWAPS)
+        elif (moving[first] or moving[second]) and (has_torque is None or has_torque[[first, second]].all()):
+            # A joint at rest tells only whether its column holds the other joint's torque.
+            yield ColumnFault("torques swapped", (first, second))
+    for joint in joints:
+        yield from (ColumnFault(kind, (joint,)) for kind in _TURNS)
+        yield from (ColumnFault("torque scaled", (joint,), factor) for factor in FACTORS)
+
+
+def _list_chain_faults(moving: BoolArray, chains: Sequence[Sequence[int]]) -> Iterator[ColumnFault]:
+    """Yield exchanges of the columns of whole chains of joints, and columns counted from the last joint on."""
+    n = len(moving)
+    alike = [
+        (first_chain, second_chain)
+        for first_chain, second_chain in combinations(chains, 2)
+        if len(first_chain) == len(second_chain) > 1
+    ]
+    exchanges: list[tuple[tuple[Sequence[int], Sequence[int]], ...]] = [(pair,) for pair in alike]
+    # Two pairs of legs at once, as where left is taken for right.
+    exchanges += [both for both in combinations(alike, 2) if len({id(chain) for pair in both for chain in pair}) == 4]
+    swaps = [
+        [joints for first_chain, second_chain in pairs for joints in zip(first_chain, second_chain, strict=True)]
+        for pairs in exchanges
+    ]
+    kinds = [(swap, _SWAPS[:2]) for swap in swaps]
+    kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
+    for swap, possible in kinds:
+        if all(moving[first] or moving[second] for first, second in swap):
+            yield from (ColumnFault(kind, tuple(joint for joints in swap for joint in joints)) for kind in possible)
+
+
+def _list_faults_of_many_joints(moving: BoolArray) -> Iterator[ColumnFault]:
+    """Yield signs of all joints, and sizes of the torques of all joints from one on, as of two makes of drives."""
+    n = len(moving)
+    if moving.sum() > 1:
+        # Positions and torques both turned round are a mirrored arm on the ceiling, which the direction of gravity
+        # tells.
+
+        yield from (ColumnFault(kind, tuple(range(n))) for kind in _TURNS[:2])
+    for first in range(1, n - 1):
+        if moving[first:].sum() > 1:
+            yield from (ColumnFault("torque scaled", tuple(range(first, n)), factor) for factor in FACTORS)

@@ -1,0 +1,409 @@
+"""Checks of a recording against its robot's dynamics: gross faults, each with its cure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.blas_threads import single_threaded
+from dynident.identification.recording_faults.column_faults import ColumnFault, FaultKind, Motion
+from dynident.identification.recording_faults.description_units import DescriptionUnits, find_description_units
+from dynident.identification.recording_faults.fault_search import (
+    ALIKE,
+    MOST_JOINTS,
+    SOUND,
+    WORST_EXPLAINED,
+    DetectedFault,
+    HeldOutFits,
+    filter_for_search,
+    find_delay,
+    find_excess_of_motion,
+    search_faults,
+)
+from dynident.identification.recording_faults.filtered_motion import thin_out
+from dynident.identification.recording_faults.gravity import (
+    Mounting,
+    StaticTorque,
+    detect_compensated_gravity,
+    find_other_mounting,
+    find_static_torque,
+)
+from dynident.identification.recording_faults.held_out_fit import UnexplainedTorque
+from dynident.identification.recording_faults.torque_scale import find_torque_scales
+from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Revision
+from dynident.recordings.recording import Check, ModelChecks, Recording
+from dynident.robot.model import Robot
+
+_CHECK: dict[FaultKind, str] = {
+    "torques swapped": "torque_order",
+    "positions swapped": "joint_order",
+    "joints swapped": "joint_order",
+    "torque turned": "torque_sign",
+    "position turned": "joint_sign",
+    "joint turned": "joint_sign",
+    "torque scaled": "torque_scale",
+    "joint coupled": "joint_coupling",
+}
+_SILENT = {"torque_scale", "joint_coupling"}
+"""Checks that are not listed as passed: another check reports for them, or they have nothing to say."""
+
+GRAVITY, SCALE = "gravity_direction", "torque_scale"
+
+VETOES = (COMMANDED, GRAVITY, SCALE, "gravity_load", "torque_sign", "joint_sign")
+"""Checks whose findings make a model useless, however well it fits: its masses are not the robot's."""
+
+CAUSES = (*VETOES, "torque_order", "joint_order", "joint_coupling")
+"""Checks that name possible causes where a model fails."""
+
+_HARDLY_BETTER = 1.1
+"""Ratio of the unexplained shares with and without a fault, below which negative friction is the reason to report
+it."""
+
+_MASSES = "Torques are far from what the masses of the description need: "
+_FRICTION = "Friction is far larger than the other joints', or what its drive can give, allow: "
+
+_OTHER_CAUSES = (
+    " If columns and signs are right, something else about this robot is not: gravity in the description, the zero of "
+    "a joint, a drive gain."
+)
+
+
+class DynamicsCheck(NamedTuple):
+    """The checks of a recording against its robot's dynamics, and the unexplained shares of the torque as it is."""
+
+    checks: tuple[Check, ...]
+    unexplained: UnexplainedTorque | None
+
+
+def build_dynamics_checks(robot: Robot) -> ModelChecks:
+    """Return a function that checks a recording against a robot's dynamics, for `import_recording`.
+
+    The function takes a recording and the user's names of its position and torque columns. It returns None where the
+    dynamics say nothing about them.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
+
+    def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+        return check_recording_faults(robot, recording, q, tau).checks or None
+
+    return check
+
+
+@single_threaded
+def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> DynamicsCheck:
+    """Check a recording against its robot's dynamics: causes about the whole robot first, then single columns.
+
+    Parameters
+    ----------
+    robot : Robot
+    recording : Recording
+    q, tau : names
+        What the user calls the columns of positions and torques.
+
+    Returns
+    -------
+    Examined
+        Without checks where the recording is too short, or the robot has too many joints.
+    """
+    units = find_description_units(robot)
+    # Masses in grams would make every torque look a thousand times too small, so the description is brought to SI
+    # first.
+    machine = robot if units is None else units.to_si(robot)
+    described = () if units is None else (_report_description_units(units),)
+    judges = HeldOutFits(machine)
+    # All checks share these rows, as reading and filtering the whole recording takes most of the time.
+    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
+    if whole is None:
+        return DynamicsCheck(described, None)
+    motion = thin_out(whole[0])
+    # A commanded gravity torque explains itself perfectly, so it has to be refused before any fit is compared.
+    static = find_static_torque(machine, motion, judges.plain_fit)
+    if static is not None:
+        return DynamicsCheck((_report_commanded(static, tau), *described), None)
+    search_result = search_faults(machine, motion, judges)
+    if search_result is None:
+        return DynamicsCheck(described, None)
+    mistakes, now = search_result
+    as_is = judges.plain_fit.measure_unexplained(motion)
+    mounted = None if _is_explained_by_one(mistakes, now) else find_other_mounting(machine, motion, as_is)
+    # One cause for the whole robot is more likely than several for some joints.
+    if mounted is not None and (len(mistakes) > 1 or mounted.explains.score <= now.score + ALIKE):
+        mistakes = ()
+    elif mistakes:
+        mounted = None
+    wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
+    fine = f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} are left of it."
+    passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
+    if mounted is not None:
+        findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
+    elif mistakes:
+        findings = tuple(_report_fault(finding, recording, q, tau) for finding in mistakes)
+    else:
+        findings = _check_scales(machine, motion, recording, tau, judges)
+        if all(check.status == "ok" for check in findings):
+            # A delay can only be estimated once all torques are in the same unit.
+            findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+        findings = (*_report_compensated(machine, motion, tau), *findings)
+    return DynamicsCheck((*passed, *findings, *described), as_is)
+
+
+def _is_explained_by_one(mistakes: Sequence[DetectedFault], now: UnexplainedTorque) -> bool:
+    """Tell whether one fault of the columns explains all that was unexplained, so that no other cause is looked for."""
+    return len(mistakes) == 1 and mistakes[0].certain and now.worst_share < WORST_EXPLAINED
+
+
+def _report_description_units(units: DescriptionUnits) -> Check:
+    return Check(
+        "description_units",
+        "warning",
+        f"The robot's description is not in SI units: its {units}. The torques are not what is wrong. An "
+        "identification does not need these numbers; a prior, a completed export and checks against them do: write "
+        "them in kg, m and kg m² into the description.",
+    )
+
+
+def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
+    columns = ", ".join(tau[joint] for joint in static.joints)
+    unexplained, moving = (f"{max(share, 1e-4):.2%}" for share in (static.unexplained, static.moving_share))
+    return Check(
+        COMMANDED,
+        "error",
+        f"There is neither friction nor inertia in the torque ({columns}): the load of gravity alone explains all but "
+        f"{unexplained} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while "
+        f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the "
+        "torque, or current, that was measured while the drives moved the robot.",
+        tau[static.joints[0]],
+    )
+
+
+def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
+    description = describe_fault(finding.mistake, recording, q, tau)
+    twins = "; or ".join(describe_fault(twin, recording, q, tau) for twin in finding.alike[:2])
+    doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
+    known, otherwise = ("It seems that", "") if finding.certain else ("It may be that", _OTHER_CAUSES)
+    why = (
+        f"{finding.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
+        f"{finding.left_without:.0%}"
+    )
+    if finding.left_with < _HARDLY_BETTER * finding.left_without:
+        why = "friction would drive the joint, which there is not"
+    columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
+    return Check(
+        _CHECK[finding.mistake.kind],
+        "error" if finding.certain else "warning",
+        f"{known} {description}: as the columns are, {why}. {_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
+        columns[finding.mistake.joints[0]],
+        # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
+        # has to choose, and a ratio is only as good as the masses of the description.
+        apply=None
+        if finding.certain and (_is_ambiguous(finding) or is_scaled)
+        else build_revision(finding.mistake, recording.n),
+    )
+
+
+def _is_ambiguous(finding: DetectedFault) -> bool:
+    """Tell whether another cure, of other signals, explains as much.
+
+    Two legs may exchange their torques as well as their positions, which gives the same robot with other names.
+    """
+    return any(len(finding.mistake.pairs) < 2 or twin.joints != finding.mistake.joints for twin in finding.alike)
+
+
+def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tuple[Check, ...]:
+    shares = detect_compensated_gravity(robot, motion)
+    if shares is None:
+        return ()
+    return (
+        Check(
+            "gravity_load",
+            "error",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the "
+            f"masses of the description need {shares.gravity:.0%} is in it, of what motion needs {shares.motion:.0%}. "
+            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
+            tau[0],
+        ),
+    )
+
+
+def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
+    direction = ",".join(f"{value:.3g}" for value in mounting.gravity + 0.0)
+    worst = robot.joint_names[int(np.argmax(mounting.as_stated.joints))]
+    return Check(
+        GRAVITY,
+        "warning",
+        f"Gravity seems to pull along ({direction}) m/s² of the base, as on a wall, a slope or a ceiling: with the "
+        f"stated one {mounting.unexplained_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
+        f"dynamics, with that at most {mounting.unexplained:.0%} of any joint's. State it with the robot: "
+        f'"gravity": [{direction}].',
+    )
+
+
+def _check_delay(
+    robot: Robot, motion: Motion, period: float, tau: Sequence[str], judges: HeldOutFits
+) -> tuple[Check, ...]:
+    delay = find_delay(robot, motion, period, judges)
+    if delay is None:
+        return ()
+    word = "late" if delay.seconds > 0 else "early"
+    if delay.is_at_the_end or delay.left_without > SOUND:
+        # An elastic arm looks late or early, too, and by more than the delay of any log.
+        nothing = "How torque and position are aligned cannot be told: too little is explained with any delay."
+        return (Check(DELAY, "ok", nothing),)
+    if not delay.is_mistake:
+        fine = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}, as in a right log."
+        return (Check(DELAY, "ok", fine),)
+    seconds = float(f"{delay.seconds:.2g}")
+    check = Check(
+        DELAY,
+        "warning",
+        f"Torque comes about {1e3 * abs(delay.seconds):.0f} ms {word} against position: {delay.left_with:.1%} of an "
+        f"average joint's torque cannot be explained by the robot's dynamics, with that taken out "
+        f'{delay.left_without:.1%}. Log both at the same instant, or mend it by "torque_delay": {seconds} (in s).',
+        tau[0],
+        apply=Revision(torque_delay=seconds),
+    )
+    return (check,)
+
+
+def _check_scales(
+    robot: Robot, motion: Motion, recording: Recording, tau: Sequence[str], judges: HeldOutFits
+) -> tuple[Check, ...]:
+    scales = find_torque_scales(robot, motion, find_excess_of_motion(robot, motion, judges))
+    if scales is None:
+        return ()
+    if not scales:
+        return (Check("torque_scale", "ok", "No torque is many times what the masses of the description need."),)
+    reasons = []
+    for by_friction, intro in ((False, _MASSES), (True, _FRICTION)):
+        names = [
+            f"{tau[scale.joint]} ({recording.joint_names[scale.joint]}) {scale.times:.3g} times"
+            for scale in scales
+            if scale.by_friction == by_friction
+        ]
+        if len(names) == robot.n > 1 and not by_friction:
+            # The masses of all joints give one common factor.
+            reasons.append(f"{intro}all of them ({tau[0]} … {tau[-1]}) {scales[0].times:.3g} times")
+        elif names:
+            reasons.append(intro + ", ".join(names))
+    return (
+        Check(
+            "torque_scale",
+            "warning",
+            f"{'. '.join(reasons)}. It may be another unit (permille, N mm), a gear ratio or a drive gain: mend it by "
+            "units, by the robot's drives or by scale. Or it is no torque: a current, a register, or the error of a "
+            "controller, which drive gains make one of.",
+            tau[scales[0].joint],
+            apply=Revision(scale={f"tau{scale.joint + 1}": 1.0 / scale.power for scale in scales}),
+        ),
+    )
+
+
+def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
+    """Return the correction of a file's metadata that mends a fault; None where no metadata can.
+
+    Parameters
+    ----------
+    mistake : Mistake
+    n : int
+        Number of joints.
+    """
+    if mistake.kind == "joint coupled":
+        return None
+    sides: tuple[tuple[Axis, bool], ...] = (("q", mistake.is_of_positions), ("tau", mistake.is_of_torques))
+    kinds = [kind for kind, is_wrong in sides if is_wrong]
+    if mistake.kind == "torque scaled":
+        return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
+    if not mistake.is_swap:
+        return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
+    order = list(range(1, n + 1))
+    for first, second in mistake.pairs:
+        order[first], order[second] = order[second], order[first]
+    return Revision(permutation=dict.fromkeys(kinds, tuple(order)))
+
+
+def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> str:
+    """Describe a fault in words, with the user's names of position and torque columns.
+
+    Parameters
+    ----------
+    mistake : Mistake
+    recording : Recording
+    q, tau : sequence of str
+        What the user calls the columns.
+    """
+    names = [recording.joint_names[j] for j in mistake.joints]
+    if mistake.is_swap:
+        first, second = (", ".join(side) for side in (names[::2], names[1::2]))
+        torques, positions = ("; ".join(f"{kind[a]}, {kind[b]}" for a, b in mistake.pairs) for kind in (tau, q))
+        if len(mistake.pairs) > 1:
+            second = f"those of {second}"
+        descriptions = {
+            "torques swapped": f"the torques of {first} and {second} ({torques})",
+            "positions swapped": f"the positions of {first} and {second} ({positions})",
+            "joints swapped": f"{first} and {second}, positions and torques alike,",
+        }
+        return f"{descriptions[mistake.kind]} stand in each other's place"
+    if mistake.kind == "joint coupled":
+        own, other = (q[joint] for joint in mistake.joints)
+        sign, counted = ("-", "plus") if mistake.factor > 0 else ("+", "minus")
+        return (
+            f"the position of {names[0]} ({own}) is counted from the base, or the horizon, and not from {names[1]}: it "
+            f"is its angle {counted} that of {names[1]}, and {own} {sign} {other} is what the description means"
+        )
+    if len(names) == recording.n:
+        whole = {
+            "torque turned": f"all torques ({tau[0]} … {tau[-1]}) have the opposite sign, as the reaction that "
+            "a sensor or a driver may report",
+            "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
+        }
+        return whole[mistake.kind]
+    of = " and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
+    columns = tuple(", ".join(kind[joint] for joint in mistake.joints) for kind in (q, tau))
+    verb = ("has", "is") if len(names) == 1 else ("have", "are")
+    plural = "" if len(names) == 1 else "s"
+    descriptions = {
+        "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
+        "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
+        "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
+        "torque scaled": f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times what "
+        "the others need",
+    }
+    return descriptions[mistake.kind]
+
+
+def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -> str:
+    if mistake.kind == "joint coupled":
+        own, other = (q[joint] for joint in mistake.joints)
+        word = "Subtract" if mistake.factor > 0 else "Add"
+        preposition = "from" if mistake.factor > 0 else "to"
+        return f"{word} {other} {preposition} {own}, and their velocities, before the file is read."
+    if mistake.kind == "torque scaled":
+        which = (
+            "its unit and its drive gain, or take it"
+            if len(mistake.joints) == 1
+            else "their units and gains, or take them"
+        )
+        scale = ", ".join(f'"tau{joint + 1}": {mistake.factor:.3g}' for joint in mistake.joints)
+        return f'Look at {which} times {mistake.factor:.3g}: "scale": {{{scale}}}.'
+    if not mistake.is_swap:
+        side = "tau" if mistake.kind == "torque turned" else "q"
+        signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in mistake.joints)
+        alternative = (
+            "the joint's axis in the description" if mistake.kind != "torque turned" else "the sign of its drive gain"
+        )
+        return (
+            f'Turn the column{"" if len(mistake.joints) == 1 else "s"} round ("signs": {{{signs}}}), or {alternative}.'
+        )
+    pairs = []
+    for first, second in mistake.pairs:
+        if mistake.is_of_positions:
+            pairs += [(f"q{first + 1}", q[second]), (f"q{second + 1}", q[first])]
+        if mistake.is_of_torques:
+            pairs += [(f"tau{first + 1}", tau[second]), (f"tau{second + 1}", tau[first])]
+    mapping = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
+    return f'Map them: "columns": {{{mapping}}}.'

@@ -1,0 +1,429 @@
+"""Search for faults of the columns: those without which the robot's own dynamics explain the torque clearly better."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.effects import OFFSETS
+from dynident.identification.recording_faults.column_faults import (
+    ColumnFault,
+    Motion,
+    list_possible_faults,
+    silence_others,
+)
+from dynident.identification.recording_faults.description_fit import DescriptionFit
+from dynident.identification.recording_faults.filtered_motion import filter_whole_motion, thin_out
+from dynident.identification.recording_faults.held_out_fit import (
+    CLEARLY,
+    HeldOutFit,
+    UnexplainedTorque,
+    find_moving_joints,
+)
+from dynident.identification.recording_faults.torque_delay import BESIDE_OFFSETS, Delay, estimate_delay
+from dynident.identification.recording_faults.torque_scale import (
+    compute_described_load,
+    find_excess_friction,
+    find_heavy_joints,
+    is_nearer_to_masses,
+    is_nearer_to_others,
+    refine_factor_by_masses,
+)
+from dynident.recordings import Recording
+from dynident.robot.model import Robot
+
+MOST_JOINTS = 12
+"""Longer chains have too many pairs to be tried while somebody waits."""
+
+_ROWS_PER_COLUMN = 8
+"""Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
+
+_CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
+"""Sum over the joints of the logarithm of what is left that falls without a mistake, from which on nothing else is
+likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
+zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
+of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
+
+CLEARLY_AGREES = 0.05
+"""Mean over the joints of that logarithm by which other gains of some joints have to explain more, for the joints not
+to be in one unit: at most 0.04 with twice or half of it, on the open recordings."""
+
+ALIKE = 0.02
+"""Causes without which that mean falls as much, to this, cannot be told from each other."""
+
+_APART = 0.75
+"""Share of what is explained without a mistake that its joints may explain by themselves, apart from the others: where
+it is more, they do not go with the others, for whatever reason. Of right short motions it was 0.9 and more where an
+order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
+`benchmarks/gross_mistakes.py`."""
+
+_CURED = 0.3
+"""Of what is left without a mistake on an average joint: where it is more, something else is wrong."""
+
+_OFF = 0.05
+"""Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
+its sign or size. Of an arm with a free motor it was up to 0.04; the smallest of drives that are on has 0.15."""
+
+WORST_EXPLAINED = 0.15
+"""Share of the torque of the joint that is explained worst, below which nothing else about the robot is looked for."""
+
+_EXPLAINED = 0.2
+"""Share left of an average joint's torque, or of the worst joint's, from which on the motion's own band is looked at
+instead: an elastic arm leaves that with the filters of an identification, and half of it there."""
+
+_MOST_MISTAKES = 3
+
+_PARALLEL = 0.999
+"""Cosine of the angle between axes, 2.6 degrees, up to which they count as parallel: calibrated robots differ less."""
+
+
+@dataclass(frozen=True)
+class DetectedFault:
+    """A fault that was found, those it cannot be told from, and the unexplained shares with it and without.
+
+    Where it is not `certain`, another cause may look the same.
+    """
+
+    mistake: ColumnFault
+    alike: tuple[ColumnFault, ...]
+    left_with: float
+    left_without: float
+    certain: bool
+
+
+def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[DetectedFault, ...], float] | None:
+    """Find the gross faults in a recording, the one that explains most first.
+
+    One after the other is mended, until no further one makes the torque clearly better explained.
+
+    Parameters
+    ----------
+    robot : Robot
+    recording : Recording
+
+    Returns
+    -------
+    tuple of findings and float, or None
+        The faults, and the share of an average joint's torque that is unexplained without them; None where the
+        recording is too short, or the robot has too many joints.
+    """
+    judges = HeldOutFits(robot)
+    whole = filter_for_search(recording, judges) if robot.n <= MOST_JOINTS else None
+    return None if whole is None else find_motion_faults(robot, thin_out(whole[0]), judges)
+
+
+def find_motion_faults(
+    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
+) -> tuple[tuple[DetectedFault, ...], float] | None:
+    """Find the gross faults in rows that are filtered already.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    judges : Judges, optional
+        Those of the robot, if they exist already.
+
+    Returns
+    -------
+    tuple of findings and float, or None
+    """
+    search_result = search_faults(robot, motion, judges)
+    return None if search_result is None else (search_result[0], search_result[1].average_share)
+
+
+def search_faults(
+    robot: Robot, motion: Motion, judges: HeldOutFits | None = None
+) -> tuple[tuple[DetectedFault, ...], UnexplainedTorque] | None:
+    """Find the faults in filtered rows, and what is unexplained without them; None where the rows are too few.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    judges : Judges, optional
+        Those of the robot, if they exist already.
+    """
+    judges = judges or HeldOutFits(robot)
+    judge = judges.plain_fit
+    if not _has_enough_rows(motion, judge):
+        return None
+    findings: list[DetectedFault] = []
+    now = judge.measure_unexplained(motion)
+    # Mend the clearest fault, then look again: several faults hide each other, and the first one's cure changes the
+    # rest.
+    while len(findings) < _MOST_MISTAKES:
+        step = _find_best_fault(judge, robot, motion, now)
+        if step is None:
+            break
+        fall, summed = now.score - step.unexplained.score, now.compute_summed_fall_to(step.unexplained)
+        mended = step.mistake.mend(motion)
+        if judge is judges.plain_fit and _compute_fall(judges.offset_fit, motion, mended) < BESIDE_OFFSETS * fall:
+            # A constant torque explains the same, so the search goes on with constant torques in the model.
+            judge = judges.offset_fit
+            now = judge.measure_unexplained(motion)
+            continue
+        least = _CERTAIN_OF_JOINTS if step.mistake.is_of_whole_joints else _CERTAIN
+        # One scaled torque is never certain: a drive that is coupled with its neighbour looks like a wrong gain. Of
+        # several joints at once this is not so.
+        may_be_sure = step.mistake.kind != "torque scaled" or len(step.mistake.joints) > 1
+        certain = may_be_sure and summed >= least and step.unexplained.average_share <= SOUND
+        findings.append(
+            DetectedFault(step.mistake, step.alike, now.average_share, step.unexplained.average_share, certain)
+        )
+        motion, now = mended, step.unexplained
+    return tuple(findings), now
+
+
+class HeldOutFits:
+    """Judges of a robot's motions: with its links and friction, and with a constant torque on each joint as well.
+
+    Each is built when it is first needed, and serves all questions about the robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    @cached_property
+    def plain_fit(self) -> HeldOutFit:
+        """Judge with links and friction."""
+        return HeldOutFit(self._robot)
+
+    @cached_property
+    def offset_fit(self) -> HeldOutFit:
+        """Judge with links, friction and a constant torque on each joint."""
+        return HeldOutFit(self._robot, (OFFSETS,))
+
+
+def _compute_fall(judge: HeldOutFit, motion: Motion, mended: Motion) -> float:
+    """Return how much the score falls without a fault."""
+    return judge.measure_unexplained(motion).score - judge.measure_unexplained(mended).score
+
+
+class _FaultStep(NamedTuple):
+    """A fault, those that cannot be told from it, and what is unexplained without it."""
+
+    mistake: ColumnFault
+    alike: tuple[ColumnFault, ...]
+    unexplained: UnexplainedTorque
+
+
+def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: UnexplainedTorque) -> _FaultStep | None:
+    """Return the fault without which least of a motion is unexplained; None where no fault is clear."""
+    sizes = _TorqueEvidence(
+        compute_described_load(robot, motion), judge.measure_frictions(motion), _find_excess(judge, robot, motion)
+    )
+    # A torque that never changes was not recorded, so nobody exchanged it.
+    has_torque = np.ptp(motion.tau, axis=0) > 0
+    among = list_possible_faults(now.moving, find_parallel_axes(robot), has_torque, list_chains(robot))
+    off = _find_drives_off(sizes.frictions)
+    possible = [
+        mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
+    ]
+    trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
+    # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
+    described = DescriptionFit(robot, motion, now)
+    for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
+        if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > _CURED:
+            return None
+        # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
+        # explains nearly as much as mending the fault, the joints only do not go with the others, for whatever reason:
+        # the fault is not proved.
+        if best.kind != "torque scaled" and unexplained.against >= now.against and len(best.joints) < robot.n:
+            unexplained_alone = judge.measure_unexplained(silence_others(motion, best.joints))
+            if now.compute_fall_to(unexplained_alone) > _APART * now.compute_fall_to(unexplained):
+                return None
+        if described.refutes(best):
+            continue
+        own = (best.kind, best.joints)
+        alike = [
+            mistake
+            for mistake, other in trials
+            if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
+        ]
+        if best.kind == "torque scaled":
+            best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
+            unexplained = judge.measure_unexplained(best.mend(motion))
+        return _FaultStep(
+            best, tuple(mistake for mistake in alike if not _is_distinguished(best, mistake, described)), unexplained
+        )
+    return None
+
+
+def _is_distinguished(best: ColumnFault, other: ColumnFault, described: DescriptionFit) -> bool:
+    return described.refutes(other) or described.prefers(best, other)
+
+
+def _find_drives_off(frictions: FloatArray) -> set[tuple[int, ...]]:
+    """Return the joints, one by one, whose torque has no friction beside the others', of frictions (blocks, n)."""
+    size = np.abs(np.median(frictions, axis=0))
+    others = [np.delete(size, joint) for joint in range(len(size))]
+    usual = [float(np.median(sizes[np.isfinite(sizes)])) if np.isfinite(sizes).any() else 0.0 for sizes in others]
+    return {(joint,) for joint in range(len(size)) if size[joint] < _OFF * usual[joint]}
+
+
+@dataclass(frozen=True, eq=False)
+class _TorqueEvidence:
+    """Evidence of a torque's size.
+
+    The load (m, n) of the masses, frictions (blocks, n), and the joints with too much friction.
+    """
+
+    load: FloatArray | None
+    frictions: FloatArray
+    excess: Collection[int]
+
+
+def _is_possible_fault(mistake: ColumnFault, robot: Robot, motion: Motion, sizes: _TorqueEvidence) -> bool:
+    """Tell whether neither masses nor friction refute a fault.
+
+    Where the friction of some joints is too large, a scaled torque has to be among them.
+    """
+    if mistake.kind != "torque scaled":
+        return True
+    if sizes.excess and (not set(sizes.excess) <= set(mistake.joints) or mistake.factor > 1.0):
+        return False
+    return all(
+        is_nearer_to_masses(sizes.load, motion, joint, mistake.factor)
+        and is_nearer_to_others(robot, sizes.frictions, joint, mistake.factor)
+        for joint in mistake.joints
+    )
+
+
+def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion, float] | None:
+    """Filter a recording as an identification does; or narrower, where much less is unexplained then.
+
+    Parameters
+    ----------
+    recording : Recording
+    judges : Judges
+
+    Returns
+    -------
+    tuple of Motion and float, or None
+        Rows in their order, and the seconds between them; None where the recording is too short.
+    """
+    wide = filter_whole_motion(recording)
+    if wide is None or not _has_enough_rows(wide[0], judges.plain_fit):
+        return wide
+    unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
+    if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
+        return wide
+    narrow = filter_whole_motion(recording, narrow=True)
+    if narrow is None or not _has_enough_rows(narrow[0], judges.plain_fit):
+        return wide
+    return (
+        narrow
+        if unexplained.compute_summed_fall_to(judges.plain_fit.measure_unexplained(thin_out(narrow[0]))) >= CLEARLY
+        else wide
+    )
+
+
+def _has_enough_rows(motion: Motion, judge: HeldOutFit) -> bool:
+    """Tell whether there are enough rows to decide anything."""
+    return len(thin_out(motion).q) * int(find_moving_joints(motion).sum()) >= _ROWS_PER_COLUMN * judge.n_columns
+
+
+def list_chains(robot: Robot) -> list[list[int]]:
+    """Return the joints of each chain without branches: of every leg, or arm, of a robot."""
+    children = Counter(joint.parent for joint in robot.joints)
+    chains: list[list[int]] = []
+    for k, joint in enumerate(robot.joints):
+        if chains and joint.parent == chains[-1][-1] and children[joint.parent] == 1:
+            chains[-1].append(k)
+        else:
+            chains.append([k])
+    return chains
+
+
+def find_parallel_axes(robot: Robot) -> BoolArray:
+    """Return which joints (n,) turn about an axis parallel to that of the joint before.
+
+    Their angles may be counted together. None are named for a robot whose joints follow others.
+    """
+    parallel = np.zeros(robot.n, dtype=bool)
+    for k in range(1, robot.n if robot.linkage is None else 0):
+        joint, before = robot.joints[k], robot.joints[k - 1]
+        if joint.parent != k - 1 or {joint.kind, before.kind} != {"revolute"}:
+            continue
+        across = np.asarray(joint.placement)[:3, :3] @ np.asarray(joint.axis)
+        parallel[k] = abs(float(across @ np.asarray(before.axis))) > _PARALLEL
+    return parallel
+
+
+def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
+    """Return the joints whose friction is too large for the robot, and how many times."""
+    return _find_excess((judges or HeldOutFits(robot)).plain_fit, robot, motion)
+
+
+def _find_excess(judge: HeldOutFit, robot: Robot, motion: Motion) -> dict[int, float]:
+    return find_excess_friction(robot, judge.measure_frictions(motion), find_heavy_joints(robot, motion))
+
+
+def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits | None = None) -> Delay | None:
+    """Return the delay of the torque of a motion; None where the rows are too few.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+        All filtered rows, in their order.
+    period : float
+        s between rows.
+    judges : Judges, optional
+        Those of the robot, if they exist already.
+    """
+    judges = judges or HeldOutFits(robot)
+    judge = judges.plain_fit
+    if not _has_enough_rows(motion, judge):
+        return None
+    return estimate_delay(
+        motion,
+        period,
+        lambda delayed: judge.measure_unexplained(thin_out(delayed)),
+        lambda delayed: judges.offset_fit.measure_unexplained(thin_out(delayed)),
+    )
+
+
+def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) -> float:
+    """Return how much other gains would explain better: near 0 where the torques of all joints are in one unit.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Of the other gains.
+
+    Returns
+    -------
+    float
+        The largest fall of the score, with the torque of any joint, or of all joints from one on, times or over
+        `factor`.
+    """
+    judge = HeldOutFit(robot)
+    # A torque in a single unit fits best as it is; if it gains by scaling some joints, the joints are in different
+    # units.
+    now, joints = judge.measure_unexplained(motion), np.arange(robot.n)
+    groups = [*(joints == k for k in np.flatnonzero(now.moving)), *(joints >= k for k in range(2, robot.n - 1))]
+    factors = [np.where(group, times, 1.0) for group in groups for times in (factor, 1.0 / factor)]
+    return max(
+        now.score - judge.measure_unexplained(replace(motion, tau=motion.tau * times)).score for times in factors
+    )
+
+
+def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
+    """Return the share of an average joint's torque that the robot's dynamics leave unexplained.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    """
+    return HeldOutFit(robot).measure_unexplained(motion).average_share

@@ -1,0 +1,357 @@
+"""Decide whether gravity is in a torque, alone or not, and in which direction it pulls, by the robot's dynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.identification.recording_faults.column_faults import Motion
+from dynident.identification.recording_faults.description_fit import measure_left_by_description
+from dynident.identification.recording_faults.fault_search import measure_unexplained_share
+from dynident.identification.recording_faults.held_out_fit import BLOCKS, CLEARLY, HeldOutFit, UnexplainedTorque
+from dynident.identification.recording_faults.torque_scale import KNOWN
+from dynident.robot.model import Robot
+from dynident.robot.pinocchio_model import compute_described_torque
+
+_STATIC_ROWS = 800
+"""Rows that are used: a load of gravity has a few parameters a joint."""
+
+_HEAVY_TORQUE = 0.3
+"""Share of the largest torque above which a joint takes part: what gravity leaves of the others' is noise."""
+
+_UNEXPLAINED_BY_GRAVITY = 0.2
+"""Share of a joint's torque that the load of gravity may leave, in blocks of time that were not fitted to."""
+
+_NO_FRICTION = 0.01
+"""Share of a joint's torque that friction and inertia together may have: of measured torques friction alone has 0.02
+and more, even of direct drives, since joints move on bearings and seals."""
+
+_BY_CHANCE = 0.15
+"""Share of the load's residual that three columns explain of correlated noise in a few hundred rows, by chance."""
+
+_MOVES = 0.01
+"""rad or m that the fastest joint must move in the mean, or nothing tells friction."""
+
+
+@dataclass(frozen=True)
+class StaticTorque:
+    """Shares of a torque that the load of gravity leaves, and that friction and inertia have.
+
+    Each is the largest of any joint; `joints` are those that were tested.
+    """
+
+    unexplained: float
+    moving_share: float
+    joints: tuple[int, ...]
+
+
+def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> StaticTorque | None:
+    """Decide whether gravity alone explains a torque, and motion has no part in it.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+        Filtered rows. Joints without torque are not tested.
+    judge : Judge
+        That of the robot.
+
+    Returns
+    -------
+    StaticTorque or None
+        None where motion has a part in it, or the data do not tell.
+    """
+    if not np.linalg.norm(robot.gravity) > 1.0 or float(np.std(motion.q, axis=0).max(initial=0.0)) < _MOVES:
+        return None
+    every = max(1, len(motion.q) // _STATIC_ROWS)
+    q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
+    block = motion.block[::every]
+    spread = tau.std(axis=0)
+    heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
+    loads = judge.compute_load_columns(q)
+    shares: list[tuple[float, float]] = []
+    for joint in np.flatnonzero(heavy):
+        own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
+        share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
+        if share_left > _UNEXPLAINED_BY_GRAVITY or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
+            return None
+        shares.append((share_left, moving))
+    if not shares:
+        return None
+    worst = np.max(shares, axis=0)
+    return StaticTorque(float(worst[0]), float(worst[1]), tuple(int(joint) for joint in np.flatnonzero(heavy)))
+
+
+def _measure_static_shares(loads: FloatArray, own: FloatArray, tau: FloatArray, block: IntArray) -> tuple[float, float]:
+    """Return the shares of a joint's torque that the load leaves, held out, and of friction and inertia."""
+    rows = np.column_stack([loads, np.ones(len(tau)), own])
+    rows = rows / np.maximum(np.sqrt((rows**2).mean(axis=0)), np.finfo(float).tiny)
+    n = rows.shape[1] - own.shape[1]
+    squares = 0.0
+    for number in range(BLOCKS):
+        # Held out by blocks: the columns of the load could explain a short piece of any torque that they are fitted
+        # to.
+        inside = block != number
+        solved = np.linalg.lstsq(rows[inside, :n], tau[inside], rcond=1e-6)[0]
+        squares += float(((tau[~inside] - rows[~inside, :n] @ solved) ** 2).sum())
+    size = float((tau**2).sum())
+    # Only what friction and inertia explain beyond the load counts as theirs: in a small motion they may look like a
+    # load.
+    by_load, by_all = (tau - part @ np.linalg.lstsq(part, tau, rcond=1e-6)[0] for part in (rows[:, :n], rows))
+    moving = max(float((by_load**2).sum() - (by_all**2).sum()), 0.0)
+    return float(np.sqrt(squares / size)), float(np.sqrt(moving / size))
+
+
+_STATES = 400
+"""Rows that the description's load is computed at: it has a few parameters a joint."""
+_HEAVY = 0.3
+"""Share of the largest load of gravity above which a joint takes part in the decision."""
+_ABSENT, _BELIEVED, _MOST = 0.25, 0.5, 6.0
+"""Gravity's share over inertia's below which it is absent, and the shares of inertia that are to be believed: of the
+torques of open recordings gravity's is at least 0.4 times inertia's; where it was taken out at most 0.15, and where all
+that the robot needs was, inertia's is at most 0.4 (`benchmarks/effort_kinds.py`)."""
+_APART, _EXPLAINED = 1.7, 0.3
+"""Times what the robot's dynamics leave with gravity that they leave without it: at least that in right torques; and
+what they may leave."""
+_POOR = 0.15
+"""Left of the torque of the joint that is explained worst, from which on another direction of gravity is looked for."""
+_ON_AXIS, _BESIDE = 0.9976, 0.9
+"""Cosine of 4 degrees to an axis or a slope of 45 degrees between two, within which gravity is taken for along it, and
+of directions that are other ones: 26 degrees away."""
+_SIMPLEX, _FINE, _MOST_TRIED = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), 0.01, 40
+"""Tangents of the first angles from the best of the usual directions (11 degrees), of those that are told apart at
+last, and of how many."""
+_USUAL = tuple(
+    np.array(one) / np.linalg.norm(one) for one in product((-1.0, 0.0, 1.0), repeat=3) if 0 < np.count_nonzero(one) < 3
+)
+"""Directions of bases on floors, walls and ceilings, and slopes of 45 degrees."""
+_CLEARLY = 1.25
+"""Times what another direction of gravity leaves that no gravity has to."""
+_BORNE_OUT = 0.3
+"""Mean logarithm by which the description leaves less with its gravity than without, from which on gravity is there: in
+right short motions 0.6 and more, where it was taken out of them at most 0.1."""
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class LoadShares:
+    """Shares of the description's load that are in a torque: of its gravity part and of its motion part.
+
+    `motion_error` is the standard error of the motion's share, by the jackknife over blocks of time.
+    """
+
+    gravity: float
+    motion: float
+    motion_error: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """Gravity (3,) in the base frame in m/s² that explains most of the torque.
+
+    `left` is the unexplained share of the joint that it explains worst, `left_as_stated` that of the stated gravity;
+    `is_sure` says whether it leaves clearly less than every other direction along an axis; `explains` and `as_stated`
+    are the unexplained shares of all joints with either.
+    """
+
+    gravity: FloatArray
+    unexplained: float
+    unexplained_as_stated: float
+    is_sure: bool
+    explains: UnexplainedTorque
+    as_stated: UnexplainedTorque
+
+
+def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> LoadShares | None:
+    """Return the shares of the description's load in a torque.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Makes N m of the torque.
+
+    Returns
+    -------
+    Shares or None
+        None without masses or gravity.
+    """
+    if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
+        return None
+    every = max(1, len(motion.q) // _STATES)
+    q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
+    others = motion.block[::every] != np.arange(BLOCKS)[:, None]
+    load = _compute_load(robot, q)
+    rest = compute_described_torque(robot, q, dq, ddq) - load
+    size = np.sqrt((load**2).mean(axis=0))
+    # Fit each joint's torque by its gravity load, the rest of the described torque, and friction. The two factors are
+    # the shares.
+    shares = []
+    for joint in np.flatnonzero((size > _HEAVY * size.max()) & (np.ptp(load, axis=0) > 0)):
+        speed = dq[:, joint]
+        rows = np.column_stack([load[:, joint], rest[:, joint], speed, np.sign(speed)])
+        length = np.sqrt((rows**2).sum(axis=0)) + 1e-30
+        row_sets = (np.ones(len(rows), dtype=bool), *others)
+        factors = [
+            np.linalg.lstsq(rows[selected] / length, tau[selected, joint], rcond=1e-10)[0][:2] for selected in row_sets
+        ]
+        shares.append(np.array(factors) / length[:2])
+    if not shares:
+        return None
+    # The first fit is of all rows; the others each leave one block out, for the jackknife.
+    (gravity, inertia), *without = np.median(np.abs(shares), axis=0)
+    error = np.sqrt((BLOCKS - 1) * np.var([share[1] for share in without]))
+    return LoadShares(float(gravity), float(inertia), float(error))
+
+
+def detect_compensated_gravity(robot: Robot, motion: Motion, factor: float = 1.0) -> LoadShares | None:
+    """Return the shares where gravity was taken out of a torque; None where it was not, or the data do not tell.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    factor : float
+        Makes N m of the torque.
+    """
+    shares = measure_load_shares(robot, motion, factor)
+    if shares is None or shares.gravity > _ABSENT * shares.motion or not _BELIEVED < shares.motion < _MOST:
+        return None
+    if shares.motion < KNOWN * shares.motion_error:
+        return None
+    # Two independent tests have to agree: the shares of the description, and fits of all parameters with and without
+    # gravity.
+    floating = replace(robot, gravity=np.zeros(3))
+    without, with_it = measure_unexplained_share(floating, motion), measure_unexplained_share(robot, motion)
+    if without >= min(_APART * with_it, _EXPLAINED) or _is_borne_out(robot, floating, motion):
+        return None
+    # On a robot that is mounted otherwise, gravity acts along another direction. Then it is missing from the stated
+    # load, but it was not taken out.
+    return None if find_mounting(robot, motion).explains.average_share * _CLEARLY < without else shares
+
+
+def _is_borne_out(robot: Robot, floating: Robot, motion: Motion) -> bool:
+    """Tell whether the description explains more with its gravity than without.
+
+    A short motion does not determine motion's share, so this is a second test.
+    """
+    with_it, without = measure_left_by_description(robot, motion), measure_left_by_description(floating, motion)
+    return with_it is not None and without is not None and with_it < without - _BORNE_OUT
+
+
+def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) -> Mounting | None:
+    """Find another direction of gravity that surely explains more than the stated one; else None.
+
+    It is judged by the joint that is explained worst: gravity of a wall is in the first joint's torque alone, where a
+    mean over the joints hides it.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    now : Left
+        Unexplained shares with the stated gravity.
+    """
+    if not np.linalg.norm(robot.gravity) > 1.0:
+        return None
+    if now.worst_share < _POOR and (not _has_masses(robot) or _is_upright(robot, motion)):
+        return None
+    mounting = find_mounting(robot, motion)
+    better = mounting.is_sure and now.is_surely_above(mounting.explains)
+    return mounting if better and mounting.unexplained < _EXPLAINED else None
+
+
+def find_mounting(robot: Robot, motion: Motion) -> Mounting:
+    """Find the direction in the base frame along which gravity pulls: of a robot on a floor, a wall, a slope.
+
+    It is looked for along the axes and half way between them, and near the best of these where most is explained. Up
+    and down often explain a torque alike; the masses of the description decide then, if it has any.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+
+    Returns
+    -------
+    Mounting
+    """
+    size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
+    leanings = _GravityDirections(robot, motion, size)
+    candidates = [(direction, leanings.measure_unexplained(direction)) for direction in _USUAL]
+    best, explains = min(candidates, key=lambda pair: pair[1].score)
+    # The usual directions are 45 degrees apart, so a slope in between is found by a local search from the best of
+    # them.
+    slope = leanings.find_lowest_near(best)
+    if slope @ best < _ON_AXIS:
+        best, explains = slope, leanings.measure_unexplained(slope)
+    opposite = leanings.measure_unexplained(-best)
+    # With the sign of gravity turned round, masses of the opposite sign explain the same torque.
+    alike = not opposite.is_surely_above(explains)
+    if alike and _has_masses(robot):
+        upright = [_is_upright(replace(robot, gravity=direction * size), motion) for direction in (best, -best)]
+        if upright[0] != upright[1]:
+            alike = False
+            if upright[1]:
+                best, explains = -best, opposite
+    others = [other for direction, other in candidates if abs(direction @ best) < _BESIDE]
+    is_distinct = all(other.compute_summed_fall_to(explains) >= CLEARLY for other in others)
+    as_stated = leanings.measure_unexplained(robot.gravity / size)
+    return Mounting(
+        best * size, explains.worst_share, as_stated.worst_share, not alike and is_distinct, explains, as_stated
+    )
+
+
+class _GravityDirections:
+    """Unexplained shares of a motion's torque with gravity along different directions, in which W is linear."""
+
+    def __init__(self, robot: Robot, motion: Motion, size: float) -> None:
+        # Gravity along no axis, so that no base parameter of it is lost in this robot.
+        self._judge = HeldOutFit(replace(robot, gravity=size * _normalise(np.array([3.0, 4.0, 5.0]))))
+        self._motion, self._size = motion, size
+        self._parts = [HeldOutFit(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
+
+    def measure_unexplained(self, direction: FloatArray) -> UnexplainedTorque:
+        factors = direction * self._size
+        return self._judge.measure_unexplained_of_sum(
+            self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)]
+        )
+
+    def find_lowest_near(self, start: FloatArray) -> FloatArray:
+        """Return the direction (3,) near a first one with the lowest score."""
+        # An orthonormal basis of the plane across the first direction: a direction near it has two coordinates there.
+        across = np.linalg.svd(start[None, :])[2][1:]
+
+        def score(tangent: FloatArray) -> float:
+            return self.measure_unexplained(_normalise(start + tangent @ across)).score
+
+        optimum = minimize(score, np.zeros(2), method="Nelder-Mead", options={
+            "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
+        return _normalise(np.round(_normalise(start + optimum.x @ across), 2))
+
+
+def _normalise(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _has_masses(robot: Robot) -> bool:
+    return robot.inertias is not None and bool(np.any(robot.inertias[:, 9] > 0))
+
+
+def _is_upright(robot: Robot, motion: Motion) -> bool:
+    """Tell whether the loads of the description have the sign of the torques."""
+    every = max(1, len(motion.q) // _STATES)
+    load = _compute_load(robot, motion.q[::every])
+    size = (load**2).sum(axis=0)
+    heavy = size > _HEAVY**2 * size.max()
+    return bool(((load * motion.tau[::every]).sum(axis=0)[heavy] > 0).all())
+
+
+def _compute_load(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return the torque (m, n) that holds the description's links against gravity."""
+    return compute_described_torque(robot, q, np.zeros_like(q), np.zeros_like(q))

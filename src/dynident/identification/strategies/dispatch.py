@@ -1,0 +1,68 @@
+"""Solve a problem by the chosen strategy and estimator, and add what the user has to know about the result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dynident.errors import DynidentError
+from dynident.identification.choices import IdentificationChoices
+from dynident.identification.estimators.feasible import move_where_free
+from dynident.identification.fit import Fit
+from dynident.identification.prior.description_prior import add_prior_warning
+from dynident.identification.problem import Problem
+
+
+def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
+    """Solve by the chosen strategy with the chosen estimator.
+
+    Parameters
+    ----------
+    choices : IdentificationChoices
+    problem : Problem
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    DynidentError
+        Where the choices do not fit each other, or the data do not allow them.
+    """
+    _check_compatible(choices, problem)
+    fitted = choices.plan.solve(choices, problem)
+    # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
+    # equations of every step.
+    if choices.solver.possible_where_free and choices.plan.at_once:
+        fitted = move_where_free(problem.model, problem.data.equations, fitted, choices.trust)
+    if choices.prior is not None:
+        fitted = add_prior_warning(problem.model, problem.data, fitted)
+    friction = problem.data.friction
+    if not friction or choices.plan.friction_runs:
+        return fitted
+    names = ", ".join(recording.name for recording in friction)
+    unused = f"Not used: {names}. Tests of friction (role friction) serve the strategy separate_friction alone."
+    return replace(fitted, warnings=(*fitted.warnings, unused))
+
+
+def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
+    """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
+    if choices.prior is not None and not choices.plan.at_once:
+        raise DynidentError(
+            f"the prior speaks of sums of parameters that the {choices.strategy} strategy finds one after the other; "
+            "choose the global strategy, or leave the prior out",
+            pointer="/prior",
+            title="Choices that do not fit",
+        )
+    if not (choices.solver.simulates and choices.plan.at_once):
+        return
+    if choices.model != "dynamic":
+        raise DynidentError(
+            f"{choices.solver.name} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
+            pointer="/estimator",
+        )
+    if not problem.data.recordings:
+        raise DynidentError(
+            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify anew",
+            pointer="/estimator",
+        )

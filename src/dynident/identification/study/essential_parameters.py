@@ -1,0 +1,193 @@
+"""Find the essential parameters of an identified model, with the error on held-out data after each step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.blas_threads import single_threaded
+from dynident.estimation import (
+    CovarianceName,
+    Errors,
+    PriorInformation,
+    Reduction,
+    Solution,
+    Statistics,
+    compute_errors,
+    compute_moving_errors,
+    eliminate_parameters,
+    solve,
+    statistics,
+)
+from dynident.estimation.backward_elimination import Stop
+from dynident.identification.choices import EssentialChoices
+from dynident.identification.parameters.inertia_matrix import compute_smallest_inertia_eigenvalue
+from dynident.identification.shapes.shape_constants import linearise_shapes
+from dynident.identification.study.estimate import Estimate
+from dynident.identification.study.result import Identification
+from dynident.schema.fields import check_ranges
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialStep:
+    """One step of the backward elimination: a parameter that was taken out.
+
+    `relative_deviation` of the parameter before it went, a fraction; `ratio` of the largest to the smallest of all;
+    `p_value`: how often noise alone would be as large as all that is taken out so far; `fit` and `held_out` errors of
+    the smaller model, `fit_moving` and `held_out_moving` those where each joint moves.
+    """
+
+    name: str
+    relative_deviation: float
+    ratio: float
+    p_value: float
+    fit: Errors
+    held_out: Errors | None
+    fit_moving: Errors
+    held_out_moving: Errors | None
+
+
+@dataclass(frozen=True, eq=False)
+class EssentialPath:
+    """The steps from the identified parameters to the essential ones.
+
+    `essential`: names of the parameters that remain; `steps` in the order of elimination; `refused` the parameter that
+    would have been next where the test ended the elimination; `ratio` of the largest to the smallest relative standard
+    deviation that remains; `identification` the model with the essential parameters estimated anew, the others zero.
+    """
+
+    essential: tuple[str, ...]
+    steps: tuple[EssentialStep, ...]
+    stop: Stop
+    ratio: float
+    refused: str | None
+    identification: Identification
+
+    @property
+    def reason(self) -> str:
+        """Why the elimination ended, in a sentence."""
+        count = f"{len(self.essential)} of {len(self.essential) + len(self.steps)} parameters are essential"
+        if self.stop == "ratio":
+            return (
+                f"{count}: their relative standard deviations are within a factor of {self.ratio:.2g} of one another."
+            )
+        if self.stop == "last":
+            return f"{count}: no other is left to be taken out."
+        return (
+            f"{count}: taking out {self.refused}, the next one, would take out more than noise explains, although the "
+            f"relative standard deviations differ by a factor of {self.ratio:.3g}."
+        )
+
+
+@single_threaded
+def essential_parameters(identification: Identification, ratio: float = EssentialChoices.ratio) -> EssentialPath:
+    """Find the essential parameters of an identified model by backward elimination [Pham and Gautier 1991].
+
+    All on the reduced data, by least squares weighted as the identification was.
+
+    Parameters
+    ----------
+    identification : Identification
+    ratio : float
+        Largest over smallest relative standard deviation at which the elimination ends; above 1 (§12.7).
+
+    Returns
+    -------
+    EssentialPath
+
+    Raises
+    ------
+    EstimationError
+        Where the data do not determine the model.
+    """
+    check_ranges(EssentialChoices(ratio))
+    equations, names = identification.data.equations, [column.name for column in identification.model.kept]
+    # The elimination needs a plain least-squares solution, so it is solved anew with the noise and the prior that the
+    # identification had, whatever estimator that used.
+    full = solve(equations, identification.estimate.solution.noise, identification.estimate.solution.known)
+    # The test is about many parameters at a time: a covariance from stretches of time alone has not the rank for it.
+    path = eliminate_parameters(equations, full, statistics(equations, full, "by_joint"), ratio)
+    held_out = identification.data.held_out
+    steps = tuple(
+        EssentialStep(
+            names[step.removed],
+            step.relative_deviation,
+            step.ratio,
+            step.p_value,
+            compute_errors(identification.data.training, step.values),
+            None if held_out is None else compute_errors(held_out, step.values),
+            compute_moving_errors(identification.data.training, step.values),
+            None if held_out is None else compute_moving_errors(held_out, step.values),
+        )
+        for step in path.eliminations
+    )
+    return EssentialPath(
+        essential=tuple(name for k, name in enumerate(names) if k not in path.removed),
+        steps=steps,
+        stop=path.stop,
+        ratio=path.ratio,
+        refused=None if path.refused is None else names[path.refused.removed],
+        identification=_restrict_to_essential(identification, full, path.removed),
+    )
+
+
+def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
+    """Return the model with the parameters `removed` set to zero and the others estimated anew."""
+    if not removed:
+        return identification
+    c = identification.model.n_parameters
+    essential = np.array([k for k in range(c) if k not in removed], dtype=np.intp)
+    solution, fitted = _solve_essential(
+        identification.data.equations, full, essential, identification.choices.covariance
+    )
+    fitted = _compute_statistics_with_shapes(identification, solution, essential) or fitted
+    # Parameters that are set to zero have no variance, and infinite degrees of freedom: they are constants now.
+    values, covariance, freedom = np.zeros(c), np.zeros((c, c)), np.full(c, np.inf)
+    freedom[essential] = fitted.freedom
+    values[essential] = solution.values
+    covariance[np.ix_(essential, essential)] = fitted.covariance
+    estimate = Estimate.from_solution(
+        identification.model,
+        identification.data,
+        identification.estimate.reference,
+        replace(full, values=values),
+        Statistics(covariance, fitted.effective_rows, fitted.noise, freedom),
+        not_essential=removed,
+        shape_constants=identification.shape_constants,
+    )
+    smallest = compute_smallest_inertia_eigenvalue(identification.model, values)
+    held_out = identification.data.held_out
+    return replace(
+        identification,
+        estimate=estimate,
+        fit=compute_errors(identification.data.training, values),
+        held_out=None if held_out is None else compute_errors(held_out, values),
+        worst_inertia_eigenvalue=smallest,
+    )
+
+
+def _compute_statistics_with_shapes(
+    identification: Identification, solution: Solution, essential: NDArray[np.intp]
+) -> Statistics | None:
+    """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
+    shaped, choices = identification.data.shaped, identification.choices
+    if shaped is None or not choices.is_least_squares_of_torque:
+        return None
+    constants = np.arange(identification.model.n_parameters, shaped.n_columns)
+    data = shaped.select_columns(np.concatenate([essential, constants]))
+    looked = linearise_shapes(identification.model, solution, choices.covariance, data)
+    return None if looked is None else looked.parameter_statistics
+
+
+def _solve_essential(
+    equations: Reduction, full: Solution, essential: NDArray[np.intp], covariance: CovarianceName
+) -> tuple[Solution, Statistics]:
+    """Solve for the essential parameters alone, numbered in `essential`."""
+    known = full.known
+    if known is not None:
+        known = PriorInformation(known.factor[:, essential], known.right)
+    smaller = equations.select_columns(essential)
+    solution = solve(smaller, full.noise, known)
+    return solution, statistics(smaller, solution, covariance)

@@ -1,0 +1,258 @@
+"""Slack of constraints on a posture besides the ranges of the driven joints, combined for the optimiser.
+
+Follower joints have limits, and closed loops a distance to singular postures. Like the clearances of bodies, their
+slack is a function of the driven joints' posture alone, with exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.robot.limits import Limits
+from dynident.robot.linkage import Linkage
+from dynident.robot.loops import FAR_FROM_SINGULAR
+from dynident.robot.model import Robot
+
+
+class Slack(Protocol):
+    """Slack at m postures: `values` (m, K), negative where a constraint is violated."""
+
+    @property
+    def values(self) -> FloatArray:
+        """Slack (m, K)."""
+        ...
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
+        ...
+
+
+class Constraints(Protocol):
+    """Slack of constraints as a function of the posture."""
+
+    @property
+    def count(self) -> int:
+        """Number of constraints K."""
+        ...
+
+    def evaluate(self, q: FloatArray) -> Slack:
+        """Return the slack at postures q (m, n)."""
+        ...
+
+    def find_least(self, q: FloatArray) -> FloatArray:
+        """Return the smallest slack (m,) at postures q (m, n)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _JoinedSlack:
+    parts: tuple[Slack, ...]
+
+    @property
+    def values(self) -> FloatArray:
+        """Slack (m, K) of all parts."""
+        return np.concatenate([part.values for part in self.parts], axis=1)
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
+        ends = np.cumsum([part.values.shape[1] for part in self.parts])[:-1]
+        pieces = np.split(gradient, ends, axis=1)
+        return np.asarray(sum(part.pull_back(piece) for part, piece in zip(self.parts, pieces, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedConstraints:
+    """Several kinds of constraints."""
+
+    parts: tuple[Constraints, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of constraints K."""
+        return sum(part.count for part in self.parts)
+
+    def evaluate(self, q: FloatArray) -> Slack:
+        """Return the slack at postures q (m, n)."""
+        return _JoinedSlack(tuple(part.evaluate(q) for part in self.parts))
+
+    def find_least(self, q: FloatArray) -> FloatArray:
+        """Return the smallest slack (m,) at postures q (m, n)."""
+        return np.asarray(np.min([part.find_least(q) for part in self.parts], axis=0))
+
+
+_SPARE = 0.005
+"""Share of a range, at either end, that is kept free while optimising, as the motion goes on between the samples."""
+_SPARE_CONDITION = 0.95
+_PER_LOG = 0.5
+"""Room in m or rad per unit of ln(condition): twice the largest condition is as bad as 0.35 rad too far."""
+_OPEN = -2.0
+"""Room where the loops are open: far beyond every limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoopSlack:
+    """At m postures: `values` (m, K) in rad or m, negative where a limit is broken, and their slopes (m, K, n)."""
+
+    values: FloatArray
+    slopes: FloatArray
+
+    def pull_back(self, gradient: FloatArray) -> FloatArray:
+        """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
+        return np.asarray(np.einsum("mk,mkn->mn", gradient, self.slopes))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowerRates:
+    """Limits of velocity and acceleration (r,) of follower joints, infinite where there is none."""
+
+    linkage: Linkage
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> FollowerRates | None:
+        """Return those of a robot, tightened by the stated limits; None where there are none."""
+        if robot.linkage is None:
+            return None
+        rates: dict[int, tuple[float, float]] = {}
+        for place in robot.linkage.passive:
+            joint = robot.tree.joints[place]
+            both = (joint.limits, stated.get(joint.name, Limits()))
+            velocity = min((limits.velocity for limits in both if limits.velocity is not None), default=np.inf)
+            acceleration = min(
+                (limits.acceleration for limits in both if limits.acceleration is not None), default=np.inf
+            )
+            if np.isfinite([velocity, acceleration]).any():
+                rates[place] = velocity, acceleration
+        if not rates:
+            return None
+        velocities, accelerations = np.array(list(rates.values())).T
+        names = tuple(robot.tree.joint_names[place] for place in rates)
+        return cls(robot.linkage, tuple(rates), names, velocities, accelerations)
+
+    def find_largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
+        _, speed, acceleration = self.linkage.compute_motion(q, dq, ddq)
+        own = list(self.joints)
+        return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
+
+    def are_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
+        """Return whether a motion of the driven joints keeps all of them."""
+        velocity, acceleration = self.find_largest(q, dq, ddq)
+        return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
+
+
+@dataclass(frozen=True, eq=False)
+class LoopConstraints:
+    """Limits of the joints of a machine that are not driven.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    joints : (k,)
+        Indices of the joints in the tree.
+    names : (k,)
+    low, high : (k,)
+        Position limits.
+    largest_condition : float
+        Limit of the condition of closed loops, where there are any.
+    rated : RatedFollowers, optional
+        Limits of rates.
+    """
+
+    linkage: Linkage
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    low: FloatArray
+    high: FloatArray
+    largest_condition: float = FAR_FROM_SINGULAR
+    rated: FollowerRates | None = None
+
+    @classmethod
+    def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopConstraints | None:
+        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
+        if robot.linkage is None:
+            return None
+        position_ranges: dict[int, tuple[float, float]] = {}
+        for place in robot.linkage.passive:
+            joint = robot.tree.joints[place]
+            ranges = [limits.position for limits in (joint.limits, stated.get(joint.name, Limits())) if limits.position]
+            if ranges:
+                position_ranges[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
+        rated = FollowerRates.from_robot(robot, stated)
+        if not position_ranges and rated is None and robot.linkage.closure is None:
+            return None
+        low, high = np.array(list(position_ranges.values())).reshape(-1, 2).T
+        names = tuple(robot.tree.joint_names[place] for place in position_ranges)
+        return cls(robot.linkage, tuple(position_ranges), names, low, high, rated=rated)
+
+    @property
+    def count(self) -> int:
+        """Number of rooms K."""
+        return 2 * len(self.joints) + (self.linkage.closure is not None)
+
+    def compute_positions(self, q: FloatArray) -> FloatArray:
+        """Return the positions (m, k) of the limited joints."""
+        return self.linkage.compute_positions(q)[:, list(self.joints)]
+
+    def compute_conditions(self, q: FloatArray) -> FloatArray:
+        """Return the condition (m,) of the loops; infinite where they are open, 1 where there are none."""
+        closure = self.linkage.closure
+        return np.ones(len(q)) if closure is None else np.exp(closure.compute_log_condition(q)[0])
+
+    def evaluate(self, q: FloatArray) -> LoopSlack:
+        """Return the rooms at postures q (m, n)."""
+        slopes = self.linkage.compute_jacobian(q)[:, list(self.joints)]
+        at, spare = self.compute_positions(q), _SPARE * (self.high - self.low)
+        values = [at - (self.low + spare), (self.high - spare) - at]
+        ways = [slopes, -slopes]
+        if self.linkage.closure is not None:
+            near, way = self.linkage.closure.compute_log_condition(q)
+            # The logarithm makes a smooth room of a condition that grows without limit towards a singular posture.
+            room = _PER_LOG * (np.log(_SPARE_CONDITION * self.largest_condition) - near)
+            is_open = ~np.isfinite(room)
+            values.append(np.where(is_open, _OPEN, room)[:, None])
+            ways.append(-_PER_LOG * way[:, None])
+            # Positions of an open loop mean nothing.
+            values[:2] = [np.where(is_open[:, None], 0.0, rows) for rows in values[:2]]
+            ways[:2] = [np.where(is_open[:, None, None], 0.0, rows) for rows in ways[:2]]
+        return LoopSlack(np.concatenate(values, axis=1), np.concatenate(ways, axis=1))
+
+    def find_least(self, q: FloatArray) -> FloatArray:
+        """Return the smallest room (m,) at postures q (m, n)."""
+        return np.asarray(self.evaluate(q).values.min(axis=1, initial=np.inf))
+
+    def find_complaint(self, q: FloatArray) -> str | None:
+        """Return what is not kept along a path q (m, n), as the end of a sentence; None where all is."""
+        condition = float(self.compute_conditions(q).max())
+        if condition > self.largest_condition:
+            return word_singularity(condition, self.largest_condition)
+        at = self.compute_positions(q)
+        for name, low, high, values in zip(self.names, self.low, self.high, at.T, strict=True):
+            if values.min() < low or values.max() > high:
+                reached = f"[{values.min():.4g}, {values.max():.4g}]"
+                return (
+                    f"joint '{name}', which follows, would be in {reached}, beyond its limits [{low:.4g}, {high:.4g}]."
+                )
+        return None
+
+    def find_broken(self, q: FloatArray) -> BoolArray:
+        """Return at which of postures q (m, n) a limit is broken: (m,)."""
+        at = self.compute_positions(q)
+        outside = ((at < self.low) | (at > self.high)).any(axis=1)
+        return np.asarray(outside | (self.compute_conditions(q) > self.largest_condition))
+
+
+def word_singularity(condition: float, largest: float) -> str:
+    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones."""
+    if not np.isfinite(condition):
+        return "the closed loops would be open: no position of the passive joints closes them there."
+    return (
+        f"the closed loops would come near a singular posture: condition {condition:.3g}, at most {largest:g} is kept."
+    )

@@ -1,0 +1,149 @@
+"""Geometry of the surroundings: floor, walls, boxes and the tool's range, their checks, and an assumed floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
+from dynident.motion.collision.surroundings import Box, Surroundings, ToolRange, Wall
+from dynident.robot.json_pointer import make_pointer
+from dynident.robot.kinematics import joint_frames
+from dynident.robot.model import Robot
+from dynident.robot.shapes import Block
+from dynident.schema.fields import check_ranges
+
+FLOOR_ASSUMED = (
+    "A floor through the base (z = 0) is assumed, since nothing around the robot was stated: no link but the first may "
+    "reach it. State what is there (surroundings), or that there is no floor (assume_floor: false, --no-floor)."
+)
+_UPRIGHT = 0.99
+"""Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""
+_HANGS = 0.1
+"""Share of the reach: a robot that rests lower than this below its base, as a leg does, stands on no floor there."""
+_POSTURES, _ROOM = 200, 0.02
+"""Of so many postures within the limits this share must be above the floor, or the robot works below its base."""
+_RADIUS = 0.06
+"""Radius of the links of usual arms as a share of the reach (UR10e 0.05, Panda 0.08, SO-101 0.06)."""
+
+
+def assume_floor(
+    robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray
+) -> tuple[Surroundings, float | None]:
+    """Add the floor that a robot stands on to empty surroundings, if it seems to stand on one.
+
+    Parameters
+    ----------
+    robot : Robot
+    surroundings : Surroundings
+    low, high : (n,)
+        Position limits.
+
+    Returns
+    -------
+    surroundings : Surroundings
+        With the floor, or as they are.
+    link_radius : float or None
+        Radius (m) of links without collision geometry above the floor; `None` where none is assumed.
+    """
+    if not surroundings.assume_floor or surroundings.has_obstacles or surroundings.tool_range is not None:
+        return surroundings, None
+    weight = float(np.linalg.norm(robot.gravity))
+    if weight == 0.0 or -robot.gravity[2] < _UPRIGHT * weight:
+        return surroundings, None
+    rests = np.stack([np.clip(0.0, low, high), 0.5 * (low + high)])
+    origins = joint_frames(robot, rests)[:, :, :3, 3]
+    reach = float(np.linalg.norm(origins, axis=2).max())
+    if not np.isfinite(reach) or origins[:, :, 2].min(axis=1).max() < -_HANGS * reach:
+        return surroundings, None
+    postures = np.random.default_rng(0).uniform(low, high, (_POSTURES, robot.n))
+    heights = joint_frames(robot, postures)[:, :, 2, 3]
+    # Joints that never change their height belong to the pedestal, which stands on the floor anyway.
+    moving = np.ptp(heights, axis=0) > 1e-6
+    if (heights[:, moving] >= _RADIUS * reach).all(axis=1).mean() < _ROOM:
+        return surroundings, None
+    return replace(surroundings, floor=0.0), _RADIUS * reach
+
+
+__all__ = [
+    "Box",
+    "HalfSpace",
+    "Surroundings",
+    "ToolRange",
+    "Wall",
+    "build_block",
+    "check_surroundings",
+    "list_half_spaces",
+]
+
+_AT = "/surroundings"
+_SHORTEST = 1e-9
+"""Shortest valid normal: the direction of a shorter one is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """The free side of a plane: normal · x ≥ offset (m, base frame), with a unit normal (3,)."""
+
+    name: str
+    normal: FloatArray
+    offset: float
+
+
+def build_block(box: Box) -> Block:
+    """Return a box as a shape in the base frame."""
+    placement = np.eye(4)
+    placement[:3, :3] = Rotation.from_euler("xyz", box.rpy).as_matrix()
+    placement[:3, 3] = box.center
+    return Block(placement, np.array(box.size))
+
+
+def list_half_spaces(surroundings: Surroundings) -> tuple[HalfSpace, ...]:
+    """Return floor and walls as half-spaces."""
+    half_spaces = (
+        [] if surroundings.floor is None else [HalfSpace("floor", np.array([0.0, 0.0, 1.0]), surroundings.floor)]
+    )
+    for wall in surroundings.walls:
+        normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+        half_spaces.append(HalfSpace(f"wall '{wall.name}'", normal, float(normal @ np.array(wall.point))))
+    return tuple(half_spaces)
+
+
+def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | None = None) -> None:
+    """Raise `DynidentError` for an invalid obstacle, range or distance.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+    joint_names : sequence of str, optional
+        Names that the joint of the tool must be among.
+    """
+    check_ranges(surroundings, _AT)
+    for index, wall in enumerate(surroundings.walls):
+        at = make_pointer(index, within=f"{_AT}/walls")
+        if np.linalg.norm(wall.normal) < _SHORTEST:
+            raise DynidentError(
+                f"the normal of wall '{wall.name}' is zero; it must point to the side that is free",
+                pointer=f"{at}/normal",
+            )
+    if surroundings.tool_range is not None:
+        _check_tool(surroundings.tool_range, joint_names)
+
+
+def _check_tool(tool: ToolRange, joint_names: Sequence[str] | None) -> None:
+    at = f"{_AT}/tool_range"
+    for axis, low, high in zip("xyz", tool.low, tool.high, strict=True):
+        if low is not None and high is not None and low >= high:
+            raise DynidentError(
+                f"the tool's range in {axis} is from {low:g} to {high:g}; the lower end comes first", pointer=at
+            )
+    if tool.joint is not None and joint_names is not None and tool.joint not in joint_names:
+        raise DynidentError(
+            f"There is no joint '{tool.joint}'; joints: {', '.join(joint_names)}.",
+            pointer=f"{at}/joint",
+            title="Unknown joint",
+        )

@@ -1,0 +1,100 @@
+"""Surroundings as a request states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.schema.fields import declare_field
+
+DEFAULT_CLEARANCE = 0.02
+FARTHEST = 1e4
+"""Largest coordinate, m: a robot can touch nothing that is farther."""
+Vector = tuple[float, float, float]
+Ends = tuple[float | None, float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in the base frame."""
+
+    name: str = declare_field(fewest=1, most=200)
+    center: Vector = declare_field("Its centre", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
+    size: Vector = declare_field("Its edges", unit="m", above=0, at_most=FARTHEST)
+    rpy: Vector = declare_field("Roll, pitch, yaw as in a URDF", default=(0.0, 0.0, 0.0), unit="rad")
+
+    @property
+    def solid_name(self) -> str:
+        """Name of the box in margins and messages."""
+        return f"box '{self.name}'"
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane that nothing may cross."""
+
+    name: str = declare_field(fewest=1, most=200)
+    point: Vector = declare_field("Any point on it, in the base frame", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
+    normal: Vector = declare_field("To the side that is free")
+
+
+@dataclass(frozen=True)
+class ToolRange:
+    """Where the tool may go, m in the base frame."""
+
+    low: Ends = declare_field(
+        "x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST
+    )
+    high: Ends = declare_field(
+        "x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST
+    )
+    point: Vector = declare_field(
+        "The tool in the frame of the joint",
+        default=(0.0, 0.0, 0.0),
+        unit="m",
+        at_least=-FARTHEST,
+        at_most=FARTHEST,
+    )
+    joint: str | None = declare_field("The joint that carries it; the last one", default=None)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a motion must not touch."""
+
+    self_collision: bool = declare_field(
+        "Links must not touch each other, as far as the description has collision geometry", default=True
+    )
+    floor: float | None = declare_field(
+        "Height of a floor that no link but the base may reach, in the base frame",
+        default=None,
+        unit="m",
+        at_least=-FARTHEST,
+        at_most=FARTHEST,
+    )
+    assume_floor: bool = declare_field(
+        "Where nothing around an upright robot is stated, a floor through its base is assumed", default=True
+    )
+    walls: tuple[Wall, ...] = declare_field(default=(), most=50)
+    boxes: tuple[Box, ...] = declare_field(default=(), most=50)
+    tool_range: ToolRange | None = declare_field(default=None)
+    clearance: float = declare_field(
+        "Distance that is kept to everything", default=DEFAULT_CLEARANCE, unit="m", at_least=1e-3, at_most=10
+    )
+    link_radius: float | None = declare_field(
+        "Links without collision geometry count as capsules of this radius between the joints' origins",
+        default=None,
+        unit="m",
+        at_least=1e-4,
+        at_most=100,
+    )
+    may_touch: tuple[tuple[str, str], ...] = declare_field(
+        "Pairs of links (or joints) that are not checked against each other", default=(), most=500
+    )
+    mesh_folders: tuple[str, ...] = declare_field(
+        "Folders of this machine in which the description's meshes are looked for", default=(), option="-", local=True
+    )
+
+    @property
+    def has_obstacles(self) -> bool:
+        """Whether there is anything but the robot itself."""
+        return self.floor is not None or bool(self.walls) or bool(self.boxes)

@@ -1,0 +1,149 @@
+"""Wrapped angles (at half or whole turns), made continuous."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.conditioning.signals import ChangedRows, Signals
+from dynident.recordings.conditioning.windows import Window
+from dynident.recordings.recording import Check
+
+TURN = 2.0 * pi
+
+BORDERS = (-pi, 0.0)
+"""Where the turns begin that drives count angles in: -pi to pi, or 0 to 2 pi (0 to 360 degrees)."""
+
+ROUNDING = 0.01
+"""rad by which a wrapped angle may stand outside its turn: half a degree of a controller that counts in them."""
+
+INSIDE_SHARE = 0.95
+"""Share of the values that have to stand inside one turn; the others may be corrupted."""
+
+
+def fold_angles(difference: FloatArray, period: float = TURN) -> FloatArray:
+    """Return differences of angles within half a period; unchanged if the period is 0."""
+    return np.asarray(difference - period * np.round(difference / period)) if period else difference
+
+
+def find_wrapping_columns(window: Window, signals: Signals) -> BoolArray:
+    """Return which columns jump by a turn from one end of it to the other, as only wrapped angles do.
+
+    Parameters
+    ----------
+    window : Window
+    signals : Signals
+
+    Returns
+    -------
+    (c,) of bool
+    """
+    wrapping = np.zeros(len(signals.sources), dtype=bool)
+    together = np.diff(window.run) == 0
+    for column in np.flatnonzero(signals.turning):
+        x = window.values[:, column]
+        steps = np.diff(x)
+        jumps = np.flatnonzero((np.abs(steps) > pi) & together)
+        if not len(jumps):
+            continue
+        # A wrap is a jump that is slow without its turn; a joint that really jumps, or a corrupted sample, is not.
+        remainder = np.abs(fold_angles(steps[jumps]))
+        elapsed = np.maximum(window.t[jumps + 1] - window.t[jumps], signals.step)
+        slow = jumps[remainder <= signals.fastest[column] * elapsed]
+        finite = x[np.isfinite(x)]
+        for border in BORDERS:
+            low, high = border - ROUNDING, border + TURN + ROUNDING
+            ends = np.minimum(x[slow], x[slow + 1]), np.maximum(x[slow], x[slow + 1])
+            if ((ends[0] >= low) & (ends[1] <= high)).any():
+                # All values lie inside one turn: an angle that is counted on beyond it does not wrap.
+                wrapping[column] |= bool(((finite >= low) & (finite <= high)).mean() >= INSIDE_SHARE)
+    return wrapping
+
+
+class WrappedAngles:
+    """Makes wrapped angles continuous; over gaps the logged velocity, if any, gives the number of turns."""
+
+    name = "wrapped_angles"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._wrapping = np.zeros(len(signals.sources), dtype=bool)
+        self._turns: dict[int, tuple[int, float]] = {}
+        self._shift: dict[int, float] | None = None
+        self._found = ChangedRows()
+
+    def apply(self, window: Window) -> None:
+        """Make the angles of a window continuous with those before it."""
+        self._wrapping |= find_wrapping_columns(window, self._signals)
+        if self._shift is None:
+            self._shift = self._find_whole_turns(window) if self._wrapping.any() else {}
+        for column in np.flatnonzero(self._wrapping | np.isin(np.arange(len(self._wrapping)), list(self._shift))):
+            self._unwrap(window, int(column))
+
+    def checks(self) -> list[Check]:
+        """Report which angles wrapped."""
+        if not self._found.n and not self._shift:
+            return [Check(self.name, "ok", "No angle wraps.")]
+        sources = self._signals.sources
+        parts = [f"Turns are unwrapped in {self._found.describe(sources)}."] if self._found.n else []
+        if self._shift:
+            shifted = ", ".join(sources[column] for column in self._shift)
+            parts.append(f"A whole turn is added to or taken from {shifted}, so that the joint is inside its limits.")
+        parts.append(f'If they are right as they are, say "skip": ["{self.name}"].')
+        return [self._found.make_check(self.name, "warning", " ".join(parts), sources)]
+
+    def _find_whole_turns(self, window: Window) -> dict[int, float]:
+        """Return the columns that are inside their limits one turn farther on, with that turn (±2 pi)."""
+        shift = {}
+        for column, (low, high) in self._signals.limits.items():
+            x = window.values[np.isfinite(window.values[:, column]), column]
+            if not self._signals.turning[column] or not len(x) or high - low > 2.0 * TURN:
+                continue
+            # The median of the first samples: a single one may be corrupted.
+            start = float(np.median(x[:9]))
+            turn = TURN * round((0.5 * (low + high) - start) / TURN)
+            if not low - ROUNDING <= start <= high + ROUNDING and abs(turn) == TURN and low <= start + turn <= high:
+                shift[column] = turn
+        return shift
+
+    def _unwrap(self, window: Window, column: int) -> None:
+        rows = np.flatnonzero(np.isfinite(window.values[:, column]))
+        if not len(rows):
+            return
+        x = window.values[rows, column]
+        remainder = np.diff(x) - self._predict_steps(window, column, rows)
+        turns = np.concatenate([[0.0], -np.round(remainder / TURN)])
+        # Every segment is counted from its own beginning.
+        begins = np.concatenate([[False], np.diff(window.segment[rows]) != 0])
+        turns[begins] = 0.0
+        total = np.cumsum(turns)
+        for start in np.flatnonzero(begins):
+            total[start:] -= total[start]
+        self._continue_turns(window, column, rows, total, begins)
+        window.values[rows, column] = x + TURN * total + (self._shift or {}).get(column, 0.0)
+        own = window.select_own_rows(rows[1:][np.diff(total) != 0.0])
+        self._found.add(column, own, window.t[own - 1 - window.first_row])
+
+    def _continue_turns(
+        self, window: Window, column: int, rows: IntArray, total: FloatArray, begins: BoolArray
+    ) -> None:
+        """Continue the count of turns (m,) from the window before, and remember it for the next one."""
+        row, before = self._turns.get(column, (-1, 0.0))
+        here = int(np.searchsorted(rows, row - window.first_row))
+        first_segment = np.cumsum(begins) == 0
+        if here < len(rows) and first_segment[here]:
+            total[first_segment] += before - (total[here] if rows[here] == row - window.first_row else 0.0)
+        last = int(np.searchsorted(rows, window.own.stop)) - 1
+        if last >= 0:
+            self._turns[column] = window.first_row + int(rows[last]), float(total[last])
+
+    def _predict_steps(self, window: Window, column: int, rows: IntArray) -> FloatArray:
+        """Return how far an angle goes between known rows by its logged velocity; 0 without one."""
+        velocity = self._signals.velocity.get(column)
+        if velocity is None:
+            return np.zeros(len(rows) - 1)
+        speed = window.values[rows, velocity]
+        speed = np.where(np.abs(speed) < self._signals.fastest[column], speed, 0.0)
+        return np.asarray(0.5 * (speed[1:] + speed[:-1]) * np.diff(window.t[rows]))

@@ -1,0 +1,152 @@
+"""Missing samples: interpolated over short gaps, and their rows left out over long ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IntArray
+from dynident.recordings.conditioning.signals import ChangedRows, Signals
+from dynident.recordings.conditioning.windows import Window, find_run_edges
+from dynident.recordings.recording import Check, are_readings
+
+LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
+"""s, or rows, of missing samples that are bridged: a cubic through two positions on either side is then off by less
+than encoders resolve, at the frequencies that arms move at. Of longer ones the rows are left out."""
+
+MOST_MISSING = 0.3
+"""Share of the rows without which a recording is not what it is said to be."""
+
+
+class MissingValues:
+    """Marks cells without a number, or with one that no sensor gives, as missing (NaN)."""
+
+    name = "missing_values"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+
+    def apply(self, window: Window) -> None:
+        """Mark the missing values in a window."""
+        needed = np.flatnonzero(self._signals.needed)
+        missing = ~are_readings(window.values[:, needed])
+        for index in np.flatnonzero(missing.any(axis=0)):
+            rows = np.flatnonzero(missing[:, index])
+            window.values[rows, needed[index]] = np.nan
+            own = window.select_own_rows(rows)
+            self._found.add(int(needed[index]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report which cells were missing."""
+        rows = self._found
+        if not rows.n:
+            return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
+        detail = (
+            f"{rows.n} cell{'s hold' if rows.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            "those are near, and else their rows are left out."
+        )
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+
+
+class BridgedGaps:
+    """Interpolates over short stretches of missing samples."""
+
+    name = "rows_left_out"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        self._n_rows = 0
+        self._n_lost = 0
+
+    def apply(self, window: Window) -> None:
+        """Bridge the short gaps in a window; readers leave out the rows that stay NaN."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        missing = np.isnan(window.values[:, needed])
+        self._n_rows += window.own.stop - window.own.start
+        if not missing.any():
+            return
+        rows_bridged = max(FEWEST_ROWS, round(LONGEST_BRIDGE / signals.step))
+        for index in np.flatnonzero(missing.any(axis=0)):
+            column = int(needed[index])
+            bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
+            own = window.select_own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+        lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
+        self._n_lost += int(lost.sum())
+
+    def checks(self) -> list[Check]:
+        """Report which rows are left out."""
+        rows = self._found
+        if not rows.n:
+            return []
+        detail = (
+            f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
+            f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
+        )
+        much = self._n_lost > MOST_MISSING * self._n_rows
+        return [rows.make_check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+
+
+def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
+    """Interpolate, in place, over gaps of up to `most` missing samples.
+
+    Parameters
+    ----------
+    t, x : (m,)
+        Times in s, and one signal with NaN where samples are missing.
+    run : (m,)
+        Number of the stretch without a gap in time that each row belongs to.
+    most : int
+    smooth : bool
+        Whether a cubic through two samples on either side is used, else a straight line.
+    """
+    missing = np.isnan(x)
+    starts, ends = find_run_edges(missing)
+    present = np.flatnonzero(~missing)
+    # Gaps of one length at a time: all of them are then interpolated by one array operation.
+    for length in range(1, most + 1):
+        gap_starts = starts[ends - starts == length]
+        before = np.searchsorted(present, gap_starts) - 1
+        inside = (before >= 1) & (before + 2 < len(present))
+        gap_starts, before = gap_starts[inside], before[inside]
+        if not len(gap_starts):
+            continue
+        anchors = present[before[:, None] + np.array([-1, 0, 1, 2])]
+        # Across a gap in time nothing is bridged; farther anchors may lie beyond other missing samples.
+        near = run[anchors[:, 0]] == run[anchors[:, 3]]
+        gap_starts, anchors = gap_starts[near], anchors[near]
+        rows = gap_starts[:, None] + np.arange(length)
+        # Relative to a neighbour: angles of many turns would lose digits in Lagrange's products.
+        origin = x[anchors[:, 1:2]]
+        x[rows] = origin + interpolate_between(t[anchors], x[anchors] - origin, t[rows], smooth=smooth)
+
+
+def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smooth: bool) -> FloatArray:
+    """Interpolate between two samples before and two samples behind.
+
+    Parameters
+    ----------
+    t, x : (k, 4)
+        Times and values of the four samples.
+    times : (k, l)
+    smooth : bool
+        Whether to use the cubic through all four (Lagrange), else a straight line between the inner two.
+
+    Returns
+    -------
+    (k, l)
+    """
+    if not smooth:
+        share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
+        return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
+    result = np.zeros_like(times)
+    for index in range(4):
+        weight = np.ones_like(times)
+        for other in range(4):
+            if other != index:
+                weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
+        result += weight * x[:, index : index + 1]
+    return result

@@ -1,0 +1,339 @@
+"""Dialects of CSV: separator, decimal sign, names and units, told from the first lines of a file."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from dynident.recordings.formats.text_rewriting import (
+    count_list_items,
+    flatten_lists,
+    has_lists,
+    join_open_lists,
+    squeeze_spaces,
+)
+from dynident.recordings.list_cells import make_counted_names
+from dynident.recordings.recording import RecordingError
+
+_NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+_UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")
+_TUPLE = re.compile(r"^\(.*\)$")
+_LOOKED_AT = 1 << 16
+_ROWS = 200
+_NO_NUMBERS = ("nan", "-nan", "inf", "-inf", "na", "n/a", "null", "none")
+_FIELDS_OF_JOINTS = {1: ("position",), 2: ("numbers1", "numbers2"), 3: ("position", "velocity", "effort")}
+"""Arrays of a message of joint states by their number; of two it is not said which are left empty."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a CSV file is written.
+
+    `units` are those of a line of units below the names, `texts` the first cells of columns that hold words. `rewrite`
+    and `encoding` say how its lines become plain ones. `has_gaps`: cells of the first rows are empty.
+    """
+
+    delimiter: str
+    decimal_point: str
+    names: tuple[str, ...]
+    lines_before_data: int
+    units: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    rewrite: tuple[Callable[[str], str], ...] = ()
+    encoding: str = "utf-8"
+    has_gaps: bool = False
+
+
+@dataclass
+class _Header:
+    """Names, the number of lines above the first row, and units."""
+
+    names: tuple[str, ...]
+    lines: int
+    units: dict[str, str] = field(default_factory=dict)
+
+
+def detect_dialect(start: bytes) -> Dialect:
+    """Return the dialect of a CSV file, by its first bytes.
+
+    Without a line of names columns are called column1, column2, ….
+
+    Parameters
+    ----------
+    start : bytes
+        The first `dialect_bytes` of the file.
+
+    Returns
+    -------
+    Dialect
+
+    Raises
+    ------
+    RecordingError
+        For a file that is no text, or holds nothing, or a name twice.
+    """
+    text, encoding = _decode_text(start)
+    original = text.splitlines()
+    if len(start) == _LOOKED_AT and len(original) > 1:
+        original.pop()  # it is cut off
+    whole = join_open_lists(original)
+    rewrite: list[Callable[[str], str]] = []
+    if has_lists(whole):
+        original = whole
+        rewrite.append(flatten_lists)
+    lines = flatten_lists("\n".join(original)).splitlines() if rewrite else original
+    if _is_aligned(lines):
+        rewrite.append(squeeze_spaces)
+        lines = squeeze_spaces("\n".join(lines)).splitlines()
+    first = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
+    if first is None:
+        raise RecordingError("The file holds no line of column names.", title="Unreadable file")
+    delimiter, comma, header = _read_header(lines, first)
+    if flatten_lists in rewrite:
+        header.names = _name_list_columns(header, original, delimiter)
+    if "" in header.names and header.names.count("") > 1:
+        header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
+    repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
+    if repeated:
+        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
+    rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    rows = [row for row in rows if len(row) == len(header.names)]
+    return Dialect(
+        delimiter,
+        "," if comma else ".",
+        header.names,
+        header.lines,
+        header.units,
+        _collect_texts(rows, header.names),
+        tuple(rewrite),
+        encoding,
+        has_gaps=any(not cell or cell.casefold() in _NO_NUMBERS for row in rows for cell in row),
+    )
+
+
+dialect_bytes = _LOOKED_AT
+"""So many bytes are looked at."""
+
+
+def _read_header(lines: list[str], first: int) -> tuple[str, bool, _Header]:
+    """Return the separator, whether numbers have commas, and the names; `first` is the first line with text."""
+    header = first
+    # Further comment lines may stand before the names; the names are the last of them.
+    while header + 1 < len(lines) and lines[header + 1].lstrip().startswith(("#", "%")):
+        header += 1
+    if lines[header].lstrip().startswith(("#", "%")) and _is_comment(lines, header):
+        header += 1
+    header = _skip_titles(lines, header)
+    text = lines[header].lstrip("#% ").rstrip("\r\n")
+    below = [line for line in lines[header : header + 20] if line.strip()]
+    if _is_data(text):
+        delimiter, comma = _detect_number_format(below)
+        fields = _split_fields(text, delimiter)
+        counts = _is_counted(fields) and len(below) > 1 and not _is_counted(_split_fields(below[1], delimiter))
+        return delimiter, comma, _Header(_number_columns(len(fields)), header + counts)
+    delimiter = _find_delimiter(text)
+    if (names := _name_message_columns(below, delimiter)) is not None:
+        return delimiter, False, _Header(names, header)
+    names = tuple(_format_name(field) for field in _split_fields(text, delimiter))
+    rows = header + 1
+    if sum(map(bool, names)) - len({name for name in names if name}) > 1 and rows < len(lines):
+        # Names in two lines: of the signal, which is repeated, and of the joint.
+        second = _split_fields(lines[rows], delimiter)
+        if len(second) == len(names) and all(cell.isdigit() or not _is_number(cell) for cell in second):
+            both = tuple("_".join(part for part in pair if part) for pair in zip(names, second, strict=True))
+            if len(set(both)) == len(both):
+                names, rows = both, rows + 1
+                if rows < len(lines) and _is_mostly_empty(_split_fields(lines[rows], delimiter)):
+                    rows += 1
+    units = _read_units(lines, rows, delimiter, names)
+    rows += bool(units)
+    fields = [cell for line in lines[rows : rows + 20] if line.strip() for cell in _split_fields(line, delimiter)]
+    # A comma inside a cell can only be a decimal one if something else separates the cells.
+    comma = delimiter != "," and any("," in cell and _NUMBER.match(cell) for cell in fields)
+    return delimiter, comma, _Header(names, rows, units)
+
+
+def _decode_text(start: bytes) -> tuple[str, str]:
+    """Return the first bytes as text, and their encoding."""
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return start.decode("utf-16", errors="ignore"), "utf-16"
+    if b"\0" in start:
+        raise RecordingError(
+            "The file is neither Parquet nor text, nor of another format that is known.", title="Unreadable file"
+        )
+    try:
+        return start.decode("utf-8-sig"), "utf-8"
+    except UnicodeDecodeError as error:
+        # The last character may be cut off; else it is what Windows writes in western Europe.
+        cut = error.start >= len(start) - 4
+        text = start[: error.start].decode("utf-8-sig") if cut else start.decode("cp1252", errors="replace")
+        return text, "utf-8"
+
+
+def _find_delimiter(text: str) -> str:
+    # The most frequent one; where none is more frequent than the others, the comma.
+    delimiter = max(",;\t|", key=text.count)
+    if text.count(delimiter) == 0:
+        delimiter = " " if " " in text.strip() else ","
+    return delimiter
+
+
+def _split_fields(line: str, delimiter: str) -> list[str]:
+    if '"' in line:
+        return [cell.strip().strip('"').strip() for cell in next(csv.reader([line.strip()], delimiter=delimiter), [""])]
+    return [cell.strip() for cell in line.split(delimiter)]
+
+
+def _format_name(field: str) -> str:
+    """Return a column's name; one of several parts, ('q', 1), becomes q_1."""
+    if not _TUPLE.match(field) or "," not in field:
+        return field
+    return "_".join(part for part_text in field[1:-1].split(",") if (part := part_text.strip(" '\"")))
+
+
+def _is_data(text: str) -> bool:
+    """Return whether a line holds numbers and nothing else."""
+    return any(
+        any(fields := [cell for cell in _split_fields(text, delimiter) if cell])
+        and all(_NUMBER.match(cell) for cell in fields)
+        for delimiter in ";\t| ,"
+    )
+
+
+def _is_counted(fields: Sequence[str]) -> bool:
+    """Return whether the fields count the columns from 0, as pandas names those without names."""
+    numbers = list(fields[1:] if fields and not fields[0] else fields)
+    return len(numbers) > 1 and numbers == [str(number) for number in range(len(numbers))]
+
+
+def _number_columns(count: int) -> tuple[str, ...]:
+    return tuple(f"column{index + 1}" for index in range(count))
+
+
+def _is_comment(lines: list[str], header: int) -> bool:
+    """Return whether the last line of comment is prose: it has other fields than the next lines."""
+    if header + 2 >= len(lines) or _is_data(lines[header + 1]):
+        return False
+    text = lines[header].lstrip("#% ")
+    below = lines[header + 1]
+    return len(_split_fields(text, _find_delimiter(below))) != len(_split_fields(below, _find_delimiter(below)))
+
+
+def _is_mostly_empty(fields: Sequence[str]) -> bool:
+    return sum(map(bool, fields)) < len(fields) / 2
+
+
+def _skip_titles(lines: list[str], header: int) -> int:
+    """Return the line of names below titles, which have fewer fields than the rows, or mostly empty ones."""
+    # The last lines that were read are surely rows: they tell the width of the table.
+    body = [line for line in lines[header:] if line.strip()][-20:]
+    if len(body) < 4:
+        return header
+    delimiter = next((sign for sign in ";\t|" if sign in body[-1]), _find_delimiter(body[-1]))
+    width = Counter(len(_split_fields(line, delimiter)) for line in body).most_common(1)[0][0]
+
+    def is_whole(line: str) -> bool:
+        fields = _split_fields(line.lstrip("#% "), delimiter)
+        return len(fields) == width and not _is_mostly_empty(fields)
+
+    if width < 2 or is_whole(lines[header]):
+        return header
+    # Rows may have empty cells: names are a line without a number.
+    whole = (number for number in range(header + 1, len(lines)) if is_whole(lines[number]))
+    names_line = next(whole, None)
+    if names_line is None or any(_NUMBER.match(cell) for cell in _split_fields(lines[names_line], delimiter)):
+        return header
+    return names_line
+
+
+def _is_aligned(lines: list[str]) -> bool:
+    """Return whether only spaces stand between the columns, several of them, or at the ends of the lines."""
+    rows = [line for line in lines if line.strip()][-20:]
+    spaced = [line for line in rows if not any(sign in line for sign in ",;|") and " " in line.strip()]
+    if not spaced or len(spaced) < len(rows):
+        # Commas may be those of numbers.
+        spaced = [line for line in rows if " " in line.strip() and all(map(_NUMBER.match, line.split()))]
+    tabs_alone = all("\t" in line and " " not in line.replace("\t", "") for line in spaced)
+    irregular = any("  " in line or line != line.strip() or "\t" in line for line in spaced)
+    return bool(spaced) and len(spaced) == len(rows) and irregular and not tabs_alone
+
+
+def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
+    """Return separator and decimal comma of a file of numbers alone."""
+    text = lines[0]
+    for delimiter in ";\t|":
+        if delimiter in text:
+            return delimiter, "," in text
+    if " " in text.strip() and ", " not in text:
+        return " ", "," in text
+    return ",", False
+
+
+def _name_message_columns(lines: Sequence[str], delimiter: str) -> tuple[str, ...] | None:
+    """Name the columns of joint states without a line of names, as `ros2 topic echo --csv` writes them.
+
+    A row has the stamp's seconds and nanoseconds, the frame, the joints' names, and their positions, velocities and
+    efforts. None for other files.
+    """
+    rows = [_split_fields(line, delimiter) for line in lines[:2]]
+    if len(rows) < 2 or len(rows[0]) != len(rows[1]):
+        return None
+    words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
+    if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
+        return None
+    places = [place for place, cell in enumerate(words[0]) if cell]
+    if not places or places != list(range(places[0], places[-1] + 1)):
+        return None
+    # The frame stands before the joints' names: a word of its own, or an empty cell.
+    begin = places[0] if places[0] and words[0][places[0] - 1] == "" else places[0] + 1
+    n = places[-1] + 1 - begin
+    arrays = _FIELDS_OF_JOINTS.get((len(words[0]) - places[-1] - 1) // n) if n > 0 else None
+    joints = set(words[0][begin : places[-1] + 1])
+    if arrays is None or len(joints) < n or (len(words[0]) - places[-1] - 1) % n or begin < 2:
+        return None
+    before = [f"column{place + 1}" for place in range(begin - 1)]
+    if begin == 3:
+        before = ["sec", "nanosec"]
+    return (*before, "frame", *(f"{name}{joint + 1}" for name in ("name", *arrays) for joint in range(n)))
+
+
+def _is_number(text: str) -> bool:
+    return bool(_NUMBER.match(text)) or text.casefold() in _NO_NUMBERS
+
+
+def _name_list_columns(header: _Header, original: Sequence[str], delimiter: str) -> tuple[str, ...]:
+    """Return the names, with one for every item if the rows have lists below single names."""
+    lengths = count_list_items("\n".join(original[header.lines : header.lines + 1]), delimiter)
+    if len(lengths) != len(header.names) or sum(lengths) == len(lengths):
+        return header.names
+    return tuple(
+        name
+        for column, length in zip(header.names, lengths, strict=True)
+        for name in (make_counted_names(column, length) if length > 1 else (column,))
+    )
+
+
+def _collect_texts(rows: Sequence[Sequence[str]], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the first cells of columns most of whose cells are words."""
+    texts = {}
+    for name, cells in zip(names, zip(*rows, strict=True), strict=False):
+        words = sum(1 for cell in cells if cell and not _is_number(cell))
+        if 2 * words > sum(map(bool, cells)):
+            texts[name] = tuple(cells)
+    return texts
+
+
+def _read_units(lines: list[str], number: int, delimiter: str, names: tuple[str, ...]) -> dict[str, str]:
+    """Return the units below the names: a line of as many short words, with a line of numbers below it."""
+    if number + 1 >= len(lines) or not _is_data(lines[number + 1]) or _is_data(lines[number]):
+        return {}
+    fields = _split_fields(lines[number].lstrip("#% "), delimiter)
+    if len(fields) != len(names) or not all(_UNIT.match(cell) for cell in fields):
+        return {}
+    if any(cell and _is_number(cell) for cell in fields):
+        return {}
+    return {name: cell.strip("[]() ") for name, cell in zip(names, fields, strict=True) if cell.strip("[]() -")}

@@ -1,0 +1,174 @@
+"""Fast reading of binary messages that are built alike: where their numbers lie is learned from one message.
+
+All messages of a topic are usually of one length, with the same names in the same places. Such a message is written
+again by the package of its format twice, with numbers that mark their places; of all others only the numbers are read,
+many at once.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import Field, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Fielddefs
+
+MessageT = TypeVar("MessageT", bound="Message")
+
+Content = tuple[Sequence[str], Sequence[float] | FloatArray, tuple[int, int] | None]
+"""Names and values of a message, and its stamp in whole seconds and nanoseconds."""
+
+_FLOAT_MARKS = (0x4111_1111_1111_0000, 0x4222_2222_2222_0000)
+_WORD_MARKS = (0x1111_0000, 0x2222_0000)
+_OTHER_MARKS = (1, 2)
+_MOST = 0x7FFF
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How messages of one kind are laid out: bytes (size,) that all of them have in common, where `common` is true.
+
+    `places` (c,) and `stamp` are where the values lie, as float64, and whole seconds and nanoseconds, as uint32.
+    """
+
+    like: NDArray[np.uint8]
+    common: BoolArray
+    names: tuple[str, ...]
+    places: IntArray
+    stamp: tuple[int, int] | None
+
+    def read(self, messages: Sequence[bytes]) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Read messages of this length.
+
+        Parameters
+        ----------
+        messages : sequence of bytes
+
+        Returns
+        -------
+        alike : (m,) of bool
+            Which of them are laid out like this.
+        times : (k,)
+            Stamps of these in s, 0 without one.
+        values : (k, c)
+        """
+        size = len(self.like)
+        whole = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), size)
+        alike = (whole[:, self.common] == self.like[self.common]).all(axis=1)
+        whole = whole[alike]
+        times = np.zeros(len(whole))
+        if self.stamp is not None:
+            seconds, nanoseconds = (_extract_numbers(whole, np.array([place]), "<u4")[:, 0] for place in self.stamp)
+            times = seconds + nanoseconds * 1e-9
+        return alike, times, _extract_numbers(whole, self.places, "<f8").astype(np.float64)
+
+
+def _extract_numbers(whole: NDArray[np.uint8], places: IntArray, kind: str) -> FloatArray:
+    """Return the numbers (m, c) of a kind at places of bytes (m, size)."""
+    width = np.dtype(kind).itemsize
+    chunks = whole[:, places[:, None] + np.arange(width)]
+    return np.asarray(np.ascontiguousarray(chunks).view(kind)[..., 0])
+
+
+class Message(Protocol):
+    """A message that was unpacked: a dataclass of a type with a name."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    __msgtype__: ClassVar[str]
+
+
+def learn_layout(
+    data: bytes,
+    message: MessageT,
+    fields: Callable[[str], Fielddefs],
+    written: Callable[[MessageT], bytes],
+    content: Callable[[MessageT], Content],
+) -> Layout | None:
+    """Learn the layout of a message.
+
+    Parameters
+    ----------
+    data : bytes
+    message : object
+        The same, unpacked: a dataclass of the types that `fields` knows.
+    fields : callable
+        Gives the fields of a type: pairs of their name, and of what kind they are.
+    written : callable
+        Packs a message.
+    content : callable
+        What is read of a message.
+
+    Returns
+    -------
+    Layout or None
+        None if its numbers are not found again, as of types that are rare.
+    """
+    marked = [_NumberMarker(fields, which).mark_message(message) for which in (0, 1)]
+    first, second = (np.frombuffer(written(copy), dtype=np.uint8) for copy in marked)
+    own = np.frombuffer(data, dtype=np.uint8)
+    if not len(first) == len(second) == len(own):
+        return None
+    # No byte of a mark is alike in the two versions: bytes that are equal hold no numbers.
+    common = first == second
+    if not np.array_equal(own[common], first[common]):
+        return None
+    names, values, stamp = content(marked[0])
+    raw = first.tobytes()
+    # Each mark is a number of its own: its bytes tell the place of its value.
+    places = [raw.find(struct.pack("<d", value)) for value in values]
+    words = None if stamp is None else tuple(raw.find(struct.pack("<I", number)) for number in stamp)
+    all_places = [*places, *(words or ())]
+    if min(all_places, default=-1) < 0 or len(set(all_places)) < len(all_places):
+        return None
+    where = None if words is None else (words[0], words[1])
+    return Layout(own, common, tuple(names), np.array(places), where)
+
+
+class _NumberMarker:
+    """Replaces the numbers of a message by marks: each a number of its own, in two versions no byte alike."""
+
+    def __init__(self, fields: Callable[[str], Fielddefs], which: int) -> None:
+        self._fields, self._which, self._count = fields, which, 0
+
+    def mark_message(self, message: MessageT) -> MessageT:
+        kinds = dict(self._fields(message.__msgtype__))
+        return replace(
+            message, **{name: self._mark_value(getattr(message, name), kind) for name, kind in kinds.items()}
+        )
+
+    def _mark_value(self, value: Any, kind: Any) -> Any:
+        node, of = kind
+        if node.name == "NAME":
+            return self.mark_message(value)
+        if node.name == "BASE":
+            return self._mark_number(value, of[0])
+        inner = of[0]
+        if isinstance(value, np.ndarray):
+            return np.array([self._mark_number(element, inner[1][0]) for element in value], dtype=value.dtype)
+        return [self._mark_value(element, inner) for element in value]
+
+    def _mark_number(self, value: Any, kind: str) -> Any:
+        """Return the mark in place of a number; strings stay, which all messages share."""
+        if kind in ("string", "wstring"):
+            return value
+        self._count = count = min(self._count + 1, _MOST)
+        count = count if self._which == 0 else ~count & 0xFFFF
+        if kind == "float64":
+            return struct.unpack("<d", struct.pack("<Q", _FLOAT_MARKS[self._which] + count))[0]
+        if kind in ("int32", "uint32"):
+            return _WORD_MARKS[self._which] + count
+        if kind in ("int64", "uint64"):
+            return int.from_bytes(bytes([_OTHER_MARKS[self._which]]) * 8, "little")
+        if kind == "bool":
+            return bool(self._which)
+        if kind == "float32":
+            return np.frombuffer(bytes([0x11 * (self._which + 1)]) * 4, dtype=np.float32)[0]
+        width = {"int16": 2, "uint16": 2}.get(kind, 1)
+        return int.from_bytes(bytes([_OTHER_MARKS[self._which]]) * width, "little")

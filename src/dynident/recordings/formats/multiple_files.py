@@ -1,0 +1,295 @@
+"""One recording in several text files, or in an archive of them: joined by their times or row by row."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
+
+import numpy as np
+import pyarrow as pa
+
+from dynident.array_types import FloatArray
+from dynident.recordings.arrow import batch_from_arrays
+from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
+from dynident.recordings.file_source import FileSource, to_float_column
+from dynident.recordings.formats.text_streams import ProducedStream, TextContent
+from dynident.recordings.list_cells import make_counted_names
+from dynident.recordings.recording import RecordingError
+from dynident.recordings.recording_files import MOST_FILES
+from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
+from dynident.recordings.time_parsing import is_time_name
+
+_LOOKED_AT = 1000
+_WORKBOOK = "[Content_Types].xml"
+_BROKEN = (BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
+"""What Python's reader of archives raises of damaged ones; of what is encrypted, RuntimeError."""
+
+Named = tuple[str, FileSource]
+
+
+@dataclass(frozen=True, eq=False)
+class _FilePart:
+    """One file: its column of time with that column's name, its other columns by their names, its usual step."""
+
+    name: str
+    source: FileSource
+    time: str | None
+    time_name: str
+    columns: dict[str, str]
+    step: float
+
+    def read_blocks(self, columns: Sequence[str]) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield times (m,), and values (m, c) of the named columns."""
+        own = [self.columns[name] for name in columns]
+        probe = self.time or (own or list(self.columns.values()))[0]
+        first = 0
+        for batch in self.source.batches(list(dict.fromkeys([probe, *own]))):
+            t = to_float_column(batch, probe, first)
+            values = np.empty((len(t), len(own)))
+            for place, column in enumerate(own):
+                values[:, place] = to_float_column(batch, column, first)
+            yield t, values
+            first += len(t)
+
+
+class JoinedFiles(FileSource):
+    """The columns of several files; `t` is the time of the one whose rows are used."""
+
+    def __init__(self, files: Sequence[Named]) -> None:
+        if len(files) > MOST_FILES:
+            raise RecordingError(
+                f"The recording is in {len(files)} files; at most {MOST_FILES} are joined.", title=TITLE
+            )
+        self._parts = _make_parts(files)
+        self._places = {name: part for part in self._parts for name in part.columns}
+        timed = [part for part in self._parts if part.time is not None]
+        self._by_time = len(timed) == len(self._parts)
+        # A file of nothing but times is the clock of all others.
+        self._main = min(timed, key=lambda part: part.step) if self._by_time else next(iter(timed), self._parts[0])
+        names = list(self._places)
+        self._time = self._main.time_name
+        units = {
+            name: unit for name, part in self._places.items() if (unit := part.source.units.get(part.columns[name]))
+        }
+        if self._main.time is not None:
+            names = [self._time, *names]
+            if self._main.time in self._main.source.units:
+                units[self._time] = self._main.source.units[self._main.time]
+        super().__init__(names, units)
+        how = "read between their samples at its times" if self._by_time else "joined with it row by row"
+        others = ", ".join(part.name for part in self._parts if part is not self._main)
+        self.remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
+
+    def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        yield from self._read_at_times(columns) if self._by_time else self._read_rows(columns)
+
+    def _select_files(self, columns: list[str]) -> list[tuple[_FilePart, list[str]]]:
+        """Return the files that are read, with the requested columns of each; the main file always."""
+        columns_of = [(part, [name for name in columns if self._places.get(name) is part]) for part in self._parts]
+        return [(part, own) for part, own in columns_of if own or part is self._main]
+
+    def _read_at_times(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        parts = self._select_files(columns)
+        size = choose_block_rows(len(columns))
+        join = TimeJoin({part.name: SampleSeries(own, part.step) for part, own in parts}, self._main.name, size)
+        streams = {part.name: part.read_blocks(own) for part, own in parts}
+        names = {part.name: own for part, own in parts}
+        latest = dict.fromkeys(streams, -np.inf)
+        while streams:
+            # The file that is farthest behind is read next, so that little has to wait in memory.
+            behind = min(streams, key=lambda name: latest[name])
+            block = next(streams[behind], None)
+            if block is None:
+                del streams[behind]
+                continue
+            t, values = block
+            has_time = np.isfinite(t)
+            if has_time.any():
+                join.add(behind, t[has_time], names[behind], values[has_time])
+                latest[behind] = float(t[has_time][-1])
+            if join.is_full:
+                yield from self._make_batch(join.rows(), names, columns)
+        yield from self._make_batch(join.rows(last=True), names, columns)
+
+    def _make_batch(
+        self, joined: JoinedSamples, names: dict[str, list[str]], columns: list[str]
+    ) -> Iterator[pa.RecordBatch]:
+        if not len(joined.times):
+            return
+        values = {self._time: joined.times}
+        for part, own in names.items():
+            values |= {column: joined.values[part][:, place] for place, column in enumerate(own)}
+        yield batch_from_arrays(values, columns)
+
+    def _read_rows(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        parts = self._select_files(columns)
+        streams = [part.read_blocks(own) for part, own in parts]
+        waiting = [(np.empty(0), np.empty((0, len(own)))) for _, own in parts]
+        n_rows = 0
+        while True:
+            ended = []
+            for place, stream in enumerate(streams):
+                if not len(waiting[place][0]):
+                    waiting[place] = next(stream, waiting[place])
+                ended.append(not len(waiting[place][0]))
+            if any(ended):
+                if not all(ended):
+                    short, long = parts[ended.index(True)][0].name, parts[ended.index(False)][0].name
+                    raise RecordingError(
+                        f"{short} ends after {n_rows} rows, and {long} goes on: files without a time of their own are "
+                        "joined row by row, and need as many rows each.",
+                        title="Different lengths",
+                    )
+                return
+            # Blocks of different files have different lengths: as many rows as all of them have.
+            count = min(len(t) for t, _ in waiting)
+            values: dict[str, FloatArray] = {}
+            for (part, own), (t, table) in zip(parts, waiting, strict=True):
+                values |= {name: table[:count, place] for place, name in enumerate(own)}
+                if part is self._main and part.time is not None:
+                    values[self._time] = t[:count]
+            yield batch_from_arrays(values, columns)
+            waiting = [(t[count:], table[count:]) for t, table in waiting]
+            n_rows += count
+
+
+def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
+    """Return the files with unique column names: one that several files have gets the file's name in front."""
+    own = [_name_columns(name, source) for name, source in files]
+    times = [next(filter(is_time_name, names), None) for names in own]
+    called = [name for names, time in zip(own, times, strict=True) for name in names if name != time]
+    parts: list[_FilePart] = []
+    for names, time, (file, source) in zip(own, times, files, strict=True):
+        stem = PurePosixPath(file).stem
+        columns = {
+            name if called.count(name) == 1 else f"{stem}.{name}": column
+            for name, column in names.items()
+            if name != time
+        }
+        own_time = None if time is None else names[time]
+        twice = next((name for part in parts for name in part.columns if name in columns), None)
+        if twice is not None:
+            raise RecordingError(f"Column {twice} stands twice, in files of the same name.", pointer=twice, title=TITLE)
+        parts.append(_FilePart(file, source, own_time, time or "", columns, _measure_step(source, own_time)))
+    check_columns(sum(len(part.columns) for part in parts))
+    return parts
+
+
+def _name_columns(file: str, source: FileSource) -> dict[str, str]:
+    """Return the file's columns by their names; a file without a line of names is called after itself."""
+    if source.names != list(make_counted_names("column", len(source.names))):
+        return {name: name for name in source.names}
+    stem = PurePosixPath(file).stem
+    called = (stem,) if len(source.names) == 1 else make_counted_names(stem, len(source.names))
+    return dict(zip(called, source.names, strict=True))
+
+
+def _measure_step(source: FileSource, time: str | None) -> float:
+    """Return the usual step of a file's time."""
+    if time is None:
+        return 0.0
+    batch = next(iter(source.batches([time])), None)
+    t = np.empty(0) if batch is None else to_float_column(batch, time, 0)[:_LOOKED_AT]
+    steps = np.diff(t)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
+def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[TextContent], FileSource]) -> FileSource:
+    """Open the files of a recording, or those in an archive (.zip) if `path` is the only one.
+
+    Parameters
+    ----------
+    path : path
+    paths : sequence of path
+        The files that `path` names.
+    open_text : function
+        Opens one of them.
+
+    Returns
+    -------
+    FileSource
+
+    Raises
+    ------
+    RecordingError
+        For files that are no text, or cannot be joined.
+    """
+    if len(paths) > 1:
+        return JoinedFiles([(file.name, open_text(TextContent(file))) for file in paths])
+    try:
+        members = _list_members(path)
+    except RecordingError:
+        raise
+    except _BROKEN as error:
+        raise RecordingError(f"The archive cannot be read: {error}", title=TITLE) from error
+    sources = [(name, open_text(TextContent(path, _make_opener(path, name)))) for name in members]
+    return sources[0][1] if len(sources) == 1 else JoinedFiles(sources)
+
+
+def has_arrays(path: Path) -> bool:
+    """Return whether an archive is NumPy's; True for a damaged one as well, so that its reader reports it."""
+    try:
+        with ZipFile(path) as archive:
+            names = archive.namelist()
+    except _BROKEN:
+        return True
+    if _WORKBOOK in names:
+        raise RecordingError("The file is a workbook of Excel or the like (.xlsx): save the sheet as CSV.", title=TITLE)
+    return not names or any(name.endswith(".npy") for name in names)
+
+
+def _list_members(path: Path) -> list[str]:
+    with ZipFile(path) as archive:
+        members = [
+            member
+            for member in archive.infolist()
+            if not member.is_dir() and not member.filename.startswith("__MACOSX/") and member.file_size
+        ]
+    if not 1 <= len(members) <= MOST_FILES:
+        raise RecordingError(
+            f"The archive holds {len(members)} files; one recording is in one to {MOST_FILES}.", title=TITLE
+        )
+    check_unpacked(sum(member.file_size for member in members), path.stat().st_size, MOST_TEXT)
+    for member in members:
+        if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+            raise ValueError(f"{member.filename} is compressed in a way that is not read")
+    return [member.filename for member in members]
+
+
+def _make_opener(path: Path, name: str) -> Callable[[], IO[bytes]]:
+    return lambda: io.BufferedReader(_ArchiveMember(path, name), 1 << 18)
+
+
+class _ArchiveMember(ProducedStream):
+    """A file in an archive; no more of it is unpacked than the archive says."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        super().__init__()
+        self._name = name
+        try:
+            self._archive = ZipFile(path)
+            self._file = self._archive.open(name)
+        except _BROKEN as error:
+            raise self._broken_member_error(error) from error
+
+    def _broken_member_error(self, error: Exception) -> RecordingError:
+        return RecordingError(f"{self._name} in the archive cannot be read: {error}", title=TITLE)
+
+    def read_part(self, size: int) -> bytes:
+        """Unpack the next bytes."""
+        try:
+            return self._file.read(size)
+        except _BROKEN as error:
+            raise self._broken_member_error(error) from error
+
+    def close(self) -> None:
+        """Close the archive."""
+        self._file.close()
+        self._archive.close()
+        super().close()

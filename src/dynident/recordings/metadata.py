@@ -1,0 +1,268 @@
+"""Metadata of a recording's file, as the user states them, and revisions of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from math import isfinite
+from typing import Any, Literal, TypedDict, get_args
+
+from dynident.errors import DynidentError
+from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field, redeclare_field
+
+Windows = tuple[tuple[float, float], ...]
+Format = Literal["csv", "parquet", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip"]
+Role = Literal["identification", "validation", "friction", "payload"]
+ROLES = OneOf(
+    Choice("identification", "identification"),
+    Choice("validation", "validation (held out)"),
+    Choice("friction", "friction"),
+    Choice("payload", "payload"),
+)
+Axis = Literal["q", "tau"]
+EffortKind = Literal[
+    "motor_current",
+    "motor_torque",
+    "joint_torque",
+    "gravity_compensated",
+    "external",
+    "commanded",
+    "unknown",
+]
+"""What "effort" is: a motor's current or torque, a joint's torque, or one of those that are no measurement of it."""
+
+EFFORT_KINDS = OneOf(
+    Choice("motor_current", "current of the motors"),
+    Choice("motor_torque", "torque of the motors"),
+    Choice("joint_torque", "torque of the joints"),
+    Choice("gravity_compensated", "torque without gravity: no measurement"),
+    Choice("external", "external torque: no measurement"),
+    Choice("commanded", "commanded torque: no measurement"),
+    Choice("unknown", "not known"),
+)
+
+ConditioningStep = Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]
+"""What is put right in a recording unless it is said that it is right."""
+
+DELAY = "torque_delay"
+"""Name of the check, and of the field, that is about the torque's delay against the positions."""
+
+COMMANDED = "commanded_torque"
+"""Name of the check that finds a command instead of a measurement."""
+
+NO_MEASUREMENT = {
+    "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
+    "external": "what the robot's own dynamics need was taken out of it",
+    "commanded": "it is what a controller computed, and not what the robot needed",
+}
+"""Kinds of torque that nothing can be identified from, and why."""
+
+
+@dataclass(frozen=True)
+class RecordingMetadata:
+    """What the user says about a file.
+
+    Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment"
+    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC;
+    "counts:4096" are counts of an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048. A torque that was not
+    recorded is the column "none".
+    Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
+    "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
+    the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
+    `accept` find is told as warnings, whatever it is: the user knows better. Steps of conditioning in `skip`
+    are not taken.
+
+    Raises
+    ------
+    RecordingError
+        For a window or a delay that cannot be, or a torque that is said to be no measurement (`NO_MEASUREMENT`).
+    """
+
+    name: str = declare_field("What it is called", default="recording")
+    format: Format | None = declare_field("Told from the file where not given", default=None)
+    columns: Mapping[str, str] = declare_field('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
+    units: Mapping[str, str] = declare_field('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
+    role: Role | None = declare_field(
+        "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load",
+        default=None,
+        kinds=ROLES,
+    )
+    windows: Windows = declare_field("Seconds of t to use, [from, to]; [] for all", default=())
+    payload: Mapping[str, Any] | None = declare_field(
+        'The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None
+    )
+    torque_delay: float = declare_field(
+        "Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1
+    )
+    accept: tuple[str, ...] = declare_field("Names of checks whose errors are to count as warnings", default=())
+    skip: tuple[ConditioningStep, ...] = declare_field(
+        "Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or "
+        "wrapped is right",
+        default=(),
+    )
+    permutation: Mapping[Axis, tuple[int, ...]] = declare_field(
+        'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
+        "column",
+        made_by=dict,
+    )
+    signs: Mapping[str, float] = declare_field(
+        '1 or -1 by which a joint\'s positions or torques are taken: {"tau2": -1}; "tau" means all joints', made_by=dict
+    )
+    scale: Mapping[str, float] = declare_field(
+        'Positive factors of a joint\'s positions or torques: {"tau2": 0.1}', made_by=dict
+    )
+    exclude: Windows = declare_field("Seconds of t to leave out, [from, to]; [] for nothing", default=())
+    effort_kind: EffortKind | None = declare_field(
+        "What the torque or current columns hold; those that are no measurement are refused",
+        default=None,
+        kinds=EFFORT_KINDS,
+    )
+    rate: float | None = declare_field(
+        "Rows a second, evenly spaced, of a file without time; it replaces a column t",
+        default=None,
+        unit="Hz",
+        at_least=1e-3,
+        at_most=1e6,
+    )
+
+    def __post_init__(self) -> None:
+        if self.effort_kind in NO_MEASUREMENT:
+            raise _unusable_recording_error(
+                f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
+                "Give columns with the torque, or the current, that the motors were measured to make.",
+                "/effort_kind",
+                "No measured torque",
+            )
+        unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
+        if unknown:
+            raise _unusable_recording_error(
+                f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
+                f"{', '.join(get_args(ConditioningStep))}.",
+                "/skip",
+            )
+        try:
+            check_ranges(self)
+        except DynidentError as error:
+            raise _unusable_recording_error(error.detail, error.pointer) from None
+        if self.rate is not None and self.columns.get("t", "t") != "t":
+            raise _unusable_recording_error(
+                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.", "/rate"
+            )
+        for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
+            for index, (start, end) in enumerate(pairs):
+                if not (isfinite(start) and isfinite(end) and start < end):
+                    raise _unusable_recording_error(
+                        f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
+                        f"/{name}/{index}",
+                    )
+
+
+def _unusable_recording_error(detail: str, pointer: str, title: str = "Unusable recording") -> DynidentError:
+    # Loaded where something is wrong alone: the service and the command line read the fields when they start.
+    from dynident.recordings.recording import RecordingError
+
+    return RecordingError(detail, pointer=pointer, title=title)
+
+
+_BY_KEY = ("columns", "units", "permutation", "signs", "scale")
+
+
+@dataclass(frozen=True)
+class PreprocessingChoices:
+    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+
+    position_cutoff: float | Literal["auto"] | None = declare_field(
+        "Of the filter of the positions", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+    )
+    torque_cutoff: float | Literal["auto"] | None = declare_field(
+        "Of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+    )
+    decimation: int | Literal["auto"] = declare_field(
+        "Every how many-th row is kept", default="auto", at_least=1, at_most=1_000_000
+    )
+    filter_order: int | Literal["auto"] = declare_field(
+        "Of one pass of the filter of the positions", default="auto", at_least=1, at_most=12
+    )
+
+
+@dataclass(frozen=True)
+class Revision:
+    """What is to be said of a file from now on; None, or an empty mapping: as before.
+
+    Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in
+    `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
+    """
+
+    windows: Windows | None = redeclare_field(RecordingMetadata, "windows", default=None)
+    exclude: Windows | None = redeclare_field(RecordingMetadata, "exclude", default=None)
+    columns: Mapping[str, str] = redeclare_field(RecordingMetadata, "columns", made_by=dict)
+    units: Mapping[str, str] = redeclare_field(RecordingMetadata, "units", made_by=dict)
+    permutation: Mapping[Axis, tuple[int, ...]] = redeclare_field(RecordingMetadata, "permutation", made_by=dict)
+    signs: Mapping[str, float] = redeclare_field(RecordingMetadata, "signs", made_by=dict)
+    scale: Mapping[str, float] = redeclare_field(RecordingMetadata, "scale", made_by=dict)
+    torque_delay: float | None = redeclare_field(RecordingMetadata, DELAY, default=None)
+    role: Role | None = redeclare_field(RecordingMetadata, "role", default=None)
+    skip: tuple[ConditioningStep, ...] | None = redeclare_field(RecordingMetadata, "skip", default=None)
+    name: str | None = redeclare_field(RecordingMetadata, "name", default=None)
+    rate: float | None = redeclare_field(RecordingMetadata, "rate", default=None)
+
+    def apply_to(self, metadata: RecordingMetadata) -> RecordingMetadata:
+        """Return the metadata after this revision.
+
+        Parameters
+        ----------
+        metadata : RecordingMetadata
+
+        Returns
+        -------
+        RecordingMetadata
+
+        Raises
+        ------
+        RecordingError
+            For a window or a delay that cannot be.
+        """
+        changed: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _BY_KEY:
+                changed[field.name] = {**getattr(metadata, field.name), **value}
+            elif value is not None:
+                changed[field.name] = value
+        return replace(metadata, **changed)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Names of the fields that change anything."""
+        return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {_format_value(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+class RevisionFields(TypedDict, total=False):
+    """The fields of `Revision`, as arguments by keyword."""
+
+    windows: Windows | None
+    exclude: Windows | None
+    columns: Mapping[str, str]
+    units: Mapping[str, str]
+    permutation: Mapping[Axis, tuple[int, ...]]
+    signs: Mapping[str, float]
+    scale: Mapping[str, float]
+    torque_delay: float | None
+    role: Role | None
+    skip: tuple[ConditioningStep, ...] | None
+    name: str | None
+    rate: float | None
+
+
+def _format_value(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {_format_value(entry)}" for key, entry in value.items())
+    if isinstance(value, tuple):
+        return (
+            " ".join(f"{entry[0]:g}:{entry[1]:g}" if isinstance(entry, tuple) else str(entry) for entry in value)
+            or "none"
+        )
+    return f"{value:g}" if isinstance(value, float) else str(value)

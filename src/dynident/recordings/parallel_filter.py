@@ -1,0 +1,200 @@
+"""The parallel filter: low-pass and decimate the columns of W and Y alike (§12.4), on a stream of rows."""
+
+from __future__ import annotations
+
+from math import ceil, pi, prod
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from dynident.array_types import BoolArray, FloatArray
+
+ATTENUATION = 50.0
+"""Attenuation of the stop band in dB: what folds back under the cut-off by decimation is below 0.3 % of itself."""
+
+
+class FilteredRows(NamedTuple):
+    """Decimated rows: values (r, …), their times t (r,), and `used` (r,): every row under the filter was used."""
+
+    values: FloatArray
+    t: FloatArray
+    used: BoolArray
+
+
+def low_pass(rate: float, cutoff: float | None) -> FloatArray:
+    """Return the taps of the linear-phase low-pass: a windowed sinc (Kaiser), unit gain at zero frequency.
+
+    The transition band reaches from half to one and a half times the cut-off (narrower near the Nyquist frequency);
+    the taps are symmetric, so that reading the output h samples earlier leaves no phase lag.
+
+    Parameters
+    ----------
+    rate : float
+        Sampling rate in Hz.
+    cutoff : float or None
+        Cut-off frequency in Hz; None: one tap.
+
+    Returns
+    -------
+    (2 h + 1,)
+    """
+    if cutoff is None:
+        return np.ones(1)
+    half_width = min(0.5 * cutoff, 0.9 * (0.5 * rate - cutoff))
+    width = 2.0 * half_width / (0.5 * rate)
+    # Kaiser's formula for the length that gives this attenuation outside this transition band.
+    half = max(1, ceil((ATTENUATION - 7.95) / (2.285 * pi * width) / 2.0))
+    taps: FloatArray = signal.firwin(2 * half + 1, cutoff, window=("kaiser", signal.kaiser_beta(ATTENUATION)), fs=rate)
+    # Exactly symmetric: rounding must not give the filter a phase.
+    return 0.5 * (taps + taps[::-1])
+
+
+class ParallelFilter:
+    """Low-pass and decimate rows that arrive in blocks; the blocks' borders leave no trace.
+
+    The filter is a symmetric FIR low-pass read without delay: the output of row k is centred on row k. Output rows
+    are rows 0, d, 2d, … of a segment as far as the filter's window lies inside the segment; the others do not exist.
+    A row is `used` if all rows under the filter's window are. Nothing is filtered across segments.
+
+    Outputs are computed in fixed tiles of a few rows, each as one product of a banded matrix with the rows under it,
+    so that the result does not depend on how the rows were cut into blocks.
+
+    Parameters
+    ----------
+    rate : float
+        Sampling rate in Hz.
+    cutoff : float or None
+        Cut-off frequency in Hz; None: no filter, decimation alone.
+    decimation : int
+        Every how many-th row to give.
+    """
+
+    def __init__(self, rate: float, cutoff: float | None, decimation: int = 1) -> None:
+        if decimation < 1:
+            raise ValueError(f"decimation is {decimation}; it has to be at least 1")
+        self.taps = low_pass(rate, cutoff)
+        self.decimation = decimation
+        self.half = len(self.taps) // 2
+        # Output rows are multiples of d; the first whose window fits starts at row `_offset` of the segment.
+        self._offset = -self.half % decimation
+        self._tile = _choose_tile_length(len(self.taps), decimation)
+        self._band = _build_band_matrix(self.taps, decimation, self._tile)
+        self._rows: FloatArray | None = None
+        self._t = np.empty(0)
+        self._used = np.empty(0, dtype=bool)
+        self._skip = self._offset
+        self._shape: tuple[int, ...] = ()
+
+    @property
+    def span(self) -> int:
+        """Rows under the filter's window, 2 h + 1."""
+        return len(self.taps)
+
+    def push(self, values: FloatArray, t: FloatArray, used: BoolArray, starts_segment: bool = False) -> FilteredRows:
+        """Take the next rows and return the output rows that are now complete.
+
+        Parameters
+        ----------
+        values : (m, …)
+        t : (m,)
+        used : (m,)
+        starts_segment : bool
+            Whether the first row begins a new segment: what is left of the previous one comes first in the answer. Call
+            `flush` before it to have the two apart.
+
+        Returns
+        -------
+        FilteredRows
+        """
+        if not (len(values) == len(t) == len(used)):
+            raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")
+        remaining = self.flush() if starts_segment and self._rows is not None else None
+        self._shape = values.shape[1:]
+        rows = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), prod(self._shape))
+        filtered = self._advance(rows, t, used)
+        if remaining is None or not len(remaining.t):
+            return filtered
+        return FilteredRows(*(np.concatenate(pair) for pair in zip(remaining, filtered, strict=True)))
+
+    def flush(self) -> FilteredRows:
+        """End the segment; return its output rows whose window lies inside it and that are still due."""
+        rows, t, used = self._rows, self._t, self._used
+        self._rows, self._t, self._used, self._skip = None, np.empty(0), np.empty(0, dtype=bool), self._offset
+        if rows is None or len(rows) < self.span:
+            width = 0 if rows is None else rows.shape[1]
+            return self._make_rows(np.empty((0, width)), np.empty(0), np.empty(0, dtype=bool))
+        count = (len(rows) - self.span) // self.decimation + 1
+        reach = (count - 1) * self.decimation + self.span
+        values = self._band[:count, :reach] @ rows[:reach]
+        return self._make_rows(values, *self._mark_used(t, used, count))
+
+    def _advance(self, rows: FloatArray, t: FloatArray, used: BoolArray) -> FilteredRows:
+        if self._skip:
+            dropped = min(self._skip, len(rows))
+            self._skip -= dropped
+            rows, t, used = rows[dropped:], t[dropped:], used[dropped:]
+        if self._rows is None:
+            self._rows = np.empty((0, rows.shape[1]))
+        step = self._tile * self.decimation
+        reach = self._band.shape[1]
+        n_kept = len(self._rows)
+        n_all = n_kept + len(rows)
+        # Whole tiles only: how rows are cut into blocks changes no output.
+        n_tiles = max(0, (n_all - reach) // step + 1)
+        # Tiles that begin among the rows kept from earlier blocks; all others lie in the new rows, read in place.
+        n_border = min(n_tiles, ceil(n_kept / step))
+        values = np.empty((n_tiles * self._tile, rows.shape[1]))
+        if n_border:
+            needed = (n_border - 1) * step + reach
+            border = np.concatenate([self._rows, rows[: max(0, needed - n_kept)]])
+            self._multiply(border, n_border, values[: n_border * self._tile])
+        if n_tiles > n_border:
+            self._multiply(rows[n_border * step - n_kept :], n_tiles - n_border, values[n_border * self._tile :])
+        all_t = np.concatenate([self._t, t])
+        all_used = np.concatenate([self._used, used])
+        out_t, out_used = self._mark_used(all_t, all_used, n_tiles * self._tile)
+        n_consumed = n_tiles * step
+        if n_consumed >= n_kept:
+            self._rows = rows[n_consumed - n_kept :].copy()
+        else:
+            self._rows = np.concatenate([self._rows[n_consumed:], rows])
+        self._t, self._used = all_t[n_consumed:], all_used[n_consumed:]
+        # Decimation by more than the window's span: rows that no window covers are yet to come.
+        self._skip += max(0, n_consumed - n_all)
+        return self._make_rows(values, out_t, out_used)
+
+    def _multiply(self, rows: FloatArray, n_tiles: int, out: FloatArray) -> None:
+        """Fill `out` (n_tiles tile, k): one product for each tile, its rows read in place."""
+        step, (tile, reach), width = self._tile * self.decimation, self._band.shape, rows.shape[1]
+        row, item = rows.strides
+        # Tiles overlap by the filter's window: strides let them share the rows without copies.
+        tiles = np.lib.stride_tricks.as_strided(
+            rows, shape=(n_tiles, reach, width), strides=(step * row, row, item), writeable=False
+        )
+        np.matmul(self._band, tiles, out=out.reshape(n_tiles, tile, width))
+
+    def _mark_used(self, t: FloatArray, used: BoolArray, count: int) -> tuple[FloatArray, BoolArray]:
+        if not count:
+            return np.empty(0), np.empty(0, dtype=bool)
+        first = np.arange(count) * self.decimation
+        # Used rows under each window, by differences of the running count.
+        before = np.concatenate([[0], np.cumsum(used)])
+        complete: BoolArray = before[first + self.span] - before[first] == self.span
+        return t[first + self.half], complete
+
+    def _make_rows(self, values: FloatArray, t: FloatArray, used: BoolArray) -> FilteredRows:
+        return FilteredRows(values.reshape(len(t), *self._shape), t, used)
+
+
+def _choose_tile_length(n_taps: int, decimation: int) -> int:
+    """Return the output rows of a tile: enough for an efficient matrix product, few enough to have few zeros."""
+    return int(np.clip(round(0.5 * n_taps / decimation), 4, 64))
+
+
+def _build_band_matrix(taps: FloatArray, decimation: int, tile: int) -> FloatArray:
+    """Return the matrix (tile, (tile - 1) d + span) whose row i holds the taps from column i d on."""
+    band = np.zeros((tile, (tile - 1) * decimation + len(taps)))
+    for index in range(tile):
+        band[index, index * decimation : index * decimation + len(taps)] = taps
+    return band

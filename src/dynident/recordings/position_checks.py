@@ -1,0 +1,327 @@
+"""Checks of positions: standstill, joints that never moved, units, limits, quantisation, agreement with velocities."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.columns import Column, Layout
+from dynident.recordings.metadata import Revision
+from dynident.recordings.phases import phase_shares
+from dynident.recordings.raw_sample import RawSample
+from dynident.recordings.recording import Check, JointLimits, Recording, Status
+
+DEGREE = pi / 180.0
+MOVED = {"revolute": 2e-3, "prismatic": 5e-4}
+"""A joint whose position spans less (rad or m) has not moved."""
+
+TOLD = 0.005
+"""Share of its time that a joint has to stand to be told of: turning round alone takes about as much."""
+
+FASTEST = 25.0
+"""No joint of an arm turns faster, in rad/s (240 rpm)."""
+
+WHOLE = 0.99
+"""Share of positions that are whole numbers where they are counts; others are put in where samples lack."""
+
+MOST_TURNS = 20.0 * pi
+"""rad, ten turns: more than joints with limits make; and as times a joint's limits more than degrees are of radians."""
+
+STEPS_NEEDED = 100
+STEPS_WANTED = 1000
+
+
+def check_motion(
+    recording: Recording, sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]
+) -> list[Check]:
+    """Check the positions of the rows inside the windows, as they were measured.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+    layout : Layout
+    limits : one a joint
+
+    Returns
+    -------
+    list of Check
+    """
+    if sample.used.sum() < 2:
+        return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
+    positions = _MeasuredPositions(sample, limits)
+    return [
+        _check_length(recording, layout),
+        _check_standstill(recording, positions, layout),
+        _check_moving_joints(recording, positions, layout),
+        _check_position_unit(recording, positions, layout, limits),
+        _check_quantisation(recording, positions, layout),
+        *_check_velocity(recording, positions, layout),
+    ]
+
+
+class _MeasuredPositions:
+    """Positions of the used rows, with their ranges and spans."""
+
+    def __init__(self, sample: RawSample, limits: tuple[JointLimits, ...]) -> None:
+        used = sample.used
+        self.row, self.t, self.q = sample.row[used], sample.t[used], sample.q[used]
+        self.dq = None if sample.dq is None else sample.dq[used]
+        # Rows next to each other in the sample may be far apart in the file: no difference is taken across.
+        self.joined = sample.joined[used] & np.concatenate([[False], np.diff(self.row) == 1])
+        self.low, self.high = self.q.min(axis=0), self.q.max(axis=0)
+        self.span = self.high - self.low
+        kinds = np.array([MOVED[limit.kind] for limit in limits])
+        self.moved: BoolArray = self.span > kinds
+
+    def differentiate(self) -> tuple[FloatArray, BoolArray]:
+        """Return central differences (m, n), and which rows (m,) have both neighbours."""
+        inner = np.zeros(len(self.t), dtype=bool)
+        inner[1:-1] = self.joined[1:-1] & self.joined[2:]
+        speed = np.zeros_like(self.q)
+        step = np.ones(len(self.t))
+        step[1:-1] = np.where(inner[1:-1], self.t[2:] - self.t[:-2], 1.0)
+        speed[1:-1] = (self.q[2:] - self.q[:-2]) / step[1:-1, None]
+        return speed, inner
+
+
+def _check_length(recording: Recording, layout: Layout) -> Check:
+    seconds = recording.n_samples * recording.period
+    if recording.windows:
+        seconds = min(seconds, sum(end - start for start, end in recording.windows))
+    if seconds < 2.0:
+        return Check(
+            "length",
+            "warning",
+            f"Only {seconds:.2g} s are used; an exciting trajectory of 10 s or more, repeated, tells the parameters "
+            "apart and gives a standard deviation to trust.",
+            layout.t.source,
+        )
+    return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
+
+
+def _check_standstill(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
+    """Report how much of its time every joint stands; its rows there are left out anyway."""
+    if not positions.moved.any():
+        return Check(
+            "standstill",
+            "error",
+            f"No joint moves between t = {positions.t[0]:.6g} and {positions.t[-1]:.6g} s (rows {positions.row[0]} to "
+            f"{positions.row[-1]}). Choose windows that hold the motion.",
+            layout.q[0].source,
+            int(positions.row[0]),
+            float(positions.t[0]),
+        )
+    shares = phase_shares(recording).standing
+    stands = [f"{name} {100 * shares[j]:.2g} %" for j, name in enumerate(recording.joint_names) if shares[j] >= TOLD]
+    if not stands:
+        return Check("standstill", "ok", "Every joint moves nearly all the time.")
+    return Check(
+        "standstill",
+        "ok",
+        f"Stands for so much of the time: {', '.join(stands)}. Those rows of that joint are not used, which needs no "
+        "windows: static friction holds any torque there.",
+    )
+
+
+def _check_moving_joints(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
+    resting = np.flatnonzero(~positions.moved)
+    if not len(resting):
+        return Check("joint_motion", "ok", "Every joint moves.")
+    names = ", ".join(recording.joint_names[joint] for joint in resting)
+    columns = ", ".join(layout.q[joint].source for joint in resting)
+    status: Status = "ok" if recording.role == "friction" else "warning"
+    detail = (
+        f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
+        f"{MOVED['revolute']:g} from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): "
+        "neither its friction nor its inertia can be told from this alone. Identify from it together with runs in "
+        "which the joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints "
+        'has the role "friction".'
+    )
+    return Check(
+        "joint_motion", status, detail, layout.q[resting[0]].source, int(positions.row[0]), float(positions.t[0])
+    )
+
+
+def _check_position_unit(
+    recording: Recording, positions: _MeasuredPositions, layout: Layout, limits: tuple[JointLimits, ...]
+) -> Check:
+    speed, inner = positions.differentiate()
+    # Not the maximum: a single corrupted sample would make any joint too fast.
+    fastest = np.percentile(np.abs(speed[inner]), 99.0, axis=0) if inner.any() else np.zeros(recording.n)
+    doubtful: Check | None = None
+    for joint, limit in enumerate(limits):
+        column = layout.q[joint].source
+        row = int(np.abs(positions.q[:, joint]).argmax())
+        low, high, rate = float(positions.low[joint]), float(positions.high[joint]), float(fastest[joint])
+        small, unit, ours = (DEGREE, "deg", "rad") if limit.kind == "revolute" else (1e-3, "mm", "m")
+        where = int(positions.row[row]), float(positions.t[row])
+        if _is_counted(limit, low, high):
+            return Check(
+                "position_unit",
+                "error",
+                f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
+                "s), which no unit of angles makes a joint's: it looks like the counts of an encoder. Say how many "
+                'make a turn, "units": {"q": "counts:4096"}, and behind an @ which count is zero if 0 is not: '
+                '"counts:4096@2048".',
+                column,
+                *where,
+            )
+        if _has_other_unit(limit, low, high, rate, small):
+            # Of whole numbers a unit that fits is not enough to be taken unasked.
+            counts = limit.kind == "revolute" and bool(
+                (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
+            )
+            also = ' Whole numbers may be the counts of an encoder, too: "counts:4096" a turn.' if counts else ""
+            return Check(
+                "position_unit",
+                "error",
+                f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
+                f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.{also}',
+                column,
+                *where,
+                None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
+            )
+        if limit.position is not None and doubtful is None:
+            slack = 0.02 * (limit.position[1] - limit.position[0])
+            if low < limit.position[0] - slack or high > limit.position[1] + slack:
+                doubtful = Check(
+                    "position_unit",
+                    "warning",
+                    f"{column} runs from {low:.4g} to {high:.4g} {ours}, beyond the limits of "
+                    f"{recording.joint_names[joint]} ({limit.position[0]:.4g} to {limit.position[1]:.4g}), in row "
+                    f"{where[0]}. Check the encoder's zero and the limits.",
+                    column,
+                    *where,
+                )
+    return doubtful or Check(
+        "position_unit", "ok", "Positions and speeds are those of a joint in rad (m if prismatic)."
+    )
+
+
+def _unit_of_same_kind(kind: str, unit: str, limit: JointLimits, limits: tuple[JointLimits, ...]) -> dict[str, str]:
+    """Return the units of a signal of all joints of one kind."""
+    if all(other.kind == limit.kind for other in limits):
+        return {kind: unit}
+    return {f"{kind}{k + 1}": unit for k, other in enumerate(limits) if other.kind == limit.kind}
+
+
+def _has_other_unit(limit: JointLimits, low: float, high: float, rate: float, small: float) -> bool:
+    """Return whether a position makes sense in degrees (millimetres), and none in radians (metres)."""
+    if limit.position is not None:
+        lower, upper = limit.position
+        slack = 0.1 * (upper - lower)
+        beyond = low < lower - slack or high > upper + slack
+        inside = lower - slack <= low * small and high * small <= upper + slack
+        return beyond and inside and max(abs(low), abs(high)) > 2.0 * max(abs(lower), abs(upper))
+    fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
+    widest = 8.0 * pi if limit.kind == "revolute" else 20.0
+    return rate > fastest or (max(abs(low), abs(high)) > widest and high - low > widest)
+
+
+def _is_counted(limit: JointLimits, low: float, high: float) -> bool:
+    """Return whether an angle is far from any that a joint takes, in degrees as well."""
+    if limit.kind != "revolute":
+        return False
+    farthest = max(abs(low), abs(high))
+    if limit.position is None:
+        return farthest * DEGREE > MOST_TURNS
+    return farthest > MOST_TURNS and farthest > MOST_TURNS * max(map(abs, limit.position))
+
+
+def _check_quantisation(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> Check:
+    # A joint that hardly moves passes few steps of any encoder: that says nothing of the log.
+    counting = positions.moved & (positions.span > 0.05 * positions.span.max())
+    steps = [_find_step(positions.q[:, joint]) if counting[joint] else 0.0 for joint in range(recording.n)]
+    levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
+    worst = int(np.argmin(levels))
+    if not steps[worst]:
+        return Check("quantisation", "ok", "Positions come in no visible steps.")
+    status: Status = "ok"
+    if levels[worst] < STEPS_WANTED:
+        status = "error" if levels[worst] < STEPS_NEEDED else "warning"
+    advice = (
+        "" if status == "ok" else " Log the encoder with all its digits, or move farther: steps become acceleration."
+    )
+    changes = np.flatnonzero(np.diff(positions.q[:, worst]) != 0)
+    row = int(changes[0]) + 1 if len(changes) else 0
+    return Check(
+        "quantisation",
+        status,
+        f"{layout.q[worst].source} comes in steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its motion "
+        f"(the first in row {positions.row[row]}).{advice}",
+        layout.q[worst].source,
+        int(positions.row[row]),
+        float(positions.t[row]),
+    )
+
+
+def _find_step(values: FloatArray) -> float:
+    """Return the step that a signal comes in, 0 if it shows none."""
+    levels = np.unique(values)
+    levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * max(float(np.ptp(values)), 1e-300)])]
+    # Hardly any value occurs twice: the signal is continuous, or noise is larger than the steps.
+    if len(levels) < 3 or len(levels) > 0.5 * len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
+    whole = gaps / step
+    # A grid: all gaps are whole numbers of steps.
+    return step if np.median(np.abs(whole - np.rint(whole))) < 0.05 else 0.0
+
+
+def _check_velocity(recording: Recording, positions: _MeasuredPositions, layout: Layout) -> list[Check]:
+    if positions.dq is None:
+        return []
+    speed, inner = positions.differentiate()
+    for joint in np.flatnonzero(positions.moved):
+        logged, derivative = positions.dq[inner, joint], speed[inner, joint]
+        if not np.isfinite(logged).all() or not logged.any() or not derivative.any():
+            continue
+        # The correlation of the logged velocity with the derivative, without means: both are 0 at rest.
+        alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
+        if abs(alike) < 0.7:
+            continue
+        mismatch = _explain_ratio(
+            layout.dq[joint], layout.q[joint], float(np.sqrt((logged @ logged) / (derivative @ derivative))), alike
+        )
+        if mismatch is not None:
+            row = int(np.flatnonzero(inner)[np.abs(logged).argmax()])
+            status, detail, units = mismatch
+            where = f" (fastest in row {positions.row[row]})."
+            return [
+                Check(
+                    "velocity_unit",
+                    status,
+                    detail + where,
+                    layout.dq[joint].source,
+                    int(positions.row[row]),
+                    float(positions.t[row]),
+                    Revision(units=units) if units else None,
+                )
+            ]
+    return [Check("velocity_unit", "ok", "The velocity columns are the derivatives of the positions.")]
+
+
+def _explain_ratio(
+    velocity: Column, position: Column, ratio: float, alike: float
+) -> tuple[Status, str, dict[str, str]] | None:
+    known_ratios = {
+        1.0 / DEGREE: (
+            'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
+            {"dq": "deg/s"},
+        ),
+        DEGREE: ('positions look like degrees beside velocities in rad/s. Say "units": {"q": "deg"}', {"q": "deg"}),
+        30.0 / pi: ('that is rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
+    }
+    claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
+    for factor, (meaning, units) in known_ratios.items():
+        if abs(ratio / factor - 1.0) < 0.1:
+            return "error", f"{claim}: {meaning}", units
+    if alike < 0.0:
+        return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}", {}
+    if not 0.7 < ratio < 1.4:
+        return "warning", f"{claim}; it is not used, but one of the two has another unit, or is on the motor's side", {}
+    return None

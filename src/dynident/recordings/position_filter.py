@@ -1,0 +1,327 @@
+"""Filter positions and differentiate them, block by block, to velocities and accelerations (§12.3.5)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from math import ceil, log
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.recording import Recording, SampleBlock, Segment, StoredRows
+
+FORGOTTEN = 1e-16
+"""The backward pass starts this far ahead: what it does not know of the future has decayed to rounding error."""
+
+SETTLED = 1e-2
+"""A transient of the filter counts as over once it has decayed to this share."""
+
+
+class ZeroPhase:
+    """Forward-backward Butterworth low-pass in second-order sections, applied to blocks of a segment.
+
+    Parameters
+    ----------
+    rate, cutoff : float
+        Sampling rate and cut-off frequency (half power of one pass) in Hz.
+    order : int
+        Order of one pass.
+    """
+
+    def __init__(self, rate: float, cutoff: float, order: int) -> None:
+        self._sos = signal.butter(order, cutoff, fs=rate, output="sos")
+        self._zi = signal.sosfilt_zi(self._sos)[:, :, None]
+        poles = signal.butter(order, cutoff, fs=rate, output="zpk")[1]
+        # A transient decays by this much (as an exponent) with each sample: by the slowest pole.
+        self._decay = -log(min(float(np.abs(poles).max()), 1.0 - 1e-15))
+        # The same extension at the ends as scipy.signal.sosfiltfilt takes by default.
+        sections = len(self._sos)
+        at_origin = min(int((self._sos[:, 2] == 0).sum()), int((self._sos[:, 5] == 0).sum()))
+        self._pad = 3 * (2 * sections + 1 - at_origin)
+
+    @property
+    def lookahead(self) -> int:
+        """Samples of the future that an output sample depends on."""
+        return ceil(-log(FORGOTTEN) / self._decay) + 1
+
+    @property
+    def settling(self) -> int:
+        """Samples at either end of a segment that its unknown surroundings spoil."""
+        return ceil(-log(SETTLED) / self._decay)
+
+    def stream(self, blocks: Iterator[FloatArray], length: int) -> Iterator[FloatArray]:
+        """Filter blocks (m, n) that together hold `length` samples.
+
+        Parameters
+        ----------
+        blocks : iterator of (m, n)
+        length : int
+
+        Yields
+        ------
+        (k, n)
+            Of other lengths than the blocks, the same total.
+        """
+        pad = min(self._pad, length - 1)
+        ahead = self.lookahead
+        state: FloatArray | None = None
+        tail = np.empty((0, 0))
+        waiting: list[FloatArray] = []
+        n_waiting = n_done = 0
+        for block in blocks:
+            n_done += len(block)
+            last = n_done >= length
+            if state is None and not last and len(block) <= pad:
+                raise ValueError(f"the first block holds {len(block)} samples; at least {pad + 1} are needed")
+            if state is None:
+                # The odd extension that sosfiltfilt puts before the first sample: point-symmetric about it, so that
+                # no step excites the filter.
+                start = 2 * block[0] - block[pad:0:-1]
+                block_ends = np.concatenate([start, block])
+                state = self._zi * block_ends[0]
+                if pad:
+                    state = signal.sosfilt(self._sos, start, axis=0, zi=state)[1]
+            tail = block if len(block) > pad else np.concatenate([tail, block])[-(pad + 1) :]
+            forward, state = signal.sosfilt(self._sos, block, axis=0, zi=state)
+            waiting.append(forward)
+            n_waiting += len(forward)
+            if last:
+                end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
+                if pad:
+                    waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
+                yield self._filter_backward(waiting)[:n_waiting]
+                return
+            # The backward pass starts anew for each block, `ahead` samples further on, by which its unknown start has
+            # died away: those samples are filtered again with the next block.
+            if n_waiting >= 2 * ahead:
+                joined = np.concatenate(waiting)
+                yield self._filter_backward([joined])[: n_waiting - ahead]
+                waiting = [joined[-ahead:].copy()]
+                n_waiting = ahead
+
+    def _filter_backward(self, parts: list[FloatArray]) -> FloatArray:
+        """Filter the joined parts backward in time, from a steady state at their last sample."""
+        forward = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        reverse: FloatArray = signal.sosfilt(self._sos, forward[::-1], axis=0, zi=self._zi * forward[-1])[0]
+        return reverse[::-1]
+
+
+READ_LENGTH = 8192
+
+
+class _Rows(NamedTuple):
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    dddq: FloatArray
+    ddddq: FloatArray
+    measured: StoredRows
+
+
+_REACH = 2
+"""Neighbours on either side that the highest difference needs."""
+
+
+def filtered_blocks(
+    recording: Recording,
+    preprocessing: Preprocessing,
+    *,
+    block_length: int = 4096,
+    segments: Sequence[int] | None = None,
+) -> Iterator[SampleBlock]:
+    """Stream a recording through the position filter and the central differences.
+
+    Positions pass a zero-phase Butterworth filter over the whole segment, also outside the windows, so that the
+    windows' rows are filtered with their true surroundings. Velocity and acceleration are central differences of five
+    points: those of three points, [12.16] and (q(k+1) - 2 q(k) + q(k-1)) / T², take (ωT)²/6 and (ωT)²/12 off a motion,
+    which on exact data is what limits the parameters. The third and fourth derivatives are central differences of the
+    second one. Torque and temperature pass unfiltered.
+
+    Parameters
+    ----------
+    recording : Recording
+    preprocessing : Preprocessing
+        `position_cutoff` (None: positions are taken as they are) and `filter_order` are used here.
+    block_length : int
+        Longest block to give; memory is bounded by it and by the filter's memory, not by the recording.
+    segments : sequence of int or None
+        Which segments, by index; None: all. Nothing is ever filtered across their ends.
+
+    Yields
+    ------
+    SampleBlock
+        Consecutive, without overlap, each within one segment.
+    """
+    preprocessing.check_against(recording.sampling_rate)
+    for index in range(len(recording.segments)) if segments is None else segments:
+        segment = recording.segments[index]
+        if segment.length:
+            yield from _segment_blocks(recording, index, segment, preprocessing, block_length)
+
+
+def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
+    """Return the samples at either end of a segment that are not used, because the filter still settles there.
+
+    Parameters
+    ----------
+    preprocessing : Preprocessing
+    rate : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    int
+    """
+    if preprocessing.position_cutoff is None:
+        return _REACH
+    return _REACH + ZeroPhase(rate, preprocessing.position_cutoff, preprocessing.filter_order).settling
+
+
+def _segment_blocks(
+    recording: Recording, index: int, segment: Segment, preprocessing: Preprocessing, block_length: int
+) -> Iterator[SampleBlock]:
+    margin = compute_edge_margin(preprocessing, recording.sampling_rate)
+    done = 0
+    for rows in _differentiate_rows(recording, segment, preprocessing):
+        measured = rows.measured
+        for start in range(0, len(rows.q), block_length):
+            part = slice(start, min(start + block_length, len(rows.q)))
+            numbers = np.arange(done, done + part.stop - part.start, dtype=np.float64)
+            t = segment.start_time + numbers * recording.period
+            used: BoolArray = (numbers >= margin) & (numbers < segment.length - margin) & recording.inside_windows(t)
+            yield SampleBlock(
+                segment=index,
+                t=t,
+                q=rows.q[part],
+                dq=rows.dq[part],
+                ddq=rows.ddq[part],
+                dddq=rows.dddq[part],
+                ddddq=rows.ddddq[part],
+                tau=measured.tau[part],
+                used=used,
+                temperature=None if measured.temperature is None else measured.temperature[part],
+                starts_segment=done == 0,
+                wrench=None if measured.wrench is None else measured.wrench[part],
+            )
+            done += part.stop - part.start
+
+
+def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: Preprocessing) -> Iterator[_Rows]:
+    """Yield runs of consecutive rows: positions and derivatives beside the torque of the same samples."""
+    passing: deque[StoredRows] = deque()
+
+    def read_positions() -> Iterator[FloatArray]:
+        for rows in _read_stored_rows(recording, segment, length):
+            passing.append(rows)
+            yield rows.q
+
+    length = READ_LENGTH
+    if preprocessing.position_cutoff is None:
+        filtered = read_positions()
+    else:
+        zero_phase = ZeroPhase(recording.sampling_rate, preprocessing.position_cutoff, preprocessing.filter_order)
+        length = max(length, 2 * zero_phase.lookahead)
+        filtered = zero_phase.stream(read_positions(), segment.length)
+
+    # Two samples are held back at each border: their right neighbours come with the next run.
+    held = np.empty((0, recording.n))
+    n_done = 0
+    for q in filtered:
+        first = n_done == 0
+        joined = np.concatenate([held, q])
+        last = n_done + len(joined) - (0 if first else _REACH) >= segment.length
+        inner = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
+        held = joined[-2 * _REACH :] if len(inner[0]) else joined
+        if len(inner[0]):
+            n_done += len(inner[0])
+            yield _Rows(*inner, _take_rows(passing, len(inner[0])))
+
+
+def _differentiate(
+    q: FloatArray, rate: float, *, with_first: bool, with_last: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return q and its four derivatives (m, n) of the rows that have two neighbours on both sides.
+
+    The segment's two ends are given if asked for. There the derivatives are those of the nearest inner row (zero in a
+    segment of fewer than five rows); such rows are never marked as used.
+    """
+    part = slice(None if with_first else _REACH, None if with_last else -_REACH)
+    if len(q) <= 2 * _REACH:
+        if not with_last:
+            return q[:0], q[:0], q[:0], q[:0], q[:0]
+        still = np.zeros_like(q)
+        return q[part], still[part], still[part], still[part], still[part]
+    dq, ddq = _central_differences(q, rate)
+    dddq, ddddq = _central_differences(ddq, rate)
+    # The next term of both series, from derivatives that are there anyway: five points, an error of (ωT)⁴/30.
+    inner = slice(_REACH, -_REACH)
+    dq[inner] -= dddq[inner] / (6.0 * rate * rate)
+    ddq[inner] -= ddddq[inner] / (12.0 * rate * rate)
+    for values in (dq, ddq, dddq, ddddq):
+        values[:_REACH], values[len(q) - _REACH :] = values[_REACH], values[-_REACH - 1]
+    return q[part], dq[part], ddq[part], dddq[part], ddddq[part]
+
+
+def _central_differences(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Return first and second central difference (m, n); the first and last row are zero."""
+    first, second = np.empty_like(values), np.empty_like(values)
+    np.subtract(values[2:], values[:-2], out=first[1:-1])
+    first[1:-1] *= 0.5 * rate
+    # As a difference of differences: it rounds less than q(k+1) - 2 q(k) + q(k-1).
+    np.subtract(values[2:], values[1:-1], out=second[1:-1])
+    second[1:-1] -= values[1:-1] - values[:-2]
+    second[1:-1] *= rate * rate
+    for derivative in (first, second):
+        derivative[0], derivative[-1] = 0.0, 0.0
+    return first, second
+
+
+def _read_stored_rows(recording: Recording, segment: Segment, length: int) -> Iterator[StoredRows]:
+    """Read a segment in runs of at least `length` rows (but the last), joining the source's own blocks."""
+    parts: list[StoredRows] = []
+    count = 0
+    for rows in recording.source.rows(segment.first_row, segment.length, length):
+        parts.append(rows)
+        count += len(rows.q)
+        if count >= length:
+            yield _join_rows(parts)
+            parts, count = [], 0
+    if parts:
+        yield _join_rows(parts)
+
+
+def _join_rows(parts: list[StoredRows]) -> StoredRows:
+    if len(parts) == 1:
+        return parts[0]
+    temperatures = [rows.temperature for rows in parts if rows.temperature is not None]
+    wrenches = [rows.wrench for rows in parts if rows.wrench is not None]
+    commands = [rows.command for rows in parts if rows.command is not None]
+    return StoredRows(
+        np.concatenate([rows.q for rows in parts]),
+        np.concatenate([rows.tau for rows in parts]),
+        np.concatenate(temperatures) if temperatures else None,
+        np.concatenate(wrenches) if wrenches else None,
+        np.concatenate(commands) if commands else None,
+    )
+
+
+def _take_rows(passing: deque[StoredRows], count: int) -> StoredRows:
+    """Take the oldest `count` rows out of `passing`."""
+    parts: list[StoredRows] = []
+    while count:
+        rows = passing.popleft()
+        if len(rows.q) > count:
+            passing.appendleft(_cut_rows(rows, slice(count, None)))
+            rows = _cut_rows(rows, slice(0, count))
+        parts.append(rows)
+        count -= len(rows.q)
+    return _join_rows(parts)
+
+
+def _cut_rows(rows: StoredRows, part: slice) -> StoredRows:
+    optional = (None if values is None else values[part] for values in (rows.temperature, rows.wrench, rows.command))
+    return StoredRows(rows.q[part], rows.tau[part], *optional)

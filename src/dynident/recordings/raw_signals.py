@@ -1,0 +1,138 @@
+"""Raw signals of a user's file: not filtered, repaired or resampled; all rows, or a reduced set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings.columns import Column, Layout, find_columns
+from dynident.recordings.file_source import FileSource
+from dynident.recordings.formats import open_source
+from dynident.recordings.metadata import RecordingMetadata
+from dynident.recordings.recording import RecordedJoints, RecordingError
+from dynident.recordings.units import STORED_KINDS, find_our_unit
+
+
+class Rows(NamedTuple):
+    """Rows of some signals: t (m,) in s, values (m, c)."""
+
+    t: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """A user's file with its metadata and the joints that its columns are of."""
+
+    path: Path
+    metadata: RecordingMetadata
+    joints: RecordedJoints
+
+
+class RecordedSignals:
+    """Some signals of a file, in SI units if it is known what they are.
+
+    Parameters
+    ----------
+    file : FileOfRobot
+    requested : names
+        q1, tau_<joint>, dq, ddq, q_command, temperature likewise, or the file's own columns, which are given as they
+        stand there; all positions and torques if none is named. Torques of motors that act on several joints are
+        the motors'.
+
+    Raises
+    ------
+    RecordingError
+        For a signal that the file does not hold, and what the layout of the file does not allow.
+    """
+
+    def __init__(self, file: RobotFile, requested: Sequence[str] = ()) -> None:
+        self._source: FileSource = open_source(file.path, file.metadata.format, file.metadata.rate)
+        layout, _ = find_columns(self._source.names, file.joints, file.metadata)
+        joint_signals = _find_joint_signals(layout, file)
+        names = list(dict.fromkeys(requested)) or [
+            f"{kind}{k + 1}" for kind in ("q", "tau") for k in range(len(layout.q))
+        ]
+        own = {name: (Column(name), "") for name in self._source.names}
+        for name in names:
+            if name not in joint_signals and name not in own:
+                raise RecordingError(
+                    f"there is no signal {name!r}; there are: {', '.join(joint_signals)}, and the file's own columns: "
+                    f"{', '.join(self._source.names[:40])}",
+                    pointer="signals",
+                    title="Unknown signal",
+                )
+        selected = {name: joint_signals.get(name) or own[name] for name in names}
+        self._t = layout.t
+        self._columns = {name: column for name, (column, _) in selected.items()}
+        self.names = tuple(names)
+        self.units = {name: unit for name, (_, unit) in selected.items()}
+
+    def rows(self, names: Sequence[str], start: float | None = None, end: float | None = None) -> Iterator[Rows]:
+        """Yield the rows of some of the signals from `start` to `end` in s, in blocks."""
+        layout = Layout(self._t, None, tuple(self._columns[name] for name in names), ())
+        for block in self._source.rows(layout) if names else self._source.times(layout):
+            inside = _is_inside(block.t, start, end)
+            if inside.any():
+                yield Rows(block.t[inside], block.values[inside])
+
+    def count(self, start: float | None = None, end: float | None = None) -> int:
+        """Return the number of rows from `start` to `end`."""
+        return sum(len(block.t) for block in self.rows((), start, end))
+
+    def thin_rows(self, points: int, start: float | None = None, end: float | None = None) -> tuple[int, Rows]:
+        """Return how many rows there are, and about `points` of them, the extremes of every signal among them."""
+        total = self.count(start, end)
+        # Each part gives two extremes of every signal at most: so wide that all parts give about `points` rows.
+        width = max(1, -(-2 * len(self.names) * total // points))
+        blocks = self.rows(self.names, start, end)
+        parts = list(blocks) if width <= 2 else [_find_extremes(part) for part in _split_rows(blocks, width)]
+        if not parts:
+            return 0, Rows(np.empty(0), np.empty((0, len(self.names))))
+        return total, Rows(
+            np.concatenate([extremes.t for extremes in parts]), np.concatenate([extremes.values for extremes in parts])
+        )
+
+
+def _is_inside(t: FloatArray, start: float | None, end: float | None) -> BoolArray:
+    inside = np.ones(len(t), dtype=bool)
+    if start is not None:
+        inside &= t >= start
+    if end is not None:
+        inside &= t <= end
+    return inside
+
+
+def _split_rows(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
+    """Yield the same rows in parts of `width` rows."""
+    waiting: Rows | None = None
+    for block in blocks:
+        both = block if waiting is None else Rows(*(np.concatenate(pair) for pair in zip(waiting, block, strict=True)))
+        whole = len(both.t) // width * width
+        for first in range(0, whole, width):
+            yield Rows(both.t[first : first + width], both.values[first : first + width])
+        waiting = Rows(both.t[whole:], both.values[whole:])
+    if waiting is not None and len(waiting.t):
+        yield waiting
+
+
+def _find_extremes(part: Rows) -> Rows:
+    """Return the rows in which a signal is largest or smallest."""
+    low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
+    at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
+    return Rows(part.t[at], part.values[at])
+
+
+def _find_joint_signals(layout: Layout, file: RobotFile) -> dict[str, tuple[Column, str]]:
+    """Return the signals of joints by their names, with column and unit."""
+    signals: dict[str, tuple[Column, str]] = {}
+    for kind in STORED_KINDS:
+        for joint, column in enumerate(getattr(layout, kind)):
+            unit = find_our_unit(kind, file.joints.known_limits[joint].kind)
+            signals[f"{kind}{joint + 1}"] = signals[f"{kind}_{file.joints.names[joint]}"] = (column, unit)
+    return signals

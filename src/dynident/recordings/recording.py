@@ -1,0 +1,313 @@
+"""A checked recording and its parts: SI units, joints in the robot's order, an even clock in every segment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray
+from dynident.encoding import escape_surrogates
+from dynident.errors import DynidentError
+from dynident.recordings.metadata import Windows
+
+if TYPE_CHECKING:
+    from dynident.recordings.metadata import Revision
+
+Status = Literal["ok", "warning", "error"]
+JointKind = Literal["revolute", "prismatic"]
+
+ACCEPTED = " (Accepted.)"
+"""Ends the detail of a finding that the user has accepted."""
+
+# In any unit; fourth powers of it can still be taken.
+_LARGEST_READING = 1e30
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What the checks know of a joint: its kind and, where known, its limits (rad or m, rad/s or m/s, N m or N)."""
+
+    kind: JointKind = "revolute"
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedJoints:
+    """The joints that the columns of a file are of, in the robot's order, and what is known of them.
+
+    Parameters
+    ----------
+    names : names, n of them
+    limits : one a joint, optional
+        What is not given is not checked against; joints then count as revolute.
+    gains : one a joint, optional
+        Drive gains [12.17] in N m (N) per unit of current, `None` where one is not known.
+    coupling : (n, n), optional
+        As `dynident.robot.coupling_matrix` gives it, where motors act on several joints.
+
+    Raises
+    ------
+    ValueError
+        For another number of limits or gains than of names.
+    """
+
+    names: Sequence[str]
+    limits: Sequence[JointLimits] | None = None
+    gains: Sequence[float | None] | None = None
+    coupling: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        counts = [len(values) for values in (self.limits, self.gains) if values is not None]
+        if any(count != self.n for count in counts):
+            raise ValueError(
+                f"{self.n} joints, and {' and '.join(map(str, counts))} limits or gains: they have to agree"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    @property
+    def known_limits(self) -> tuple[JointLimits, ...]:
+        """The limits of all joints, empty ones where none were given."""
+        return (JointLimits(),) * self.n if self.limits is None else tuple(self.limits)
+
+    @property
+    def known_gains(self) -> tuple[float | None, ...]:
+        """The drive gains of all joints."""
+        return (None,) * self.n if self.gains is None else tuple(self.gains)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at in a recording, what was found, and what to do about it.
+
+    `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
+    is empty or `None` where the finding has no single place. `rows` are those of several columns.
+    `apply` is what would have to be said of the file instead, where that is known.
+    """
+
+    name: str
+    status: Status
+    detail: str
+    column: str = ""
+    row: int | None = None
+    time: float | None = None
+    apply: Revision | None = None
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the user has said that the recording is right all the same."""
+        return self.detail.endswith(ACCEPTED)
+
+
+class ModelChecks(Protocol):
+    """What a model of the robot says of a recording, given the user's names of its position and torque columns.
+
+    None where it says nothing.
+    """
+
+    def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
+        """Check a recording."""
+
+
+class RecordingError(DynidentError):
+    """A recording that cannot be used as it is. `pointer` names the column; `checks` holds all that was found."""
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        pointer: str = "",
+        title: str = "Unusable recording",
+        row: int | None = None,
+        time: float | None = None,
+        checks: tuple[Check, ...] = (),
+    ) -> None:
+        super().__init__(detail, pointer=pointer, title=title)
+        self.row = row
+        self.time = time
+        self.checks = checks
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild_error, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
+
+
+def _rebuild_error(
+    detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
+) -> RecordingError:
+    """Return the error again after pickling, which keeps no keyword arguments."""
+    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A run of uniformly sampled rows; nothing is filtered across its ends.
+
+    `first_row` and `length` count rows of the stored recording; row k of the segment was sampled at
+    `start_time` + k / sampling rate. `label` is the value of the user's `segment` column (0 without one).
+    """
+
+    first_row: int
+    length: int
+    start_time: float
+    label: int = 0
+
+
+WRENCH_NAMES = ("base_fx", "base_fy", "base_fz", "base_mx", "base_my", "base_mz")
+"""Columns of the wrench that the base exerts on the robot, along the axes of the base frame and about its origin."""
+
+
+class StoredRows(NamedTuple):
+    """Consecutive stored rows in SI units: positions and torques (m, n), temperature (m, n) in degC or None.
+
+    `wrench` (m, 6) or None: force in N, then moment in N m, of the base on the robot. `command` (m, n) or None: the
+    positions that the robot was told to take.
+    """
+
+    q: FloatArray
+    tau: FloatArray
+    temperature: FloatArray | None
+    wrench: FloatArray | None = None
+    command: FloatArray | None = None
+
+
+class SampleSource(Protocol):
+    """Source of the rows of a recording: a file or arrays."""
+
+    def rows(self, first: int, length: int, block_length: int) -> Iterator[StoredRows]:
+        """Yield `length` rows from row `first` on, in blocks of at most about `block_length`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment.
+
+    The torque of `joints_without_torque`, by their names, was not recorded and is stored as zero: their motion counts,
+    their own equation does not.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    sampling_rate: float
+    segments: tuple[Segment, ...]
+    source: SampleSource
+    windows: Windows = ()
+    role: str | None = None
+    payload: Mapping[str, Any] | None = None
+    has_temperature: bool = False
+    path: Path | None = None
+    has_wrench: bool = False
+    has_command: bool = False
+    joints_without_torque: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        # The name of its file may be no UTF-8, and Arrow and matplotlib take no text that has no encoding.
+        object.__setattr__(self, "name", escape_surrogates(self.name))
+        object.__setattr__(self, "joint_names", tuple(escape_surrogates(name) for name in self.joint_names))
+
+    def __repr__(self) -> str:
+        runs = f" in {len(self.segments)} runs" if len(self.segments) > 1 else ""
+        return (
+            f"Recording({self.name}: {self.n} joints, {self.n_samples} samples at {self.sampling_rate:.4g} Hz, "
+            f"{self.n_samples * self.period:.4g} s{runs})"
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def has_torque(self) -> BoolArray:
+        """Which joints (n,) have a recorded torque."""
+        return np.array([name not in self.joints_without_torque for name in self.joint_names])
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples over all segments."""
+        return sum(segment.length for segment in self.segments)
+
+    @property
+    def period(self) -> float:
+        """Sampling period T in s."""
+        return 1.0 / self.sampling_rate
+
+    def name_segment(self, segment: int) -> str:
+        """Return the name of a segment: the recording's, with the segment's label if there are several labels."""
+        several = len({item.label for item in self.segments}) > 1
+        return f"{self.name}#{self.segments[segment].label}" if several else self.name
+
+    @property
+    def segment_names(self) -> tuple[str, ...]:
+        """The names of its runs, each once."""
+        return tuple(dict.fromkeys(self.name_segment(k) for k in range(len(self.segments))))
+
+    def with_windows(self, windows: Windows) -> Recording:
+        """Return the same recording with other seconds of t to use."""
+        return replace(self, windows=windows)
+
+    def inside_windows(self, t: FloatArray) -> BoolArray:
+        """Return which of the times t (m,) lie in a window; all of them if there is none."""
+        return is_inside_windows(t, self.windows, tolerance=1e-6 * self.period)
+
+
+@dataclass(frozen=True, eq=False)
+class SampleBlock:
+    """Consecutive samples of one segment after the position filter.
+
+    t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives; tau (m, n) unfiltered;
+    `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None;
+    wrench (m, 6) of the base on the robot, unfiltered, or None.
+    """
+
+    segment: int
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    dddq: FloatArray
+    ddddq: FloatArray
+    tau: FloatArray
+    used: BoolArray
+    temperature: FloatArray | None
+    starts_segment: bool
+    wrench: FloatArray | None = None
+
+
+def are_readings(values: FloatArray) -> BoolArray:
+    """Return which values a sensor could have given: numbers, and not beyond all size."""
+    # Comparisons with NaN are false: NaN and infinity are sorted out by the same test.
+    readings: BoolArray = np.abs(values) < _LARGEST_READING
+    return readings
+
+
+def is_inside_windows(t: FloatArray, windows: Windows, tolerance: float = 0.0) -> BoolArray:
+    """Return which times lie in one of the windows, ends included; all of them if there is none.
+
+    Parameters
+    ----------
+    t : (m,)
+    windows : pairs (from, to) in s
+    tolerance : float
+        s.
+
+    Returns
+    -------
+    (m,) of bool
+    """
+    if not windows:
+        return np.ones(len(t), dtype=bool)
+    is_inside = np.zeros(len(t), dtype=bool)
+    for start, end in windows:
+        is_inside |= (t >= start - tolerance) & (t <= end + tolerance)
+    return is_inside

@@ -1,0 +1,121 @@
+"""Names, parts and digests of the files of recordings, and archives of them."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from zipfile import ZIP_STORED, ZipFile, ZipInfo
+
+from dynident.errors import DynidentError
+
+MOST_FILES = 64
+"""Files of one recording; signals of joints need fewer than ten."""
+
+
+def pack_files(files: Sequence[tuple[str, Path]], target: Path) -> None:
+    """Write an archive (.zip) of files by their names; the same files give the same bytes."""
+    with ZipFile(target, "w", ZIP_STORED) as archive:
+        for name, path in files:
+            # ZipInfo without a date: the archive depends on the content alone.
+            with path.open("rb") as source, archive.open(ZipInfo(name), "w", force_zip64=True) as member:
+                shutil.copyfileobj(source, member, 1 << 20)
+
+
+def compute_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits; of a recording in several files, that of their digests.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    OSError
+        For a file that cannot be read.
+    """
+    parts = split_path(path)
+    if len(parts) > 1:
+        return hashlib.sha256("".join(compute_digest(part) for part in parts).encode()).hexdigest()
+    with parts[0].open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+JOINT = "+"
+"""Stands between the files of one recording: q.csv+dq.csv+tau.csv."""
+
+
+def make_unique_names(paths: Iterable[Path]) -> list[str]:
+    """Return a name for every file: its stem, with a number behind it if two files share one.
+
+    Parameters
+    ----------
+    paths : iterable of path
+
+    Returns
+    -------
+    list of str
+    """
+    names: list[str] = []
+    for path in paths:
+        stem = split_path(path)[0].stem
+        name, count = stem, 2
+        while name in names:
+            name, count = f"{stem}_{count}", count + 1
+        names.append(name)
+    return names
+
+
+def split_path(path: Path) -> list[Path]:
+    """Return the files that a path names: itself, or those of `folder/q.csv+tau.csv`, which lie beside the first.
+
+    Parameters
+    ----------
+    path : path
+        A file whose own name has a + in it is that file.
+
+    Returns
+    -------
+    list of path
+        They need not exist.
+    """
+    text = str(path)
+    if JOINT not in text or path.exists():
+        return [path]
+    first, *others = (Path(part) for part in text.split(JOINT))
+    return [first, *(other if other.exists() else first.parent / other for other in others)]
+
+
+def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
+    """Return the path of a recording, in one file or in several.
+
+    Parameters
+    ----------
+    path : str, path, or tuple of them
+        A tuple for one recording in several files.
+
+    Returns
+    -------
+    path
+
+    Raises
+    ------
+    DynidentError
+        For what is no path, or a file that is not there.
+    """
+    several = (path,) if isinstance(path, (str, Path)) else path
+    if not (isinstance(several, tuple) and several and all(isinstance(part, (str, Path)) for part in several)):
+        raise DynidentError(
+            f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
+            "those that are one recording"
+        )
+    joined = Path(JOINT.join(map(str, several)))
+    for part in split_path(joined):
+        if not part.is_file():
+            raise DynidentError(f"there is no file {part}", pointer=str(part), title="No such file")
+    return joined

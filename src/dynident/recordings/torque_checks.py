@@ -1,0 +1,321 @@
+"""Checks of torque: saturation, constancy, sign and order against the motion, alignment in time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dynident.array_types import BoolArray, FloatArray, IntArray
+from dynident.recordings import nonparametric_fit as against_motion
+from dynident.recordings.columns import NOT_RECORDED, Layout
+from dynident.recordings.metadata import COMMANDED, DELAY, Revision
+from dynident.recordings.nonparametric_fit import TorqueEvidence
+from dynident.recordings.raw_sample import RawSample
+from dynident.recordings.recording import Check, JointLimits, ModelChecks, Recording, Status
+
+SATURATED = 5e-3
+"""Torque counts as saturated where it stays within this share of its range at its extreme."""
+
+RUN = 5
+"""Rows in a row at the extreme make a plateau."""
+
+AGAINST_DOUBT, AGAINST_CERTAIN = -2.0, -2.8
+"""Joint evidence (standard errors) of a torque against its motion."""
+
+AROUND, MOST_STRETCHES = 0.2, 20
+"""s left out on either side of a plateau, about what filters smear; and so many stretches at most."""
+
+OWNED, LEAST_OWNED = 2e-3, 1e-3
+"""Share of a torque's variance that another joint's friction has to explain to be seen, and what counts as nothing."""
+
+SWAPPED = 4.0
+"""How many times better swapped torques have to be explained, in the geometric mean."""
+
+LATE_CERTAIN = 0.02
+"""A misalignment of more s spoils every estimate."""
+
+
+def check_torque(
+    recording: Recording,
+    sample: RawSample,
+    layout: Layout,
+    limits: tuple[JointLimits, ...],
+    against: ModelChecks | None = None,
+) -> list[Check]:
+    """Check the torques of the rows inside the windows: by themselves, then against the motion.
+
+    What a model of the robot says of order and signs goes before what friction alone tells.
+
+    Parameters
+    ----------
+    recording : Recording
+    sample : RawSample
+    layout : Layout
+    limits : one a joint
+    against : ModelChecks, optional
+        What a model of the robot says.
+
+    Returns
+    -------
+    list of Check
+    """
+    checks = [_check_saturation(sample, layout, limits), _check_constant_torque(recording, sample, layout)]
+    if checks[-1].status == "warning":
+        # Motors that are off: there is nothing to hold against the motion.
+        return checks
+    wrong = [check for check in checks if check.status == "error"]
+    model_checks = (
+        None if wrong and wrong[0].name != "constant_torque" else _run_model_checks(recording, layout, against)
+    )
+    if wrong:
+        # A command against gravity has no torque at all where gravity has none: that is then what is wrong.
+        return [*(doubt for doubt in model_checks or () if doubt.name == COMMANDED), *checks]
+    if any(doubt.name in ("torque_order", COMMANDED) for doubt in model_checks or ()):
+        # By all of the torque, where the corners of friction alone call right recordings early; and not beside another
+        # mistake, which looks like a delay as well.
+        return [
+            *checks,
+            *(model_checks or ()),
+            Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}."),
+        ]
+    evidence = against_motion.gather_evidence(recording)
+    if evidence is None:
+        nothing = "The recording is too short, or moves too little, to tell without a model."
+        silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
+        return [*checks, *silent, *(model_checks or ())]
+    columns = _check_order_and_sign(recording, evidence, layout, sample)
+    return [*checks, *columns, _check_alignment(recording, evidence, layout, sample), *(model_checks or ())]
+
+
+def _run_model_checks(recording: Recording, layout: Layout, against: ModelChecks | None) -> tuple[Check, ...] | None:
+    q, tau = ([column.source for column in columns] for columns in (layout.q, layout.tau))
+    return against(recording, q, tau) if against is not None and recording.role != "friction" else None
+
+
+def _check_order_and_sign(
+    recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample
+) -> tuple[Check, ...]:
+    """Check whether every torque is that of its joint, and has the right sign, as friction tells."""
+    order = _check_order(recording, evidence, layout, sample)
+    # A torque of another joint's has no sign to speak of.
+    return (order, *(_check_sign(recording, evidence, layout, sample) if order.status == "ok" else ()))
+
+
+def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimits, ...]) -> Check:
+    tau, row, t = sample.tau[sample.used], sample.row[sample.used], sample.t[sample.used]
+    worst: Check | None = None
+    most = 0.0
+    for joint in range(tau.shape[1]):
+        flat = _mark_plateaus(tau[:, joint])
+        effort = limits[joint].effort
+        if effort is not None and np.ptp(tau[:, joint]) > 0:
+            at_limit = np.abs(np.abs(tau[:, joint]) / effort - 1.0) < SATURATED if effort > 0 else flat
+            # A convolution with ones counts the neighbours at the limit: single rows are no plateau.
+            flat |= at_limit & (np.convolve(at_limit, np.ones(RUN), "same") >= RUN)
+        share = float(flat.mean())
+        if share > most and flat.sum() >= RUN:
+            most = share
+            first = int(np.flatnonzero(flat)[0])
+            status: Status = "error" if share > 0.2 else "warning"
+            worst = Check(
+                "saturation",
+                status,
+                f"{layout.tau[joint].source} stays at its extreme ({tau[first, joint]:.4g} N m) for "
+                f"{100 * share:.2g} % of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, or the "
+                "log, saturates there. Move slower or with less payload, or choose windows without it.",
+                layout.tau[joint].source,
+                int(row[first]),
+                float(t[first]),
+                _exclude_plateaus(flat, t),
+            )
+    return worst or Check("saturation", "ok", "No torque stays at its extreme.")
+
+
+def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
+    """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
+    at = t[flat]
+    starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
+    first = np.flatnonzero(starts)
+    if len(first) > MOST_STRETCHES:
+        return None
+    last = np.append(first[1:] - 1, len(at) - 1)
+    whole = zip(at[first], at[last], strict=True)
+    return Revision(exclude=tuple((float(start) - AROUND, float(end) + AROUND) for start, end in whole))
+
+
+def _mark_plateaus(tau: FloatArray) -> BoolArray:
+    """Mark the rows of runs at the largest or smallest value that last longer than a smooth peak would."""
+    marks = np.zeros(len(tau), dtype=bool)
+    reach = float(np.ptp(tau))
+    if reach == 0.0 or len(tau) < 10 * RUN:
+        return marks
+    for extreme in (float(tau.max()), float(tau.min())):
+        # The same value exactly, or to the last digit: a peak of a measured signal is never flat so long.
+        at = np.abs(tau - extreme) <= 1e-9 * reach
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            steps = np.abs(np.diff(tau[max(0, start - 20) : end + 20]))
+            # Around a plateau the signal changes from row to row; where it does not, torque is constant there, not
+            # cut off.
+            changing = np.count_nonzero(steps) > 0.2 * max(1, len(steps) - (end - start))
+            if end - start >= RUN and changing:
+                marks[start:end] = True
+    return marks
+
+
+def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layout) -> Check:
+    tau, q = sample.tau[sample.used], sample.q[sample.used]
+    first = int(np.flatnonzero(sample.used)[0])
+    row, time = int(sample.row[first]), float(sample.t[first])
+    if not tau.any() and (np.ptp(q, axis=0) > 2e-3).any():
+        return Check(
+            "constant_torque",
+            "warning",
+            "The torque is 0 in every row while the robot moves: its motors are off, or the torque was not recorded. "
+            "From a free swing only ratios can be found: inertia and friction over gravity.",
+            layout.tau[0].source,
+            row,
+            time,
+        )
+    varies = np.ptp(tau, axis=0) > 1e-9 * np.maximum(1.0, np.abs(tau).max(axis=0))
+    constant = np.flatnonzero(~varies & (np.ptp(q, axis=0) > 2e-3) & recording.has_torque)
+    if not len(constant):
+        return Check("constant_torque", "ok", "Every torque varies.")
+    joint = int(constant[0])
+    detail = (
+        f"{layout.tau[joint].source} is {tau[0, joint]:.4g} in every row from row {sample.row[first]} on, "
+        f"while {layout.q[joint].source} moves: the torque was not recorded."
+    )
+    cure = None
+    if len(constant) < np.count_nonzero(recording.has_torque):
+        entries = ", ".join(f'"tau{k + 1}": "{NOT_RECORDED}"' for k in constant)
+        names = " and ".join(recording.joint_names[k] for k in constant)
+        detail += (
+            f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{entries}}}.'
+        )
+        cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
+    return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
+
+
+def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
+    shares = against_motion.measure_ownership(evidence)
+    n = recording.n
+    certainty = np.log(shares + LEAST_OWNED)
+    # The order of all torques together that explains them best: joint by joint, one torque could be given away twice.
+    owner = linear_sum_assignment(-certainty)[1].astype(np.int64)
+    swapped = [
+        joint
+        for joint in range(n)
+        if owner[joint] != joint and evidence.moving[joint] and _is_surely_swapped(shares, certainty, owner, joint)
+    ]
+    if not swapped:
+        return Check("torque_order", "ok", "No torque shows the friction of another joint than its own.")
+    claims = ", ".join(
+        f"{layout.tau[i].source} shows the friction of {recording.joint_names[owner[i]]} (not of "
+        f"{recording.joint_names[i]})"
+        for i in swapped
+    )
+    first = int(np.flatnonzero(sample.used)[0])
+    return Check(
+        "torque_order",
+        "error",
+        f"The torque columns seem to be in another order than the joints: {claims}, over all rows from row "
+        f"{sample.row[first]} on. Map them by columns.",
+        layout.tau[swapped[0]].source,
+        int(sample.row[first]),
+        float(sample.t[first]),
+        _propose_order(owner, swapped),
+    )
+
+
+def _propose_order(owner: IntArray, swapped: list[int]) -> Revision:
+    """Return a revision that gives each torque to the joint whose friction it shows, in surely exchanged cycles."""
+    order = list(range(1, len(owner) + 1))
+    for column in {member for joint in swapped for member in _find_cycle(owner, joint)}:
+        order[owner[column]] = column + 1
+    return Revision(permutation={"tau": tuple(order)})
+
+
+def _is_surely_swapped(shares: FloatArray, certainty: FloatArray, owner: IntArray, joint: int) -> bool:
+    """Return whether every joint of a cycle explains its new torque clearly better than its old one."""
+    cycle = _find_cycle(owner, joint)
+    all_better = all(shares[i, owner[i]] >= max(OWNED, 2.0 * shares[i, i]) for i in cycle)
+    return all_better and float(np.mean([certainty[i, owner[i]] - certainty[i, i] for i in cycle])) > np.log(SWAPPED)
+
+
+def _find_cycle(owner: IntArray, joint: int) -> list[int]:
+    """Return the joints that change places together with `joint`."""
+    cycle = [joint]
+    while int(owner[cycle[-1]]) != joint:
+        cycle.append(int(owner[cycle[-1]]))
+    return cycle
+
+
+def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> list[Check]:
+    certain: list[int] = []
+    doubtful: list[int] = []
+    for joint in np.flatnonzero(evidence.moving):
+        friction, inertia = against_motion.measure_direction(evidence, int(joint))
+        # Both figures are in standard errors: their sum over √2 is in standard errors again, if they are independent.
+        together = (friction + inertia) / np.sqrt(2.0)
+        if friction < 0.0 and inertia < 0.0 and together < AGAINST_DOUBT:
+            (certain if together < AGAINST_CERTAIN else doubtful).append(int(joint))
+    against = certain + doubtful
+    if not against:
+        return [Check("torque_sign", "ok", "No torque goes against its motion.")]
+    named = ", ".join(f"{layout.tau[joint].source} ({recording.joint_names[joint]})" for joint in sorted(against))
+    first = int(np.flatnonzero(sample.used)[0])
+    return [
+        Check(
+            "torque_sign",
+            "error" if certain else "warning",
+            f"The sign of {named} seems to be against the motion: friction would drive the joint and its inertia be "
+            f"negative, over all rows from row {sample.row[first]} on. Turn the sign of the torque (or of the drive "
+            "gain), or of the position, or the joint's axis in the description.",
+            layout.tau[against[0]].source,
+            int(sample.row[first]),
+            float(sample.t[first]),
+            Revision(signs={f"tau{joint + 1}": -1.0 for joint in sorted(certain or doubtful)}),
+        )
+    ]
+
+
+def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
+    if recording.role == "friction":
+        # Friction alone, at constant speeds, has no corners in time but those of presliding.
+        return Check("torque_alignment", "ok", "Not looked for in a test of friction.")
+    whole = against_motion.measure_lag(evidence, steady_only=False)
+    steady = against_motion.measure_lag(evidence, steady_only=True)
+    if whole is None or steady is None:
+        return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
+    # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.
+    certain = (
+        whole.seconds * steady.seconds > 0.0
+        and abs(whole.seconds) > 4.0 * whole.error
+        and abs(steady.seconds) > 3.0 * steady.error
+        and min(whole.gain, steady.gain) > 0.01
+    )
+    if not certain:
+        spread = 3.0 * max(whole.error, steady.error, 0.5 * abs(whole.seconds - steady.seconds))
+        return Check(
+            "torque_alignment",
+            "ok",
+            f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.0f} ms).",
+        )
+    low, high = sorted((whole.seconds, steady.seconds), key=abs)
+    least = abs(low) - 3.0 * max(whole.error, steady.error)
+    word = "late" if low > 0 else "early"
+    first = int(np.flatnonzero(sample.used)[0])
+    middle = 0.5 * (whole.seconds + steady.seconds)
+    return Check(
+        "torque_alignment",
+        "error" if least > LATE_CERTAIN else "warning",
+        f"Torque comes {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against position "
+        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = "
+        f"{sample.t[first]:.6g} s, on). Log both at the same instant, or mend it by "
+        f'"torque_delay": {middle:.2g} (in s).',
+        layout.tau[0].source,
+        int(sample.row[first]),
+        float(sample.t[first]),
+        Revision(torque_delay=float(f"{middle:.2g}")),
+    )

@@ -1,0 +1,209 @@
+"""The equations of the identification models: one part of them is differentiated in time, the other is not.
+
+Every model of the chapter is d/dt(S χ) + D χ = y, with S and D free of accelerations wherever a column has an energy:
+
+* filtered dynamic [12.35]: S = ∂e/∂q̇ (B1), D = ∂u/∂q - ∂e/∂q (B2), y = Γ;
+* power [12.51] and, integrated, energy [12.43]: S = h = e + u, y = Γᵀq̇;
+* base wrench (§12.8): S = 0, D the reaction of the base, y the measured one.
+
+A column without an energy (friction, a payload's run, a sensitivity) enters D as torque, or as its power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from dynident.array_types import FloatArray, IndexArray
+from dynident.effects import Column, Signals
+from dynident.recordings import SampleBlock
+from dynident.regressors.observation import Observation
+from dynident.robot.model import Robot
+
+Measured = Callable[[SampleBlock], FloatArray]
+"""What the equations' right-hand side is at the samples of a block: (m, number of equations)."""
+
+
+@dataclass(frozen=True, eq=False)
+class EquationForm:
+    """d/dt(S χ) + D χ = y of one set of columns.
+
+    `observation` has the rows of S, then those of D, `n_equations` each; `measured` gives y.
+    """
+
+    observation: Observation
+    n_equations: int
+    measured: Measured
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether anything is differentiated."""
+        return self.n_stored > 0
+
+    @cached_property
+    def n_stored(self) -> int:
+        """Number of entries of an evaluation that belong to S: the first ones."""
+        return int(np.count_nonzero(self.observation.entry_rows < self.n_equations))
+
+    @property
+    def n_entries(self) -> int:
+        """Number of entries of dS/dt + D: those of S in their order, then those that D alone has."""
+        return len(self._places) - len(self.shared_entries[0])
+
+    @cached_property
+    def shared_entries(self) -> tuple[IndexArray, IndexArray]:
+        """Entries of an evaluation that belong to D where S has one as well, and their places in dS/dt + D."""
+        stored = self._places[: self.n_stored]
+        # Where the sorted places of S have each shared place of D: its entry is added to that of dS/dt.
+        order = np.argsort(stored)
+        picked = self.n_stored + np.flatnonzero(np.isin(self._places[self.n_stored :], stored))
+        return picked, order[np.searchsorted(stored, self._places[picked], sorter=order)]
+
+    @cached_property
+    def separate_entries(self) -> IndexArray:
+        """Entries of an evaluation that belong to D where S has none."""
+        return np.setdiff1d(np.arange(self.n_stored, len(self._places)), self.shared_entries[0])
+
+    @property
+    def layout(self) -> list[tuple[IndexArray, IndexArray]]:
+        """For every equation: where its entries stand, and their columns, in ascending order."""
+        places = np.concatenate([self._places[: self.n_stored], self._places[self.separate_entries]])
+        order = np.argsort(places)
+        rows, columns = places[order] // self._width, places[order] % self._width
+        borders = np.searchsorted(rows, np.arange(self.n_equations + 1))
+        return [(order[first:last], columns[first:last]) for first, last in pairwise(borders)]
+
+    @property
+    def _width(self) -> int:
+        return max(1, self.observation.n_columns)
+
+    @cached_property
+    def _places(self) -> IndexArray:
+        """For every entry of an evaluation: row and column in dS/dt + D, as one number."""
+        places = self.observation.entry_rows % self.n_equations * self._width + self.observation.entry_columns
+        return np.asarray(places, dtype=np.intp)
+
+
+def build_filtered_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
+    """Build the dynamic model without accelerations, [12.27] and [12.35]-[12.37]: one equation a joint.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+        The symbols that the columns are made of.
+
+    Returns
+    -------
+    Form
+    """
+    with_energy = _have_energy(columns)
+    h = _stack_energies(columns)
+    # The potential energy is what is left of h without velocities: ∂u/∂q - ∂e/∂q = ∂(2u - h)/∂q.
+    # Kinetic energy vanishes without velocities.
+    u = ca.substitute(h, signals.dq, ca.SX.zeros(robot.n))
+    momentum = ca.jacobian(h, signals.dq).T
+    force = ca.jacobian(2 * u - h, signals.q).T
+    others = [ca.SX(robot.n, 1) if with_energy[k] else column.torque for k, column in enumerate(columns)]
+    stored = _insert_empty_columns(momentum, with_energy, robot.n)
+    direct = _insert_empty_columns(force, with_energy, robot.n) + ca.horzcat(*others)
+    return _build_form(robot, columns, signals, stored, direct, lambda block: block.tau)
+
+
+def build_power_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
+    """Build the power model [12.50]-[12.51], which is the integrand of the energy model [12.43] too: one equation.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+
+    Returns
+    -------
+    Form
+    """
+    with_energy = _have_energy(columns)
+    others = [
+        ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
+    ]
+    stored = _insert_empty_columns(_stack_energies(columns), with_energy, 1)
+    return _build_form(robot, columns, signals, stored, ca.horzcat(*others), _measured_power)
+
+
+def build_wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals) -> EquationForm:
+    """Build the reaction of the base (§12.8): force and moment at the base frame's origin, along its axes.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : sequence of Column
+    signals : Signals
+
+    Returns
+    -------
+    Form
+        Of six equations.
+
+    Raises
+    ------
+    ValueError
+        For a column that has no wrench.
+    """
+    reactions = []
+    for column in columns:
+        if column.wrench is None:
+            raise ValueError(f"{column.name} has no wrench")
+        reactions.append(column.wrench())
+    return _build_form(robot, columns, signals, ca.SX(6, len(columns)), ca.horzcat(*reactions), _measured_wrench)
+
+
+def _measured_wrench(block: SampleBlock) -> FloatArray:
+    """Return the measured wrench (m, 6)."""
+    if block.wrench is None:
+        raise ValueError("the samples have no wrench")
+    return block.wrench
+
+
+def _measured_power(block: SampleBlock) -> FloatArray:
+    """Return the power Γᵀq̇ (m, 1)."""
+    return np.asarray(np.einsum("ij,ij->i", block.tau, block.dq)[:, None])
+
+
+def _have_energy(columns: Sequence[Column]) -> list[bool]:
+    return [column.energy is not None for column in columns]
+
+
+def _stack_energies(columns: Sequence[Column]) -> ca.SX:
+    """Return the energies, SX (1, number of columns with an energy)."""
+    return ca.horzcat(ca.SX(1, 0), *(column.energy() for column in columns if column.energy is not None))
+
+
+def _insert_empty_columns(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
+    """Return the rows (k, number of columns with an energy) with empty columns for those without one."""
+    numbers = np.cumsum(with_energy) - 1
+    return ca.horzcat(
+        *(rows[:, int(k)] if has else ca.SX(n_rows, 1) for k, has in zip(numbers, with_energy, strict=True))
+    )
+
+
+def _build_form(
+    robot: Robot, columns: Sequence[Column], signals: Signals, stored: ca.SX, direct: ca.SX, measured: Measured
+) -> EquationForm:
+    # Side by side, so that the entries of S come first; then the rows of D are put under those of S.
+    both = Observation.from_matrix(robot, columns, ca.sparsify(ca.horzcat(stored, direct)), signals)
+    k, width = stored.shape
+    below = both.entry_columns >= width
+    observation = replace(
+        both,
+        entry_rows=both.entry_rows + k * below,
+        entry_columns=both.entry_columns - width * below,
+        n_rows=2 * k,
+    )
+    return EquationForm(observation, k, measured)

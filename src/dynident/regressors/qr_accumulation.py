@@ -1,0 +1,153 @@
+"""Accumulate the equations of recordings in triangular factors as they come: one for each equation and time block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.array_types import BoolArray, FloatArray, IndexArray
+from dynident.estimation import FactorAccumulator, Reduction, RestRowAccumulator, concatenate_reductions
+from dynident.parallel.thread_map import map_in_threads, map_sequentially
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings import Recording
+
+# Blocks of time: at least and at most so many seconds long, about so many of a recording, and never more than so
+# many.
+_SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
+
+
+@dataclass(frozen=True, eq=False)
+class RestRows:
+    """[W | Y] of motion near a halt; W (k, p) in either direction and Y (k,) where a joint stands."""
+
+    partial: FloatArray
+    upper: FloatArray
+    lower: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class EquationRows:
+    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
+
+    `used` (m, equations): which of them count, all if None; `beside`: rows near halts and at rest of every equation.
+    """
+
+    t: FloatArray
+    rows: list[FloatArray]
+    segment: int
+    used: BoolArray | None = None
+    beside: list[RestRows] | None = None
+
+
+def choose_block_length(recordings: Sequence[Recording]) -> float:
+    """Return the length in s of the blocks of time that factors are kept for.
+
+    A twentieth of the data, but long against the correlation of filtered rows and short against the motion, and never
+    so many that their factors would outgrow the data's own size.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    float
+    """
+    duration = sum(compute_used_duration(recording) for recording in recordings)
+    return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
+
+
+def compute_used_duration(recording: Recording) -> float:
+    """Return the seconds of a recording that are inside its windows."""
+    total = 0.0
+    for segment in recording.segments:
+        start, end = segment.start_time, segment.start_time + segment.length * recording.period
+        if recording.windows:
+            total += sum(max(0.0, min(end, last) - max(start, first)) for first, last in recording.windows)
+        else:
+            total += end - start
+    return total
+
+
+def accumulate_equations(
+    rows_of: Callable[[Recording], Iterable[EquationRows]],
+    columns: Sequence[IndexArray],
+    n_columns: int,
+    recordings: Sequence[Recording],
+    progress: Progress = ignore_progress,
+    beside: bool = False,
+    *,
+    in_turn: bool = False,
+) -> Reduction:
+    """Accumulate the equations that `rows_of` makes of every recording, of large recordings several at a time.
+
+    Parameters
+    ----------
+    rows_of : function
+        Threads may call it at once, each for another recording, but where these go `in_turn`.
+    columns : one (p,) array an equation
+        The parameters that each equation contains.
+    n_columns : int
+        Number of all parameters.
+    recordings : sequence of Recording
+    progress : Progress
+    beside : bool
+        Whether rows near halts and at rest are kept as well.
+    in_turn : bool
+        Whether the rows of one recording depend on those before, as a filter's do that goes on from one to the next.
+
+    Returns
+    -------
+    Reduction
+    """
+    fold_recording = EquationAccumulator(rows_of, tuple(columns), n_columns, choose_block_length(recordings), beside)
+    sizes = [recording.n_samples for recording in recordings]
+    # Recordings are independent of each other, so that large ones run side by side.
+    return concatenate_reductions(
+        (map_sequentially if in_turn else map_in_threads)(fold_recording, recordings, sizes, progress)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class EquationAccumulator:
+    """Accumulates the equations of one recording, as `folded` does; can be sent to another process if `rows_of` can.
+
+    `stretch`: length in s of the blocks of time that have a factor each.
+    """
+
+    rows_of: Callable[[Recording], Iterable[EquationRows]]
+    columns: tuple[IndexArray, ...]
+    n_columns: int
+    stretch: float
+    beside: bool
+
+    def __call__(self, recording: Recording, progress: Progress) -> Reduction:
+        """Return the factors of a recording."""
+        accumulator = FactorAccumulator(self.columns, self.n_columns, self.stretch)
+        rest_accumulators = [RestRowAccumulator(len(own)) for own in self.columns] if self.beside else []
+        segment, start = -1, recording.segments[0].start_time
+        duration = recording.n_samples * recording.period
+        for part in self.rows_of(recording):
+            if part.segment != segment:
+                # A block of time never spans two segments: between them time is missing.
+                accumulator.end_block()
+                segment = part.segment
+            accumulator.push(part.t, part.rows, part.used)
+            for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
+                rest_accumulator.push_partial(rows.partial)
+                rest_accumulator.push_standing(rows.upper, rows.lower, rows.y)
+            progress(min(1.0, float(part.t[-1] - start) / duration), recording.name)
+        return _attach_rest_rows(accumulator.finish(), rest_accumulators)
+
+
+def _attach_rest_rows(reduction: Reduction, rest_accumulators: Sequence[RestRowAccumulator]) -> Reduction:
+    """Return the reduction with the rows near halts and at rest of every equation."""
+    if not rest_accumulators:
+        return reduction
+    equations = tuple(
+        replace(e, rest_rows=b.finish()) for e, b in zip(reduction.equations, rest_accumulators, strict=True)
+    )
+    return replace(reduction, equations=equations)

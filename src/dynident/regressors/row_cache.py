@@ -1,0 +1,198 @@
+"""Filtered rows of W cached in memory, so that a model with more columns needs only the new ones to be evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import Column, ReferenceParameters
+from dynident.estimation import Reduction
+from dynident.progress import Progress, ignore_progress
+from dynident.recordings import Preprocessing, Recording
+from dynident.regressors.filtered_rows import FilteredSamples, reduce_recordings, stream_filtered_samples
+from dynident.regressors.model import Model
+from dynident.regressors.observation import Observation
+from dynident.regressors.qr_accumulation import compute_used_duration
+from dynident.regressors.row_phases import RowPhases, have_same_instants
+
+MOST_VALUES = 4_000_000
+"""Entries that are kept of one data set at most, 32 MB: twenty minutes of recording at a usual decimation."""
+
+
+@dataclass(frozen=True, eq=False)
+class CachedRows:
+    """Filtered samples of recordings, as they left the filter, for one observation matrix.
+
+    `reference`: what loads were predicted with; None where no column needs a load.
+    """
+
+    observation: Observation
+    reference: ReferenceParameters | None
+    preprocessing: Preprocessing
+    recordings: tuple[Recording, ...]
+    samples: tuple[tuple[FilteredSamples, ...], ...]
+
+    def __repr__(self) -> str:
+        return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
+
+    def find_samples(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
+        """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
+        if preprocessing != self.preprocessing:
+            return None
+        for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
+            if _is_same_recording(kept_recording, recording):
+                return samples
+        return None
+
+
+def reduce_and_cache(
+    model: Model,
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> tuple[Reduction, CachedRows | None]:
+    """Reduce recordings to a model's columns, and cache their filtered rows where they are few.
+
+    Parameters
+    ----------
+    model : Model
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+        What torque is predicted with.
+    progress : Progress
+    known : KeptRows, optional
+        Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
+
+    Returns
+    -------
+    Reduction
+    KeptRows or None
+        None if the rows have more than `MOST_VALUES` entries.
+    """
+    observation = model.observation
+    usable = known if known is not None and _is_extension(observation, reference, known) else None
+    if _bound_values(observation, recordings, preprocessing) > MOST_VALUES:
+        samples_of = _make_sample_reader(usable, observation, model.at_rest, preprocessing, reference)
+        return reduce_recordings(
+            observation, recordings, preprocessing, reference, progress, samples_of, model.at_rest
+        ), None
+    samples_by_recording: dict[Recording, tuple[FilteredSamples, ...]] = {}
+
+    def cache_samples(recording: Recording) -> Iterator[FilteredSamples]:
+        collected = []
+        for samples in _read_samples(observation, model.at_rest, recording, preprocessing, reference, usable):
+            # Samples are cached while they pass on to the reduction, so that nothing is read twice.
+            collected.append(samples)
+            yield samples
+        samples_by_recording[recording] = tuple(collected)
+
+    reduction = reduce_recordings(
+        observation, recordings, preprocessing, reference, progress, cache_samples, model.at_rest
+    )
+    load_reference = reference if model.needs_load else None
+    # The reduction may have worked through the recordings in another order.
+    samples = tuple(samples_by_recording[recording] for recording in recordings)
+    return reduction, CachedRows(observation, load_reference, preprocessing, tuple(recordings), samples)
+
+
+def reduce_with_columns(
+    model: Model,
+    more: Sequence[Column],
+    recordings: Sequence[Recording],
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    progress: Progress = ignore_progress,
+    known: CachedRows | None = None,
+) -> Reduction:
+    """Reduce recordings to a model's columns and further ones, without the rows near halts and at rest.
+
+    Parameters
+    ----------
+    model : Model
+    more : sequence of Column
+        Made from the model's signals.
+    recordings : sequence of Recording
+    preprocessing : Preprocessing
+    reference : ReferenceParameters
+    progress : Progress
+    known : KeptRows, optional
+        Of the model: only the columns behind it are evaluated.
+
+    Returns
+    -------
+    Reduction
+    """
+    observation = model.observation.extend(more, model.signals)
+    usable = known if known is not None and _is_extension(observation, reference, known) else None
+
+    samples_of = _make_sample_reader(usable, observation, None, preprocessing, reference)
+    return reduce_recordings(observation, recordings, preprocessing, reference, progress, samples_of, by_phase=True)
+
+
+def _bound_values(observation: Observation, recordings: Sequence[Recording], preprocessing: Preprocessing) -> float:
+    """Return an upper bound of the number of entries in the filtered rows."""
+    seconds = sum(compute_used_duration(recording) * recording.sampling_rate for recording in recordings)
+    return seconds / preprocessing.decimation * (len(observation.entry_rows) + observation.robot.n)
+
+
+def _make_sample_reader(
+    kept_rows: CachedRows | None,
+    observation: Observation,
+    at_rest: Observation | None,
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+) -> Callable[[Recording], Iterator[FilteredSamples]] | None:
+    """Return the function that gives a recording's samples, with the help of cached ones; None without any."""
+    if kept_rows is None:
+        return None
+    return lambda recording: _read_samples(observation, at_rest, recording, preprocessing, reference, kept_rows)
+
+
+def _read_samples(
+    observation: Observation,
+    at_rest: Observation | None,
+    recording: Recording,
+    preprocessing: Preprocessing,
+    reference: ReferenceParameters,
+    kept_rows: CachedRows | None,
+) -> Iterator[FilteredSamples]:
+    # The cached leading columns (head), and the new ones behind them (tail).
+    head = None if kept_rows is None else kept_rows.find_samples(recording, preprocessing)
+    phases = RowPhases.from_recording(observation, recording, preprocessing)
+    if head is None or observation.parts is None:
+        yield from stream_filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
+        return
+    # The filter cuts a recording into the same pieces whatever the columns.
+    tail = stream_filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
+    for before, behind in zip(head, tail, strict=True):
+        whole = tuple(
+            None if kept_equation is None or new_equation is None else np.hstack([kept_equation[:, :-1], new_equation])
+            for kept_equation, new_equation in zip(before.whole, behind.whole, strict=True)
+        )
+        yield replace(behind, values=np.hstack([before.values, behind.values]), whole=whole)
+
+
+def _is_extension(observation: Observation, reference: ReferenceParameters, kept_rows: CachedRows) -> bool:
+    """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
+    if observation.parts is None or observation.parts[0] is not kept_rows.observation:
+        return False
+    if not have_same_instants(observation, kept_rows.observation):
+        return False
+    return kept_rows.reference is None or reference.equals(kept_rows.reference)
+
+
+def _is_same_recording(first: Recording, second: Recording) -> bool:
+    """Return whether two recordings have the same rows, though they may be different objects."""
+    if (first.windows, first.segments, first.name, first.payload) != (
+        second.windows,
+        second.segments,
+        second.name,
+        second.payload,
+    ):
+        return False
+    return first.source is second.source or (first.path is not None and first.path == second.path)

@@ -1,0 +1,71 @@
+"""Recordings and validations as a report shows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.diagnosis import Comparison
+from dynident.recordings import Check, Recording, RecordingMetadata, Revision
+from dynident.reports.report_tables import ReportedTable
+from dynident.validation import ValidationOutcome
+
+
+@dataclass(frozen=True)
+class ReportedValidation:
+    """The result of one validation.
+
+    Attributes
+    ----------
+    title : str
+        What was tested.
+    judged : Judged
+        The verdict and its reason.
+    tables : tuple of ReportedTable
+        The numbers behind it.
+    kind : str
+        The kind of the validation, "" where it is unknown.
+    """
+
+    title: str
+    judged: ValidationOutcome
+    tables: tuple[ReportedTable, ...] = ()
+    kind: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedRecording:
+    """One recording with its checks and the model's prediction.
+
+    Attributes
+    ----------
+    recording : Recording
+    comparison : Comparison
+        Measured and predicted torque.
+    held_out : bool
+        True where no parameter was fitted to it.
+    checks : tuple of Check
+    edits : tuple of Revision
+        Later changes of the file's metadata, in order.
+    sha256 : str
+        Of the file, "" where it is unknown.
+    said : RecordingMetadata, optional
+        The metadata that the user stated for the file, where they are known.
+    """
+
+    recording: Recording
+    comparison: Comparison
+    held_out: bool
+    checks: tuple[Check, ...] = ()
+    edits: tuple[Revision, ...] = ()
+    sha256: str = ""
+    stated_metadata: RecordingMetadata | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the recording."""
+        return self.recording.name
+
+    @property
+    def role(self) -> str:
+        """What the recording was used for, in a word or two."""
+        return "held out" if self.held_out else "identification"

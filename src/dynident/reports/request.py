@@ -1,0 +1,19 @@
+"""The request for a report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dynident.schema.fields import declare_field
+
+ReportFormat = Literal["html", "pdf", "json"]
+MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application/pdf", "json": "application/json"}
+
+
+@dataclass(frozen=True)
+class ReportChoices:
+    """What a report is written as, and its heading."""
+
+    format: ReportFormat = declare_field("What it is written as", default="html", option="-")
+    name: str = declare_field("The heading; the robot's name by default", default="", option="--title")

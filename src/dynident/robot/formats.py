@@ -1,0 +1,16 @@
+"""The formats of robot descriptions; this module loads no reader of any of them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from dynident.schema.fields import Choice, OneOf
+
+DescriptionFormat = Literal["urdf", "mjcf", "modified_dh", "dh"]
+FORMATS = OneOf(
+    Choice("urdf", "URDF"),
+    Choice("mjcf", "MJCF"),
+    Choice("modified_dh", "modified Denavit-Hartenberg table (JSON)"),
+    Choice("dh", "Denavit-Hartenberg table, classical or modified (text)"),
+)
+"""All of them, the most usual first."""

@@ -1,0 +1,214 @@
+"""Effects of a virtual robot: effects of the catalogue with values for their parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.effects import (
+    DRIVE_ROLES,
+    LINKS,
+    Column,
+    EffectChoice,
+    ReferenceParameters,
+    Role,
+    Signals,
+    build_columns,
+    get_effect,
+)
+from dynident.errors import DynidentError
+from dynident.robot.model import Robot
+
+_TITLE = "Unusable virtual robot"
+_DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIVE_ROLES)}
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """One effect on one joint, with its parameters and shape constants.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect in the catalogue.
+    joint : str
+        Name of the joint; "" where the effect belongs to the whole robot.
+    values : tuple of (name, value)
+        Parameters; those that are not named are zero.
+    shape : tuple of (name, value)
+        Shape constants; those that are not named have their defaults.
+    runs : tuple of str
+        Labels of the runs in which it acts; it acts in all of them where there are none.
+    """
+
+    effect: str
+    joint: str
+    values: tuple[tuple[str, float], ...]
+    shape: tuple[tuple[str, float], ...] = field(default=())
+    runs: tuple[str, ...] = field(default=())
+
+    @property
+    def choice(self) -> EffectChoice:
+        """The same effect as one chooses it for an identification."""
+        return EffectChoice(self.effect, (self.joint,) if self.joint else (), self.shape, self.runs)
+
+    def is_in(self, run: str) -> bool:
+        """Return whether the effect acts in the run with that label."""
+        return not self.runs or run in self.runs
+
+
+@dataclass(frozen=True, eq=False)
+class TrueColumns:
+    """Columns of the true effects and their parameters (c,), in the same order."""
+
+    columns: tuple[Column, ...]
+    parameters: FloatArray
+
+
+def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
+    """Return whether physics allows a parameter below zero.
+
+    The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign.
+    """
+    return bool(runs) or not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
+
+
+def spread_over_joints(
+    robot: Robot, effect: str, parameter: str, values: Sequence[float] | FloatArray
+) -> tuple[TrueEffect, ...]:
+    """Return one parameter of one effect on every joint of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect, parameter : str
+    values : (n,)
+
+    Returns
+    -------
+    tuple of TrueEffect
+
+    Raises
+    ------
+    DynidentError
+        Where there are not as many values as joints.
+    """
+    if len(values) != robot.n:
+        raise DynidentError(f"{len(values)} values of {parameter} for {robot.n} joints of {robot.name}", title=_TITLE)
+    return tuple(
+        TrueEffect(effect, name, ((parameter, float(value)),))
+        for name, value in zip(robot.joint_names, values, strict=True)
+    )
+
+
+def select_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
+    """Return the inertial parameters (n, 10) of the virtual robot's links; the description's where none are given.
+
+    Raises
+    ------
+    DynidentError
+        Where there are none at all, or their shape or values do not fit.
+    """
+    chosen = robot.inertias if inertias is None else np.asarray(inertias, dtype=np.float64)
+    if chosen is None:
+        raise DynidentError(
+            f"the description of {robot.name} gives no inertial parameters; a virtual robot needs ten a link",
+            pointer="/parameters",
+            title=_TITLE,
+        )
+    if chosen.shape != (robot.tree.n, 10) or not np.all(np.isfinite(chosen)):
+        raise DynidentError(
+            f"inertial parameters have the shape {chosen.shape}; {robot.tree.n} links x 10 finite numbers are needed",
+            pointer="/parameters",
+            title=_TITLE,
+        )
+    return chosen
+
+
+def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
+    """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints."""
+    drives = np.zeros((len(DRIVE_ROLES), robot.n))
+    for effect in effects:
+        roles = {spec.name: spec.role for spec in get_effect(effect.effect).parameters}
+        for name, value in effect.values:
+            role = roles.get(name)
+            # Hysteresis is Coulomb friction once it slides.
+            row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
+            if row is not None and effect.joint in robot.joint_names:
+                drives[row, robot.joint_names.index(effect.joint)] += value
+    return ReferenceParameters(inertias.reshape(-1, 10), *drives)
+
+
+def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
+    """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
+
+    Raises
+    ------
+    DynidentError
+        For an unknown effect, joint, parameter or shape constant, a value that is not finite or must not be negative,
+        the same effect twice on a joint, or links given as an effect.
+    """
+    columns: list[Column] = []
+    parameters: list[float] = []
+    keys: set[tuple[object, ...]] = set()
+    for index, effect in enumerate(effects):
+        pointer = f"/effects/{index}"
+        _check_effect(effect, signals.robot, pointer)
+        try:
+            effect_columns = build_columns([effect.choice], signals)
+        except DynidentError as error:
+            error.pointer = pointer
+            raise
+        # The completed shape constants, so that a default written out is the same effect as one left out.
+        key = (effect.effect, effect.joint, effect_columns[0].shape, effect.runs)
+        if key in keys:
+            raise DynidentError(
+                f"{effect.effect} stands twice on {effect.joint or 'the robot'}", pointer=pointer, title=_TITLE
+            )
+        keys.add(key)
+        values = dict(effect.values)
+        columns += effect_columns
+        parameters += [float(values.get(column.parameter, 0.0)) for column in effect_columns]
+    return TrueColumns(tuple(columns), np.array(parameters, dtype=np.float64))
+
+
+def _check_effect(effect: TrueEffect, robot: Robot, pointer: str) -> None:
+    described = get_effect(effect.effect, pointer)
+    if effect.effect == LINKS.effect:
+        raise DynidentError(
+            "the links of a virtual robot are given as inertial parameters, not as an effect",
+            pointer=pointer,
+            title=_TITLE,
+        )
+    if described.scope == "joint" and not effect.joint and len(described.get_default_joints(robot)) != 1:
+        raise DynidentError(
+            f"{effect.effect} needs a joint; {robot.name} has: {', '.join(robot.joint_names)}",
+            pointer=f"{pointer}/joint",
+            title=_TITLE,
+        )
+    known = [spec.name for spec in described.parameters]
+    for name, value in effect.values:
+        where = f"{pointer}/values/{name}"
+        if name not in known:
+            raise DynidentError(
+                f"{effect.effect} has no parameter {name!r}; it has: {', '.join(known)}", pointer=where, title=_TITLE
+            )
+        signed = may_be_negative(effect.effect, name, effect.runs)
+        if not math.isfinite(value) or (value < 0 and not signed):
+            raise DynidentError(
+                f"{name} of {effect.effect} on {effect.joint or 'the robot'} is {value}; expected a finite number"
+                + ("" if signed else ", zero or above"),
+                pointer=where,
+                title=_TITLE,
+            )
+    for name, value in effect.shape:
+        if not math.isfinite(value):
+            raise DynidentError(
+                f"shape constant {name} of {effect.effect} is {value}; expected a finite number",
+                pointer=f"{pointer}/shape/{name}",
+                title=_TITLE,
+            )

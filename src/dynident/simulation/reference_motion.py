@@ -1,0 +1,125 @@
+"""Reference motion that a virtual robot has to follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from dynident.array_types import FloatArray
+from dynident.errors import DynidentError
+from dynident.robot.model import Robot
+from dynident.simulation.virtual_robot_request import Warming
+
+_TITLE = "Unusable trajectory"
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A sampled trajectory.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times, s, strictly increasing.
+    q, dq, ddq : (m, n)
+        rad, rad/s, rad/s² (m, … if prismatic).
+    temperature : (m, n), optional
+        degC, where the joints' temperature is prescribed.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    temperature: FloatArray | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.t[-1] - self.t[0])
+
+
+def add_warming(reference: Reference, warming: Warming) -> Reference:
+    """Return the same trajectory, along which all joints warm up.
+
+    Parameters
+    ----------
+    reference : Reference
+    warming : Warming
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    DynidentError
+        Where temperatures or time constant make no sense.
+    """
+    if not (np.isfinite([warming.start, warming.end]).all() and 0 < warming.time_constant < np.inf):
+        raise DynidentError(
+            f"warming from {warming.start} to {warming.end} degC with a time constant of {warming.time_constant} s; "
+            "temperatures have to be finite and the time constant above 0",
+            pointer="/warming",
+            title=_TITLE,
+        )
+    n = reference.q.shape[1]
+    return replace(reference, temperature=np.repeat(warming.compute_temperature(reference.t)[:, None], n, axis=1))
+
+
+class ReferencePath:
+    """A reference trajectory at any time: cubic between samples, through their velocities and accelerations."""
+
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        # Position and velocity are interpolated separately: the derivative of a cubic through q and dq would not meet
+        # the given accelerations.
+        self._q = CubicHermiteSpline(reference.t, reference.q, reference.dq)
+        self._dq = CubicHermiteSpline(reference.t, reference.dq, reference.ddq)
+
+    def evaluate(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, velocity and acceleration, each (k, n), at times t (k,)."""
+        inside = np.clip(t, self._reference.t[0], self._reference.t[-1])
+        return self._q(inside), self._dq(inside), self._dq(inside, 1)
+
+    def evaluate_temperature(self, t: FloatArray) -> FloatArray:
+        """Return the temperature (k, n) at times t (k,); zeros where none is prescribed."""
+        prescribed = self._reference.temperature
+        n = self._reference.q.shape[1]
+        if prescribed is None:
+            return np.zeros((len(t), n))
+        return np.column_stack([np.interp(t, self._reference.t, prescribed[:, j]) for j in range(n)])
+
+
+def check_reference(reference: Reference, robot: Robot) -> None:
+    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward."""
+    m = len(reference.t)
+    if reference.t.ndim != 1 or m < 2:
+        raise DynidentError("a trajectory needs at least two samples", pointer="/trajectory/t", title=_TITLE)
+    arrays = {"t": reference.t, "q": reference.q, "dq": reference.dq, "ddq": reference.ddq}
+    if reference.temperature is not None:
+        arrays["temperature"] = reference.temperature
+    for name, values in arrays.items():
+        if name != "t" and values.shape != (m, robot.n):
+            raise DynidentError(
+                f"{name} has the shape {values.shape}; {m} samples of t and {robot.n} joints need {(m, robot.n)}",
+                pointer=f"/trajectory/{name}",
+                title=_TITLE,
+            )
+        bad = np.argwhere(~np.isfinite(values.reshape(m, -1)))
+        if len(bad):
+            row, joint = int(bad[0, 0]), int(bad[0, 1])
+            of = "" if name == "t" else f" of {robot.joint_names[joint]}"
+            raise DynidentError(
+                f"{name}{of} is not a finite number in sample {row}", pointer=f"/trajectory/{name}/{row}", title=_TITLE
+            )
+    back = np.flatnonzero(np.diff(reference.t) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise DynidentError(
+            f"t is {reference.t[row]} s in sample {row}, not after the {reference.t[row - 1]} s before it",
+            pointer=f"/trajectory/t/{row}",
+            title=_TITLE,
+        )

@@ -1,0 +1,111 @@
+"""Request for a virtual robot, before robot and motion are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from dynident.effects.choices import DEFAULT_EFFECTS, LINKS
+from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
+
+if TYPE_CHECKING:
+    from dynident.array_types import FloatArray
+
+FeedForward = Literal["computed_torque", "gravity", "none"]
+FEED_FORWARDS = OneOf(
+    Choice("computed_torque", "computed torque", "All that the links need."),
+    Choice("gravity", "gravity", "What holds the links."),
+    Choice("none", "none", "Nothing: the controller alone."),
+)
+
+
+@dataclass(frozen=True)
+class ActingEffect:
+    """An effect of the virtual robot; of a size as found on real arms where no parameters are given."""
+
+    effect: str = declare_field("An id of GET /v1/effects")
+    joints: tuple[str, ...] = declare_field("All that it may sit on where none is given", default=())
+    parameters: Mapping[str, float] = declare_field("By the names that the catalogue gives them", made_by=dict)
+    shape_parameters: Mapping[str, float] = declare_field(made_by=dict)
+    runs: tuple[str, ...] = declare_field('The runs that it is in: "1", "2", …; all where none is given', default=())
+
+
+@dataclass(frozen=True)
+class Warming:
+    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
+
+    start: float = declare_field("degC at t = 0", default=20.0, at_least=-273, at_most=1000)
+    end: float = declare_field("degC in the end", default=45.0, at_least=-273, at_most=1000)
+    time_constant: float = declare_field("How slowly", default=1200.0, unit="s", at_least=1e-3, at_most=1e9)
+
+    def compute_temperature(self, t: FloatArray) -> FloatArray:
+        """Return the temperature (m,) in degC at times t (m,) in s."""
+        import numpy as np
+
+        return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Encoders, torque sensors and the clock of a virtual robot.
+
+    The share of a joint's effort limit is one of the largest torque of the run where the robot has no limit. Currents
+    are torque / drive gain [12.17].
+    """
+
+    sampling_rate: float = declare_field(default=1000.0, unit="Hz", at_least=0.1, at_most=20_000, option="-")
+    encoder_counts: int | None = declare_field(
+        "Per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40
+    )
+    torque_noise: float = declare_field(
+        "Standard deviation, a share of the effort limit", default=0.005, at_least=0, at_most=1000
+    )
+    torque_noise_absolute: tuple[float, ...] | None = declare_field(
+        "Per joint, N m or N, instead of it", default=None, at_least=0, at_most=1e9, most=1000
+    )
+    jitter: float = declare_field(
+        "Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0, at_most=1
+    )
+    current: bool = declare_field("Record currents instead of torques; needs drive gains", default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """How often a virtual robot moves, with what between, and what is drawn."""
+
+    runs: int = declare_field("How often the motion is made: a segment for each", default=1, at_least=1, at_most=100)
+    pause: float = declare_field(
+        "Between runs, while the session's time goes on", default=60.0, unit="s", at_least=0, at_most=1e7
+    )
+    warming: Warming | None = declare_field(
+        "Records the joints' temperature; a usual warming where an effect needs it", default=None, option="-"
+    )
+    seed: int = declare_field("Of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
+
+
+def list_usual_effects() -> tuple[ActingEffect, ...]:
+    """Return the effects that act on every joint of every arm besides its links."""
+    return tuple(ActingEffect(choice.effect) for choice in DEFAULT_EFFECTS if choice.effect != LINKS.effect)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated(Session):
+    """A virtual robot to be measured."""
+
+    parameters: Mapping[str, float] = declare_field(
+        "Standard parameters by name, such as ZZ2 or Fc1; else those of the description", made_by=dict
+    )
+    effects: tuple[ActingEffect, ...] = declare_field(made_by=list_usual_effects, most=1000)
+    noise: Sensors = declare_field(made_by=Sensors)
+    sampling_rate: float | None = declare_field(
+        "Of the sensors; the trajectory's where not given",
+        default=None,
+        unit="Hz",
+        at_least=0.1,
+        at_most=20_000,
+        option="--rate",
+    )
+    feed_forward: FeedForward = declare_field(
+        "What the controller knows beforehand", default="computed_torque", kinds=FEED_FORWARDS
+    )

@@ -1,0 +1,93 @@
+"""Validate a model with a known load: do runs without and with it give the load's mass (§12.7)?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.effects import EffectChoice, get_effect
+from dynident.errors import DynidentError
+from dynident.identification import Identification, PayloadVerdict, payload_from_pair
+from dynident.identification.loads.drive_gains import DriveGains, identify_gains
+from dynident.identification.loads.payload_data import read_known_payload
+from dynident.recordings import Recording
+from dynident.validation.outcome import ValidationOutcome
+
+# Off by more than this share is wrong, whatever the interval; by less is right: gains are hardly known better.
+_AS_STATED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadValidation:
+    """The load of one recording: its `stated` mass in kg, and what it weighs by the runs without and with it.
+
+    `gains`: what the drive gains would have to be for the stated mass; None where the runs do not determine them.
+    """
+
+    name: str
+    stated: float
+    weighed: PayloadVerdict
+    gains: DriveGains | None
+    judged: ValidationOutcome
+
+
+def validate_payload(
+    identification: Identification, unloaded: Sequence[Recording], loaded: Recording, mass: float | None = None
+) -> PayloadValidation:
+    """Weigh a known load from runs without and with it, and compare with its stated mass.
+
+    Parameters
+    ----------
+    identification : Identification
+        Its effects and filters are used; effects that need a load or belong to some runs alone are left out.
+    unloaded : sequence of Recording
+        Runs without the load, such as those of the identification.
+    loaded : Recording
+        The run with the load.
+    mass : float, optional
+        Mass of the load in kg, where the recording's metadata do not state it.
+
+    Returns
+    -------
+    PayloadValidation
+
+    Raises
+    ------
+    DynidentError
+        Where no usable mass is stated, there is no run without the load, or the runs do not determine the model.
+    """
+    if mass is not None and not (np.isfinite(mass) and mass > 0):
+        raise DynidentError(f"the mass is {mass}; give a number of kg above zero", pointer="/mass")
+    stated = read_known_payload(loaded).mass if mass is None else mass
+    effects = tuple(choice for choice in identification.choices.effects if _is_usable_effect(choice))
+    robot, filters = identification.model.robot, identification.preprocessing
+    weighed = payload_from_pair(robot, unloaded, loaded, effects=effects, preprocessing=filters)
+    known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
+    try:
+        # The gains explain a wrong mass, but the comparison does not need them.
+        gains = identify_gains(robot, unloaded, [known], effects=effects, preprocessing=filters)
+    except DynidentError:
+        gains = None
+    return PayloadValidation(loaded.name, stated, weighed, gains, _judge_mass(stated, weighed))
+
+
+def _is_usable_effect(choice: EffectChoice) -> bool:
+    effect = get_effect(choice.effect)
+    return not (effect.needs_load or effect.in_some_runs or choice.runs)
+
+
+def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
+    if weighed.mass is None or weighed.interval is None:
+        return ValidationOutcome("not_evaluated", f"The load of {stated:.4g} kg cannot be weighed: {weighed.reason}.")
+    low, high = weighed.interval
+    off = weighed.mass - stated
+    text = f"The load weighs {weighed.mass:.3f} kg ({low:.3f} to {high:.3f}); it is said to be {stated:.4g} kg"
+    if low <= stated <= high or abs(off) <= _AS_STATED * stated:
+        return ValidationOutcome("pass", f"{text}.")
+    return ValidationOutcome(
+        "fail",
+        f"{text}, {abs(off) / stated:.1%} {'less' if off > 0 else 'more'}: the drive gains are probably too "
+        f"{'high' if off > 0 else 'low'} by as much, or the torque is not that of the joints.",
+    )

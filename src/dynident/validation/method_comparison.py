@@ -1,0 +1,291 @@
+"""Compare different methods of identification on the same data (§12.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from dynident.array_types import FloatArray
+from dynident.blas_threads import single_threaded
+from dynident.errors import DynidentError
+from dynident.estimation import Errors, Reduction, compute_errors, compute_moving_errors, compute_relative_change
+from dynident.identification import Identification
+from dynident.identification.choices import IdentificationChoices, ModelName
+from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
+from dynident.identification.problem import Problem
+from dynident.identification.strategies.dispatch import solve_by_strategy
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.validation.method import Method, available_methods
+from dynident.validation.outcome import ValidationOutcome
+
+# A method agrees where its error is within this factor of the best one's …
+_AS_GOOD = 1.15
+# … and its parameters differ by no more than this, root mean square, in units of their standard deviations.
+_FAR = 3.0
+# A torque that differs by more than so many standard deviations is not explained by them.
+_SURE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """What a method finds on the data that all of them share.
+
+    `held_out`: torque errors on the validation data, on the identification's own where there is none; `fit_moving` and
+    `held_out_moving`: on the rows where each joint moves. `distance` (b,)
+    of every parameter from the reference method's, in units of their joint standard deviation. `torque_distance`: how
+    far its predicted torque is from that of the reference method, as a share of the measured torque, and
+    `torque_deviation` what the uncertainty of its own parameters makes of that. `problem`: why
+    there is no result, else "". `seconds` that the solution took, the reduction of the data not counted.
+    """
+
+    method: Method
+    values: FloatArray | None
+    standard_deviations: FloatArray | None
+    fit: Errors | None
+    held_out: Errors | None
+    distance: FloatArray | None
+    torque_distance: float | None
+    torque_deviation: float | None
+    seconds: float
+    warnings: tuple[str, ...]
+    problem: str = ""
+    fit_moving: Errors | None = None
+    held_out_moving: Errors | None = None
+
+    @property
+    def distance_rms(self) -> float | None:
+        """Root mean square of the distance over all parameters."""
+        return None if self.distance is None else float(np.sqrt(np.mean(self.distance**2)))
+
+    @property
+    def farthest(self) -> int | None:
+        """The parameter that is farthest from the reference method's."""
+        return None if self.distance is None else int(np.argmax(self.distance))
+
+
+@dataclass(frozen=True, eq=False)
+class MethodsValidation:
+    """All methods on the same data; the first of `results` is the one that others are held against.
+
+    `held_out`: whether errors are those of data that no parameter saw.
+    """
+
+    parameters: tuple[str, ...]
+    results: tuple[MethodResult, ...]
+    held_out: bool
+    judged: ValidationOutcome
+
+
+@single_threaded
+def validate_methods(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    methods: Sequence[Method] | None = None,
+    progress: Progress = ignore_progress,
+) -> MethodsValidation:
+    """Identify the same effects from the same recordings by different methods, and compare the results.
+
+    The recordings are reduced once for every equation type; strategies and estimators are small algebra on that, unless
+    they go through the samples themselves.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+        What the model was identified from.
+    validation : sequence of Recording
+        Data that no parameter sees.
+    methods : sequence of Method, optional
+        All that are available where none are given.
+    progress : Progress
+
+    Returns
+    -------
+    MethodsValidation
+
+    Raises
+    ------
+    DynidentError
+        For methods that are not available, or no recording.
+    """
+    if not recordings:
+        raise DynidentError("give the measurements that the model was identified from", pointer="/measurement_ids")
+    chosen = tuple(dict.fromkeys(methods)) if methods else available_methods(identification.choices)
+    for method in chosen:
+        # Raise for an impossible method now, not after minutes of work on those before it.
+        method.apply_to(identification.choices)
+    model, reference = identification.model, identification.estimate.reference
+    preprocessing = identification.preprocessing
+    held_out_data = (
+        reduce_torque(model, validation, preprocessing, reference, scale_progress(progress, 0.0, 0.1))
+        if validation
+        else None
+    )
+    data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
+    results: list[MethodResult] = []
+    for number, method in enumerate(chosen):
+        share = scale_progress(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
+        share(0.0, method.words)
+        choices = method.apply_to(identification.choices)
+        # What the wrench alone shows is taken out of its equations with the estimator's weights.
+        kind = (method.model, method.model == "base_wrench" and method.estimator == "ols")
+        if kind not in data:
+            data[kind] = _reduce_recordings(identification, choices, recordings, share)
+        results.append(_run_method(identification, choices, method, data[kind], held_out_data, results))
+    judged = judge_methods(identification, results, held_out_data is not None)
+    names = tuple(column.name for column in model.kept)
+    return MethodsValidation(names, tuple(results), held_out_data is not None, judged)
+
+
+def _reduce_recordings(
+    identification: Identification, choices: IdentificationChoices, recordings: Sequence[Recording], progress: Progress
+) -> Data | DynidentError:
+    """Return the recordings reduced to the rows of an equation type, or why they cannot be."""
+    try:
+        return reduce_to_rows(
+            identification.model,
+            choices.row_options,
+            recordings,
+            identification.preprocessing,
+            identification.estimate.reference,
+            progress,
+        )
+    except DynidentError as error:
+        return error
+
+
+def _run_method(
+    identification: Identification,
+    choices: IdentificationChoices,
+    method: Method,
+    data: Data | DynidentError,
+    held_out_data: Data | None,
+    before: Sequence[MethodResult],
+) -> MethodResult:
+    start = perf_counter()
+    try:
+        if isinstance(data, DynidentError):
+            raise data
+        estimate = solve_by_strategy(choices, Problem.from_choices(identification.model, choices, data))
+    except DynidentError as error:
+        return MethodResult(
+            method, None, None, None, None, None, None, None, perf_counter() - start, (), problem=error.detail
+        )
+    values, deviations = estimate.solution.values, estimate.statistics.standard_deviations
+    seconds = perf_counter() - start
+    torque_rows = data.torque if held_out_data is None else held_out_data.torque
+    solved = ((result.values, result.standard_deviations) for result in before)
+    # The first method that has a result is the reference. For itself all distances are zero.
+    others, doubts = next(((v, d) for v, d in solved if v is not None and d is not None), (values, deviations))
+    return MethodResult(
+        method=method,
+        values=values,
+        standard_deviations=deviations,
+        fit=compute_errors(data.torque, values),
+        held_out=compute_errors(torque_rows, values),
+        distance=_compute_distance(values - others, np.hypot(deviations, doubts)),
+        torque_distance=compute_relative_change(torque_rows, values - others),
+        torque_deviation=_compute_torque_deviation(torque_rows, estimate.statistics.covariance),
+        seconds=seconds,
+        warnings=estimate.warnings,
+        fit_moving=compute_moving_errors(data.torque, values),
+        held_out_moving=compute_moving_errors(torque_rows, values),
+    )
+
+
+def _compute_distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
+    """Return (b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
+    size = np.abs(gap)
+    return np.asarray(np.where(size > 0, size / np.maximum(deviations, np.finfo(float).tiny), 0.0))
+
+
+def _compute_torque_deviation(reduction: Reduction, covariance: FloatArray) -> float:
+    """Return √tr(W C Wᵀ) / ||Y||: the relative uncertainty of the torque for parameters of this covariance."""
+    squares = measured = 0.0
+    for equation in reduction.equations:
+        k = len(equation.columns)
+        w = equation.joint_factor[:, :k]
+        squares += float(np.einsum("ij,jk,ik->", w, covariance[np.ix_(equation.columns, equation.columns)], w))
+        measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
+    return float(np.sqrt(max(squares, 0.0) / measured)) if measured > 0 else 0.0
+
+
+def judge_methods(identification: Identification, results: Sequence[MethodResult], held_out: bool) -> ValidationOutcome:
+    """Judge whether the methods agree.
+
+    They do not where one predicts worse than its uncertainty explains, or has other parameters.
+
+    Parameters
+    ----------
+    identification : Identification
+    results : sequence of MethodResult
+    held_out : bool
+        Whether the errors are those of data that no parameter saw.
+
+    Returns
+    -------
+    Judged
+    """
+    solved = [result for result in results if result.held_out is not None]
+    if len(solved) < 2:
+        reasons = "; ".join(f"{result.method.words}: {result.problem}" for result in results if result.problem)
+        return ValidationOutcome(
+            "not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else ".")
+        )
+    on = "on data that no parameter saw" if held_out else "on the identification's own data"
+    totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
+    best = min(totals)
+    worse = [
+        f"{result.method.words} ({total:.1%})"
+        for result, total in zip(solved, totals, strict=True)
+        if total > _AS_GOOD * best
+        and not _is_explained_by_uncertainty(result)
+        and _is_comparable(identification, result)
+    ]
+    others = [
+        f"{result.method.words} ({total:.1%})"
+        for result, total in zip(solved, totals, strict=True)
+        if total > _AS_GOOD * best
+        and not _is_explained_by_uncertainty(result)
+        and not _is_comparable(identification, result)
+    ]
+    far = [
+        f"{result.method.words} ({result.distance_rms:.1f}, most in {identification.model.kept[result.farthest].name})"
+        for result in solved
+        if result.distance_rms is not None and result.farthest is not None and result.distance_rms > _FAR
+        if _is_comparable(identification, result)
+    ]
+    range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
+    aside = ""
+    if others:
+        aside = f" That {', '.join(others)} predicts worse says so of its equations on this data, not of the model."
+    if not worse and not far:
+        return ValidationOutcome(
+            "pass",
+            f"{range_text}, and their parameters agree within {_FAR:.0f} standard deviations (root mean square)."
+            f"{aside}",
+        )
+    complaints = []
+    if worse:
+        complaints.append(f"worse than the best by more than {_AS_GOOD - 1:.0%}: {', '.join(worse)}")
+    if far:
+        complaints.append(
+            f"parameters off by more than {_FAR:.0f} standard deviations (root mean square): {', '.join(far)}"
+        )
+    return ValidationOutcome("fail", f"{range_text}; {'; '.join(complaints)}.")
+
+
+def _is_comparable(identification: Identification, result: MethodResult) -> bool:
+    """Return whether a method minimises torque errors (§12.6), or has the model's own equation type."""
+    return result.method.model in ("dynamic", "filtered", identification.choices.model)
+
+
+def _is_explained_by_uncertainty(result: MethodResult) -> bool:
+    """Return whether a method's torque differs by no more than its own uncertainty allows."""
+    distance, deviation = result.torque_distance, result.torque_deviation
+    return distance is not None and deviation is not None and distance <= _SURE * deviation

@@ -1,0 +1,190 @@
+"""Direct validation on the recordings of the identification, cross validation on others (§12.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynident.blas_threads import single_threaded
+from dynident.errors import DynidentError
+from dynident.estimation import Errors, compute_errors, compute_moving_errors
+from dynident.identification import Identification
+from dynident.identification.equations.reduce_data import reduce_torque
+from dynident.identification.thresholds import LARGEST_ERROR, LARGEST_OF_JOINT, OVERFIT
+from dynident.progress import Progress, ignore_progress, scale_progress
+from dynident.recordings import Recording
+from dynident.validation.outcome import ValidationOutcome
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingErrors:
+    """Errors of a model on one recording, on the joints' filtered torques: all rows, and those where a joint moves."""
+
+    name: str
+    errors: Errors
+    moving: Errors
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueValidation:
+    """Errors on every recording and on all together; `judged` against `limit`, a relative error.
+
+    `total_moving`: on the rows of all recordings where each joint moves.
+    """
+
+    recordings: tuple[RecordingErrors, ...]
+    total: Errors
+    total_moving: Errors
+    limit: float
+    judged: ValidationOutcome
+
+
+@single_threaded
+def validate_direct(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    limit: float = LARGEST_ERROR,
+    progress: Progress = ignore_progress,
+) -> TorqueValidation:
+    """Compute the torque error on the recordings that the model was identified from.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+    limit : float
+        Largest relative error over all joints that passes.
+    progress : Progress
+
+    Returns
+    -------
+    TorqueValidation
+
+    Raises
+    ------
+    DynidentError
+        For a limit that is not above zero, or no recording at all.
+    """
+    return _validate_torque(identification, recordings, limit, "the identification's own data", progress)
+
+
+@single_threaded
+def validate_cross(
+    identification: Identification,
+    recordings: Sequence[Recording],
+    limit: float = LARGEST_ERROR,
+    progress: Progress = ignore_progress,
+) -> TorqueValidation:
+    """Compute the torque error on recordings that were not used for the identification.
+
+    The validation also fails where the error is much larger than that of the fit: then the data did not determine the
+    model.
+
+    Parameters
+    ----------
+    identification : Identification
+    recordings : sequence of Recording
+    limit : float
+        Largest relative error over all joints that passes.
+    progress : Progress
+
+    Returns
+    -------
+    TorqueValidation
+
+    Raises
+    ------
+    DynidentError
+        For a limit that is not above zero, or no recording at all.
+    """
+    validation = _validate_torque(identification, recordings, limit, "data that no parameter saw", progress)
+    error, own = validation.total.relative_total, identification.fit.relative_total
+    if (
+        validation.judged.verdict != "pass"
+        or error <= OVERFIT * own
+        or not _is_clearly_worse(identification, validation.total)
+    ):
+        return validation
+    judged = ValidationOutcome(
+        "fail",
+        f"The error is {error:.1%} on data that no parameter saw, against {own:.1%} in the fit: the identification's "
+        "motion does not determine the model, or this motion shows what that one did not.",
+    )
+    return replace(validation, judged=judged)
+
+
+def check_limit(limit: float) -> None:
+    """Raise `DynidentError` where a relative error is no share above zero."""
+    if not (np.isfinite(limit) and limit > 0):
+        raise DynidentError(f"limit is {limit}; give a relative error above 0, such as 0.15", pointer="/limit")
+
+
+def _validate_torque(
+    identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
+) -> TorqueValidation:
+    each = _compute_errors_by_recording(identification, recordings, limit, progress)
+    total = _add_errors([recording_errors.errors for recording_errors in each])
+    moving = _add_errors([recording_errors.moving for recording_errors in each])
+    return TorqueValidation(each, total, moving, limit, _judge_errors(identification, total, moving, limit, on_what))
+
+
+def _compute_errors_by_recording(
+    identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
+) -> tuple[RecordingErrors, ...]:
+    check_limit(limit)
+    if not recordings:
+        raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
+    recording_errors = []
+    for index, recording in enumerate(recordings):
+        share = scale_progress(progress, index / len(recordings), (index + 1) / len(recordings))
+        data = reduce_torque(
+            identification.model, [recording], identification.preprocessing, identification.estimate.reference, share
+        )
+        values = identification.values
+        recording_errors.append(
+            RecordingErrors(
+                recording.name, compute_errors(data.torque, values), compute_moving_errors(data.torque, values)
+            )
+        )
+    return tuple(recording_errors)
+
+
+def _add_errors(each: Sequence[Errors]) -> Errors:
+    return Errors(*(np.sum([getattr(summand, name) for summand in each], axis=0) for name in _SUMMED))
+
+
+_SUMMED = ("squares", "measured", "counts")
+
+
+def _judge_errors(
+    identification: Identification, total: Errors, moving: Errors, limit: float, on_what: str
+) -> ValidationOutcome:
+    names = identification.model.robot.joint_names
+    if not total.counts.any():
+        return ValidationOutcome(
+            "not_evaluated", "No sample is left inside the windows and clear of the segments' ends."
+        )
+    relative = total.relative
+    where_moving = np.where(moving.counts > 0, moving.relative, relative)
+    useless = [f"{name} ({where_moving[j]:.0%})" for j, name in enumerate(names) if where_moving[j] > LARGEST_OF_JOINT]
+    worst = int(np.argmax(relative))
+    error = f"The torque error on {on_what} is {total.relative_total:.1%}"
+    if total.relative_total > limit:
+        return ValidationOutcome(
+            "fail", f"{error}, above the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+        )
+    if useless:
+        return ValidationOutcome(
+            "fail", f"{error}, but above {LARGEST_OF_JOINT:.0%} where it moves on {', '.join(useless)}."
+        )
+    return ValidationOutcome(
+        "pass", f"{error}, within the limit of {limit:.1%}; largest on {names[worst]}, {relative[worst]:.1%}."
+    )
+
+
+def _is_clearly_worse(identification: Identification, total: Errors) -> bool:
+    """Return whether the residual itself grew, not only its share in a smaller torque."""
+    own = identification.fit
+    return bool(np.any(total.rms > OVERFIT * own.rms))

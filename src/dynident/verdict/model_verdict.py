@@ -1,0 +1,275 @@
+"""The verdict of a model and its data: fit for what, why not, whether to stop, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from dynident.blas_threads import single_threaded
+from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
+from dynident.estimation import Errors, find_outlying_spans
+from dynident.identification import Identification
+from dynident.identification.recording_faults import VETOES
+from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
+from dynident.recordings import Check, Recording
+from dynident.result_display import join_html, render_list, render_paragraph
+from dynident.validation.drift import Drift
+from dynident.verdict.detectable_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
+from dynident.verdict.evidence import HeldOutEvidence, Outcome
+from dynident.verdict.stop_causes import Stop, find_stop_cause, is_hopeless
+from dynident.verdict.use import DIAGNOSE, USES, State, Use, UseFinding, UseName, combine_findings
+from dynident.verdict.use_findings import (
+    compute_drift,
+    judge_collision_detection,
+    judge_errors,
+    judge_feed_forward,
+    judge_payload,
+    judge_simulation,
+    judge_units,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelVerdict:
+    """What a model is fit for.
+
+    `held_out` and `held_out_moving` are the errors that it was judged by (None where there are none); `stop` says why
+    it is not to be used at all, None where it may; `common` what held-out data share with those of the fit;
+    `next_steps` what to do about the error, in the order of what it usually costs. `drift`: how far a simulation runs
+    away; `force`: which force at the tool shows; `mass` (kg): which load shows; None where nothing tells.
+    """
+
+    uses: tuple[Use, ...]
+    held_out: Errors | None
+    held_out_moving: Errors | None
+    stop: Stop | None
+    common: tuple[DataOverlap, ...]
+    next_steps: tuple[str, ...]
+    drift: Drift | None = None
+    force: DetectableForce | None = None
+    mass: float | None = None
+
+    @property
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        if self.stop is not None:
+            return f"Stop: {self.stop.cause}"
+        parts = {words: [use.words for use in self.uses if use.state == state] for state, words in _STATES.items()}
+        text = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
+        return f"{text[:1].upper()}{text[1:]}."
+
+    def __repr__(self) -> str:
+        return "\n".join([f"ModelVerdict: {self.summary}", *(f"  {line}" for line in self._lines())])
+
+    def _repr_html_(self) -> str:
+        return join_html(render_paragraph(self.summary, strong=True), render_list(self._lines()))
+
+    def _lines(self) -> list[str]:
+        """List the uses with their reasons, unless the model is not to be used at all, and the next steps."""
+        uses = () if self.stop is not None else self.uses
+        lines = [f"{use.mark} {use.words}: {use.reason} → {use.next_step}" for use in uses]
+        return [*lines, *(f"→ {step}" for step in self.next_steps)]
+
+
+_STATES: Mapping[State, str] = {
+    "yes": "fit for",
+    "limited": "fit within limits for",
+    "no": "not fit for",
+    "not_judged": "not judged for",
+}
+
+
+@single_threaded
+def verdict(
+    identification: Identification,
+    recordings: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
+    checks: Mapping[str, Sequence[Check]] | None = None,
+    outcomes: Sequence[Outcome] = (),
+) -> ModelVerdict:
+    """Judge what a model is fit for.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model.
+    recordings, validation : sequence of Recording
+        What the model was identified from, and the held-out data. Without them neither overlaps between the two nor the
+        cause of a gross mistake are looked for, and uses that need the residual in time are not judged.
+    checks : mapping of a recording's name to its checks, optional
+        What the checks found when the recordings were read. Where they say that size, sign or gravity are wrong, the
+        model is fit for nothing, however small its errors are: a wrong scale is fitted as well as the right one.
+    outcomes : sequence of Outcome
+        How validations of this model ended: they revise the verdict of their use.
+
+    Returns
+    -------
+    ModelVerdict
+    """
+    common = find_overlaps(recordings, validation)
+    # What is looked for in the columns of a stopped model shows in motion alone.
+    at_rest = identification.model.is_at_rest
+    stop = None if at_rest else find_stop_cause(identification, recordings, validation, common)
+    reservations = [UseFinding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
+    if identification.model.robot.joints_without_torque:
+        silent = ", ".join(identification.model.robot.joints_without_torque)
+        sentence = f"Not of {silent}, whose torque was not recorded."
+        reservations.append(UseFinding("limited", sentence, f"Record the torque of {silent}, too."))
+    against = _find_universal_objection(identification, stop, common, checks or {})
+    held_out = identification.held_out
+    drift, force, mass = None, None, None
+    if against is not None or held_out is None:
+        finding = against or UseFinding(
+            "not_judged",
+            "There are no held-out data to judge by: give a recording that no parameter sees.",
+            "Record another motion, and hold it out.",
+        )
+        uses = tuple(combine_findings(name, [finding], "") for name in USES)
+    else:
+        # Each use has its own findings. Failed validations and reservations count for all of them, and come first,
+        # since the first of the gravest findings gives the next step.
+        evidence = HeldOutEvidence.from_identification(identification, held_out, validation, outcomes)
+        robot = identification.model.robot
+        drift = compute_drift(evidence)
+        force, mass = (
+            compute_detectable_force(robot, evidence.comparisons),
+            compute_detectable_mass(robot, evidence.comparisons),
+        )
+        findings_by_use: dict[UseName, list[UseFinding]] = {
+            "simulation": [*judge_errors(evidence), *judge_simulation(evidence, drift), *judge_units(evidence)],
+            "feed_forward": [*judge_feed_forward(evidence), *judge_units(evidence)],
+            "collision_detection": judge_collision_detection(evidence, force),
+            "payload": judge_payload(evidence, mass),
+        }
+        uses = tuple(
+            combine_findings(name, [*_list_failed_validations(evidence, name), *reservations, *own], _WHEN_GOOD[name])
+            for name, own in findings_by_use.items()
+        )
+    return ModelVerdict(
+        uses,
+        held_out,
+        identification.held_out_moving,
+        stop,
+        common,
+        tuple(_list_next_steps(identification, stop, common)),
+        drift,
+        force,
+        mass,
+    )
+
+
+_ANOTHER = "Hold out another motion: this one is that of the fit."
+_WHEN_GOOD: Mapping[UseName, str] = {
+    "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
+    "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
+    "collision_detection": "Export it, and watch the residual behind the same filters: dynident export MODEL -f c.",
+    "payload": "Weigh a load: hold out runs with it, and dynident validate MODEL payload.",
+}
+_REVISES: Mapping[UseName, tuple[str, ...]] = {
+    "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
+    "feed_forward": ("cross", "direct"),
+    "collision_detection": ("cross", "direct"),
+    "payload": ("bootstrap", "methods", "cross", "direct"),
+}
+"""Which validations speak of a use. The known load is in the findings of those that it speaks of."""
+
+
+def _list_failed_validations(evidence: HeldOutEvidence, name: UseName) -> list[UseFinding]:
+    """List a finding for each failed validation that speaks of this use."""
+    return [
+        UseFinding(
+            "no",
+            f"The validation {outcome.kind.replace('_', ' ')} failed: {outcome.judged.reason}",
+            DIAGNOSE,
+        )
+        for outcome in evidence.list_failed(*_REVISES[name])
+    ]
+
+
+def _find_universal_objection(
+    identification: Identification,
+    stop: Stop | None,
+    common: Sequence[DataOverlap],
+    checks: Mapping[str, Sequence[Check]],
+) -> UseFinding | None:
+    """Return what speaks against every use, or leaves nothing to judge by; None where nothing does."""
+    if identification.model.is_at_rest:
+        sentence = "Poses at rest tell nothing of motion."
+        return UseFinding("no", sentence, "Record a designed motion: dynident design ROBOT.")
+    copied = [overlap for overlap in common if overlap.kind == "copied"]
+    if copied:
+        return UseFinding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
+    if stop is not None:
+        worst = max(
+            errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
+        )
+        sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
+        return UseFinding("no", sentence, "Look at the cause above first.")
+    veto = _find_veto(checks)
+    return UseFinding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
+
+
+def _find_veto(checks: Mapping[str, Sequence[Check]]) -> str:
+    """Say which check speaks against every use; nothing where the user has accepted what it finds, or none does."""
+    against = [
+        f"In {name}: {check.detail}"
+        for name, own in checks.items()
+        for check in own
+        if check.name in VETOES and check.status != "ok" and not check.is_accepted
+    ]
+    return against[0] if against else ""
+
+
+def _judge_poses(identification: Identification) -> str:
+    """Word what a model of poses at rest is good for."""
+    errors = identification.fit if identification.held_out is None else identification.held_out
+    error, poses = errors.relative_total, "poses of the fit" if identification.held_out is None else "held-out poses"
+    able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
+    return f"{able}: {error:.1%} of the torque of {poses} is left."
+
+
+def is_stopped(identification: Identification) -> bool:
+    """Return whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
+    return bool(identification.data.copied) or is_hopeless(identification.held_out) or is_hopeless(identification.fit)
+
+
+def _list_next_steps(identification: Identification, stop: Stop | None, common: Sequence[DataOverlap]) -> list[str]:
+    if stop is not None and stop.apply is not None:
+        return [f"Read {stop.recording} again with: {stop.apply}.", "Identify again, and look at the verdict again."]
+    if stop is not None and any(overlap.kind == "copied" for overlap in common):
+        return ["Hold out a recording of another motion."]
+    if stop is not None and stop.records_more:
+        return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
+    if stop is not None:
+        return [
+            "Look at the checks of the recordings, one by one.",
+            "Compare the description with the robot: axes, gravity.",
+        ]
+    steps = [
+        f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
+        for span in find_outlying_spans(identification.data.training).spans
+    ]
+    if identification.model.is_at_rest:
+        return [_judge_poses(identification), "Record a designed motion to identify the dynamics."]
+    if identification.held_out is None:
+        return [*steps, "Record another motion, and hold it out."]
+    error = identification.held_out.relative_total
+    if any(overlap.kind == "repeated" for overlap in common):
+        steps.append(_ANOTHER)
+    if error > OVERFIT * identification.fit.relative_total:
+        steps.append(
+            f"The held-out error is {error / max(identification.fit.relative_total, 1e-12):.1f} times that of the fit: "
+            "record a designed motion."
+        )
+    return [*steps, *_advise_diagnosis(error, was_extended=identification.step.parent is not None)]
+
+
+def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
+    """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
+    alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
+    if was_extended:
+        still = f"Diagnose this model, too: with all effects {full} are usual, and it was extended already."
+        return [still] if error > USUAL_IN_FULL[1] else []
+    if error <= USUAL_IN_FULL[0]:
+        return []
+    return [f"Diagnose what is missing and add it: {alone} are usual with friction alone, {full} with all effects."]

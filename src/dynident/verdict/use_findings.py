@@ -1,0 +1,260 @@
+"""Judge a model for each use: feed forward, collision detection, weighing loads, simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.effects import LINKS
+from dynident.errors import DynidentError
+from dynident.estimation import compute_errors
+from dynident.identification.estimators.feasible import find_nearest_feasible
+from dynident.identification.parameters.inertia_matrix import compute_smallest_inertia_eigenvalue
+from dynident.identification.thresholds import (
+    LARGEST_DRIFT,
+    LARGEST_ERROR,
+    LARGEST_FORCE,
+    LARGEST_FORCE_ANYWHERE,
+    LARGEST_OF_JOINT,
+    LARGEST_TO_WEIGH,
+    NOTABLE_DRIFT,
+    NOTABLE_OF_JOINT,
+)
+from dynident.validation.drift import AFTER, Drift, compute_open_loop_drift
+from dynident.verdict.detectable_loads import FALSE_ALARMS_AN_HOUR, FEWEST_BLOCKS, SEEN, DetectableForce
+from dynident.verdict.evidence import HeldOutEvidence
+from dynident.verdict.use import DIAGNOSE, GIVE_RECORDINGS, State, UseFinding
+
+_LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that carry the tool."
+
+
+def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce | None) -> list[UseFinding]:
+    """Judge the force at the tool that a threshold on the residual detects at one false alarm an hour."""
+    findings = [*judge_errors(evidence), *judge_scale(evidence)]
+    if force is None:
+        if not evidence.comparisons:
+            return [*findings, UseFinding("not_judged", "A threshold takes the held-out recordings.", GIVE_RECORDINGS)]
+        return [*findings, UseFinding("not_judged", "The held-out data are too short to tell a threshold.", _LONGER)]
+    figures = (
+        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm an hour a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} "
+        f"of directions and postures of the held-out motion, {force.seconds:.0f} s)."
+    )
+    if force.force > LARGEST_FORCE:
+        against = f"{figures} Above {LARGEST_FORCE:g} N, which a hand may bear, it saves the machine at best."
+        return [*findings, UseFinding("no", against, DIAGNOSE)]
+    if force.force > LARGEST_FORCE_ANYWHERE:
+        findings.append(
+            UseFinding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", DIAGNOSE)
+        )
+    if not evidence.list_passed("payload"):
+        findings.append(
+            UseFinding("limited", "In N only if the drive gains are right, which nothing has checked.", GAINS)
+        )
+    return [*findings, UseFinding("yes", figures)]
+
+
+# Limits of nature that are named; of more their number is said.
+_NAMED = 3
+_POSTURES = 200
+CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
+
+
+def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[UseFinding]:
+    """Judge the links, the mass matrix along the motion, and the drift of a simulation without a controller."""
+    findings = [*_judge_bodies(evidence), *_judge_mass_matrix(evidence)]
+    if drift is not None:
+        return [*findings, _judge_drift(drift)]
+    if evidence.recordings:
+        sentence = "No robot with these parameters makes a step along the held-out motion."
+        return [*findings, UseFinding("no", sentence, CURE)]
+    sentence = "How far a simulation runs away takes the held-out recordings."
+    return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
+
+
+def compute_drift(evidence: HeldOutEvidence) -> Drift | None:
+    """Return the drift along the held-out recordings; None where there are none, or no robot has these parameters."""
+    try:
+        return compute_open_loop_drift(evidence.identification, evidence.recordings) if evidence.recordings else None
+    except DynidentError:
+        return None
+
+
+def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """Judge whether bodies, rotors and friction that can exist have the parameters; if not, what they would cost."""
+    identification = evidence.identification
+    if not any(choice.effect == LINKS.effect for choice in identification.model.effects):
+        return []
+    if identification.estimate.standard is not None and not identification.estimate.not_essential:
+        return []  # These standard parameters were looked for among those of bodies that can exist.
+    try:
+        nearest = find_nearest_feasible(
+            identification.model,
+            identification.data.equations,
+            identification.estimate.solution,
+            identification.choices.trust,
+        )
+    except DynidentError as error:
+        return [
+            UseFinding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)
+        ]
+    if nearest.is_feasible:
+        return []
+    names = ", ".join(nearest.limits[:_NAMED])
+    more = f" and {len(nearest.limits) - _NAMED} more" if len(nearest.limits) > _NAMED else ""
+    cost = ""
+    if identification.data.held_out is not None:
+        after = compute_errors(identification.data.held_out, nearest.values).relative_total
+        before = evidence.held_out.relative_total
+        cost = f" The nearest that can have a held-out error of {after:.2%} instead of {before:.2%}."
+    return [UseFinding("no", f"No bodies that can exist have these parameters ({names}{more}).{cost}", CURE)]
+
+
+def _judge_mass_matrix(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """Judge whether the mass matrix is positive definite along the held-out motion, and in random postures."""
+    identification = evidence.identification
+    along = np.inf
+    if evidence.comparisons:
+        q = np.concatenate([comparison.q for comparison in evidence.comparisons])
+        along = compute_smallest_inertia_eigenvalue(
+            identification.model, identification.values, postures=q[:: max(1, len(q) // _POSTURES)]
+        )
+    if along <= 0:
+        return [UseFinding("no", "Along the held-out motion the mass matrix is not positive definite.", CURE)]
+    if identification.worst_inertia_eigenvalue <= 0:
+        return [UseFinding("no", "In some postures the mass matrix is not positive definite.", CURE)]
+    return []
+
+
+def _judge_drift(drift: Drift) -> UseFinding:
+    share, figures = drift.share, word_drift(drift)
+    # Only the two shorter horizons decide: after two seconds most arms have left the motion, whatever the model, as
+    # they are unstable without a controller.
+    short = share[:2]
+    if not np.isfinite(short[0]).all():
+        return UseFinding("no", f"Left alone under the measured torque, the simulation diverges. {figures}", CURE)
+    if float(np.nanmax(short)) > LARGEST_DRIFT:
+        sentence = (
+            f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
+        )
+        return UseFinding("no", sentence, DIAGNOSE)
+    if float(np.nanmax(short)) > NOTABLE_DRIFT:
+        sentence = f"Only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
+        return UseFinding("limited", sentence, DIAGNOSE)
+    return UseFinding("yes", figures)
+
+
+def word_drift(drift: Drift) -> str:
+    """Word the drift of the worst joint after each time, in a sentence."""
+    phrases = []
+    for after, share in zip(AFTER, drift.share, strict=True):
+        if np.isnan(share).all():
+            continue
+        worst = int(np.nanargmax(share))
+        size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
+        phrases.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
+    return f"Left alone under the measured torque, the worst joint is off by {', '.join(phrases)}."
+
+
+GAINS = (
+    "Run the motion of the identification with a load that was weighed: dynident validate MODEL payload LOADED "
+    "--unloaded RUN --mass KG."
+)
+_LEAST_DETERMINED = 0.5
+"""Share of the links' parameters that the data have to determine before a load is weighed against them."""
+
+
+def judge_scale(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """List the known loads that came out wrong: then all torques, forces and masses are off by the same factor."""
+    step = "Find the drive gains from the runs without and with the load: dynident gains."
+    return [UseFinding("no", outcome.judged.reason, step) for outcome in evidence.list_failed("payload")]
+
+
+def judge_units(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """List wrong known loads as limits, for uses in which torques are only compared with torques."""
+    sentence = "In the unit of the recorded torque alone: a known load came out wrong, and so are all masses."
+    return [UseFinding("limited", sentence, finding.next_step) for finding in judge_scale(evidence)]
+
+
+def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFinding]:
+    """Judge the scale of the torques by a known load, and the mass that shows."""
+    findings = [*judge_errors(evidence), *judge_scale(evidence)]
+    error = evidence.held_out.relative_total
+    if error > LARGEST_TO_WEIGH:
+        sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
+        findings.append(UseFinding("no", sentence, DIAGNOSE))
+    parameters = evidence.identification.parameters
+    links = [
+        parameter
+        for parameter in parameters
+        if parameter.effect == LINKS.effect and parameter.judgement != "zero_in_interval"
+    ]
+    sure = sum(parameter.judgement == "determined" for parameter in links)
+    if not links or sure < _LEAST_DETERMINED * len(links):
+        sentence = (
+            f"Of the {len(links)} parameters of the links that are not zero the data determine {sure}: a load would be "
+            "weighed against uncertain ones."
+        )
+        findings.append(UseFinding("no", sentence, "Record a longer, designed motion: dynident design."))
+    checked = evidence.list_passed("payload")
+    if not checked:
+        sentence = "Nothing has checked the drive gains: with wrong ones every load is as wrong, and no error shows it."
+        findings.append(UseFinding("not_judged", sentence, GAINS))
+    if mass is None:
+        sentence = "Which mass shows takes a held-out motion that moves the tool."
+        return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
+    figures = f"Along the held-out motion a load at the tool shows from {mass:.2g} kg on."
+    return [*findings, *(UseFinding("yes", outcome.judged.reason) for outcome in checked), UseFinding("yes", figures)]
+
+
+_PRESLIDING = "Find what is missing, most often presliding friction: dynident diagnose MODEL RUN."
+
+
+def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """Judge the held-out error, all rows together and each joint where it moves: every use rests on these."""
+    error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
+    findings = []
+    # Written so that nan counts as too large.
+    if not error <= LARGEST_ERROR:
+        findings.append(UseFinding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
+    bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
+    if bad:
+        sentence = f"Where they move, joints are above {LARGEST_OF_JOINT:.0%}: {', '.join(bad)}."
+        findings.append(
+            UseFinding("no", sentence, f"Find what is missing on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN.")
+        )
+    if evidence.never_moving:
+        names = ", ".join(evidence.never_moving)
+        sentence = f"Nothing is told of {names}, which never moves in the held-out data."
+        findings.append(UseFinding("limited", sentence, f"Hold out a motion of all joints: {names} stands."))
+    return findings
+
+
+def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
+    """Judge the error while joints move, reverse, and start: the worst joint counts."""
+    error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
+    worst = int(np.argmax(each))
+    figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
+    findings = judge_errors(evidence)
+    notable = [
+        f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
+    ]
+    if notable:
+        sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
+        findings.append(UseFinding("limited", sentence, DIAGNOSE))
+    remembers = bool(evidence.identification.model.signals.memory_signals)
+    # The first phase, moving, is judged by the joints' errors above, on all rows of the held-out data.
+    for phase in evidence.phases[1:]:
+        if np.isnan(phase.share).all():
+            continue
+        joint = int(np.nanargmax(phase.share))
+        share = float(phase.share[joint])
+        if share <= NOTABLE_OF_JOINT:
+            figures.append(f"{phase.name} {share:.0%} ({joints[joint]})")
+            continue
+        state: State = "no" if share > LARGEST_OF_JOINT else "limited"
+        sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
+        findings.append(UseFinding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
+    if not evidence.phases:
+        sentence = "What is left where joints reverse and start takes the held-out recordings."
+        findings.append(UseFinding("limited", sentence, GIVE_RECORDINGS))
+    good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
+    return [*findings, UseFinding("yes", good)]
