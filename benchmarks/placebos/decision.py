@@ -1,7 +1,7 @@
 """What the decision rule would recommend of given rows: the one place that knows how candidates are judged.
 
-It does what `dynident.diagnosis.examination` does between its pool of candidates and its picks. Where that changes, this
-has to follow; all else of the placebo stays.
+It does what `dynident.diagnosis.examination` does, from its pool of candidates to its picks. Where that changes,
+this has to follow; all else of the placebo stays.
 """
 
 from __future__ import annotations

@@ -103,7 +103,10 @@ def _render_schema(name: str, schema: Mapping[str, Any]) -> str:
     ]
     description = escape(schema.get("description", ""))
     named = escape(name)
-    return f"<details id='{named}' open><summary><b>{named}</b></summary><p>{description}</p>{_render_table(rows)}</details>"
+    return (
+        f"<details id='{named}' "
+        f"open><summary><b>{named}</b></summary><p>{description}</p>{_render_table(rows)}</details>"
+    )
 
 
 def _render_table(rows: list[tuple[str, str, str]]) -> str:

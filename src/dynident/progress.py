@@ -1,7 +1,8 @@
 """Progress reports and checkpoints of long computations.
 
 A progress report also stops a computation that nobody waits for any more; from a checkpoint a computation goes on after
-it was stopped from outside."""
+it was stopped from outside.
+"""
 
 from __future__ import annotations
 

@@ -182,7 +182,8 @@ def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) 
         console.print(f"To add what is missing: dynident extend … --effects '{effect_list}'", soft_wrap=True)
     for pattern in diagnosis.unknown:
         console.print(
-            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} ({format_percent(pattern.share, 2)})"
+            f"  {pattern.joint} still depends on {pattern.variable.replace('_', ' ')} "
+            f"({format_percent(pattern.share, 2)})"
         )
     if diagnosis.not_visible:
         console.print(f"  This data could not have shown: {format_hidden_effects(diagnosis, robot)}")

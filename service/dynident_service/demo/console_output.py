@@ -63,7 +63,8 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     assert first.held_out is not None
     console.print(
         f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
-        f"{format_percent(first.fit.relative_total)} in the fit, {format_percent(first.held_out.relative_total)} held out.",
+        f"{format_percent(first.fit.relative_total)} in the fit, "
+        f"{format_percent(first.held_out.relative_total)} held out.",
     )
     _print_heading(console, "Compare")
     over = analysis.compute_floor_ratio(first)
@@ -77,7 +78,8 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     )
     if spot is not None:
         console.print(
-            f"It is largest over {spot.variable}, between {format_number(spot.low)} and {format_number(spot.high)} {spot.unit}: "
+            f"It is largest over {spot.variable}, between {format_number(spot.low)} and "
+            f"{format_number(spot.high)} {spot.unit}: "
             f"{spot.ratio:.1f} times the joint's own.",
         )
     _print_heading(console, "Diagnose")

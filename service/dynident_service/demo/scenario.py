@@ -1,4 +1,4 @@
-"""The scenario of the demonstration: the robot, an effect hidden where it can be found, and the plan of the experiment."""
+"""The demonstration: the robot, an effect hidden where it can be found, and the plan of the experiment."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class OtherWorkers:
     def list_workers(
         self, work: Callable[[_Item, Progress], _Result], size: float
     ) -> Sequence[Callable[[_Item, Progress], _Result]]:
-        """Return one callable for each thread of each other worker; see `dynident.parallel.remote_workers.RemoteWorkers`.
+        """Return a callable for each thread of each other worker; see `dynident.parallel.remote_workers.RemoteWorkers`.
 
         Parameters
         ----------

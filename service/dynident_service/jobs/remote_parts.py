@@ -1,4 +1,4 @@
-"""Parts of a job that another worker computes: their pickling, their message, and their execution in a child process."""
+"""Parts of a job that another worker computes: pickling, message, and execution in a child process."""
 
 from __future__ import annotations
 

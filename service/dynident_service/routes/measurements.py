@@ -176,7 +176,8 @@ add_resource_routes(
         show=show_measurement,
         show_description="Show a measurement.",
         delete_description="Delete a measurement; 409 while others rest on it.",
-        label_description="Rename, tag or archive a measurement; the runs of a recording keep the name that they were read "
+        label_description="Rename, tag or archive a measurement; the runs of a recording keep the name that "
+        "they were read "
         "with.",
     ),
 )

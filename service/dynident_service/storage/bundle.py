@@ -1,4 +1,4 @@
-"""The bundle of one robot for another service: its writing, its reading, and the check of rows that come from outside."""
+"""The bundle of one robot for another service: writing, reading, and the check of rows from outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints of jobs: the state from which the next attempt continues, kept in the database until the job has ended."""
+"""Checkpoints of jobs: the state from which the next attempt continues, kept in the database until the job ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of experiments that tell effects apart: their design requests, and which of them decides between two effects."""
+"""Kinds of experiments that tell effects apart: their design requests, and which decides between two effects."""
 
 from __future__ import annotations
 

@@ -108,7 +108,8 @@ class Model:
         errors = identification.held_out
         held_out = "" if errors is None else f", {format_percent(errors.relative_total)} on held-out data"
         sentences = [
-            f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the fit{held_out}.",
+            f"The relative error of the torque is {format_percent(identification.fit.relative_total)} in the "
+            f"fit{held_out}.",
             f"{n_determined} of {n_parameters} are determined by the data.",
             f"The condition number of W is {format_number(identification.condition_number)}; there are "
             f"{identification.equations_per_parameter:.0f} equations per parameter.",

@@ -55,7 +55,8 @@ class DesignedMotion(Framed):
         random_text = (
             ""
             if baseline is None
-            else f"; the best of {baseline.count} random motions reaches {format_number(baseline.best.condition_number)}"
+            else f"; the best of {baseline.count} random motions reaches "
+            f"{format_number(baseline.best.condition_number)}"
         )
         nearest = max(design.margins, key=lambda margin: margin.share)
         return (

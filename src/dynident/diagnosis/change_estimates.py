@@ -68,7 +68,8 @@ def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> 
             main=values[0],
             more=tuple(values[1:]),
             p_value=ranked.p_value,
-            evidence=f"{_word_change(choice, values[0])} {ranked.evidence}{_word_gain_reservation(estimates.robot, choice)}"
+            evidence=f"{_word_change(choice, values[0])} "
+            f"{ranked.evidence}{_word_gain_reservation(estimates.robot, choice)}"
             f"{_word_temperature_reservation(estimates, choice, joint)}",
             equivalent=tuple(dict.fromkeys(names)),
         )

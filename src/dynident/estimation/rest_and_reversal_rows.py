@@ -6,7 +6,8 @@ hold both a halt and motion next to it are equations of that motion.
 
 At a reversal dry friction changes its sign. A model in which it jumps is wrong by many times the noise: the instant is
 known only within some milliseconds, and real friction does not jump. A few of these rows may outweigh all others where
-the motion is small, so they have a noise of their own, and a weight from it."""
+the motion is small, so they have a noise of their own, and a weight from it.
+"""
 
 from __future__ import annotations
 

@@ -178,7 +178,8 @@ class FeasibleLinks:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
         choices_in_file = select_held_effects(self.identification, self.held)
         left_out = [
-            f"{get_effect(choice.effect).title} is not in this file, which has no word for it: {describe_effect(choice)}."
+            f"{get_effect(choice.effect).title} is not in this file, which has no word for it: "
+            f"{describe_effect(choice)}."
             for choice in self.identification.choices.effects
             if choice not in choices_in_file
         ]
@@ -189,7 +190,8 @@ class FeasibleLinks:
         if self.rounding_error > SMALL:
             notes.append(
                 "Right angles that are rounded in the description let the torque of the links differ by "
-                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such small terms out."
+                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such "
+                f"small terms out."
             )
         return tuple(notes)
 

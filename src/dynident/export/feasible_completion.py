@@ -203,7 +203,8 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     note = (
         f"These are not the identified parameters but the nearest that bodies can have. What cannot exist: "
         f"{'; '.join(blamed)}. Along the identification's data the torque differs by "
-        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead of "
+        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} "
+        f"instead of "
         f"{before:.2%}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)

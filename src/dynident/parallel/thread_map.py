@@ -1,7 +1,8 @@
 """A map over large items on several processors at once, by threads that share a queue of work.
 
 Threads suffice: what takes the time, machine code, filters and factorisations, does not hold Python's lock, and nothing
-has to be copied between processes. Other machines take items as well where the caller allows it (`remote_workers`)."""
+has to be copied between processes. Other machines take items as well where the caller allows it (`remote_workers`).
+"""
 
 from __future__ import annotations
 

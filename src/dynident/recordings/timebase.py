@@ -1,4 +1,4 @@
-"""The time column: nominal rate, jitter, gaps, repeated and unsorted stamps, and whether the clock behind it is even."""
+"""The time column: nominal rate, jitter, gaps, repeated and unsorted stamps, and whether its clock is even."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Reports as PDF files, typeset by Typst.
 
 The HTML page is parsed to a tree of elements, which is converted to Typst code. Every text becomes a Typst string, in
-which no character is markup."""
+which no character is markup.
+"""
 
 from __future__ import annotations
 

@@ -317,7 +317,8 @@ def _iter_urdf_links(
         yield name, joint, reader.read_link(link, placement)
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
-            f"none of the {len(unread)} collision meshes of the URDF is in {join_names(map(str, mesh_folders))}, so that "
+            f"none of the {len(unread)} collision meshes of the URDF is in "
+            f"{join_names(map(str, mesh_folders))}, so that "
             f"no collision could be checked. The first: {unread[0]}. Name the folder that holds the package of "
             "package://…, or the folder of a relative name.",
             pointer="/surroundings/mesh_folders",

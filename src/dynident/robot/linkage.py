@@ -284,7 +284,8 @@ def link_joints(
     loose = tuple(j for j, name in enumerate(tree.joint_names) if name in cuts.passive)
     if not driven:
         raise DynidentError(
-            f"No joint is driven: all of {join_names(tree.joint_names)} follow others or are passive. Drive at least one.",
+            f"No joint is driven: all of {join_names(tree.joint_names)} follow others or are passive. Drive "
+            f"at least one.",
             pointer=cuts.loops[0].where if cuts.loops else "",
             title=title,
         )
@@ -330,7 +331,8 @@ def _build_closure(
         return None
     if not cuts.loops:
         raise DynidentError(
-            f"No loop holds the passive joints {join_names(cuts.passive)}; drive or tie them, or close a loop with them.",
+            f"No loop holds the passive joints {join_names(cuts.passive)}; drive or tie them, or close a loop "
+            f"with them.",
             pointer="/loops",
             title=CLOSURE_TITLE,
         )

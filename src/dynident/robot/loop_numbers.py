@@ -2,7 +2,8 @@
 
 Elimination solves small sparse systems of expressions in an order that is chosen once on numbers. CasADi's own `solve`
 of expressions knows no numbers, so it must make every pivot safe by an orthogonalisation, which takes several times as
-many operations as the elimination of a matrix that is mostly zeros."""
+many operations as the elimination of a matrix that is mostly zeros.
+"""
 
 from __future__ import annotations
 

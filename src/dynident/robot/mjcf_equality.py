@@ -121,7 +121,8 @@ def _read_linear_equation(compiled: mujoco.MjModel, k: int, line: int, pointer: 
     if np.any(data[2:5]):
         raise make_mjcf_error(
             f"polycoef of the equality '{compiled.equality(k).name}' is "
-            f"{join_names(f'{coefficient:g}' for coefficient in data[:5])}; only the first two, a constant and a ratio, "
+            f"{join_names(f'{coefficient:g}' for coefficient in data[:5])}; only the first two, a constant "
+            f"and a ratio, "
             "can be other than 0.",
             line,
             pointer,

@@ -50,7 +50,8 @@ kind                    planar: a pin, the origins coincide in the xy plane of t
                         ball joint, the origins coincide (3); full: the frames coincide (6)
 between                 the two frames: `joint` is the joint of the table that carries it, or "base"; `at` its origin in
                         that joint's frame (m); `rpy` its rotation, about x, then y, then z (rad), none by default
-======================  ================================================================================================"""
+======================  ================================================================================================
+"""
 
 from __future__ import annotations
 

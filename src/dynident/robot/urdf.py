@@ -1,4 +1,4 @@
-"""Read robots from URDF: check the XML with line numbers, reduce it to what the dynamics need, and parse it by Pinocchio."""
+"""Read robots from URDF: check the XML, reduce it to what the dynamics need, and parse it by Pinocchio."""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 Such effects are drive gains, delayed torque and positions that are not those of the links. They do not change the
 motion. A sensor shows the torque of the motors and what these effects add to it at the measured position. Delayed
-torque is the torque of an earlier instant, jumps included."""
+torque is the torque of an earlier instant, jumps included.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Typical sizes of effects on real arms, for virtual robots of which only a description is known.
 
-An effect without a known usual size gets parameters that give a chosen torque."""
+An effect without a known usual size gets parameters that give a chosen torque.
+"""
 
 from __future__ import annotations
 

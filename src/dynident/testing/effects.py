@@ -246,7 +246,8 @@ def _check_columns(effect: Effect, states: EffectStates, possible: tuple[int, ..
         require(shape == (robot.n, 1), f"column {column.name} has the shape {shape}, not ({robot.n}, 1)")
     require(
         not states.unknown_symbols,
-        f"the columns of {effect.id} depend on {', '.join(states.unknown_symbols)}: a column is a function of Signals and "
+        f"the columns of {effect.id} depend on {', '.join(states.unknown_symbols)}: a column is a function of "
+        f"Signals and "
         "shape constants alone, or the torque would not be linear in the parameters",
     )
     bad = [c.name for k, c in enumerate(states.columns) if not np.isfinite(states.torque[:, :, k]).all()]

@@ -224,7 +224,10 @@ def _try_filters(
 def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> ValidationOutcome:
     if used.error is None or best.error is None:
         return ValidationOutcome("not_evaluated", "The identification's own filters could not be tried.")
-    own = f"The filters used ({_word_cutoffs(used.preprocessing)}) leave a parameter error worth {used.error:.2%} of the torque"
+    own = (
+        f"The filters used ({_word_cutoffs(used.preprocessing)}) leave a parameter error worth "
+        f"{used.error:.2%} of the torque"
+    )
     if used.error <= _AS_GOOD * best.error:
         return ValidationOutcome(
             "pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}."

@@ -1,7 +1,8 @@
 """What a residual depends on: the bins where it is largest, and dependences that no effect explains.
 
 Dependences are bin means over a variable, learnt on some blocks of time and tried on the others; of the residual itself
-and, since friction changes sign with the direction, of the residual times the sign of the velocity."""
+and, since friction changes sign with the direction, of the residual times the sign of the velocity.
+"""
 
 from __future__ import annotations
 

@@ -171,7 +171,8 @@ def find_static_friction(
             continue
         judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
         why = (
-            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held {_MUCH:.0%} or more beyond "
+            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held "
+            f"{_MUCH:.0%} or more beyond "
             f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
             "falls off is hardly resolved."
         )

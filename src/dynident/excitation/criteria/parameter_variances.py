@@ -3,7 +3,8 @@
 A variance is an entry of the diagonal of M⁻¹, all other columns present. For two rival effects A and B in one model
 [base | A | B], 1 / (M⁻¹)aa is the squared distance of the contribution of A from the best that base and B can do
 instead, for a unit amplitude: minimising the variance of A's parameter is T-optimality (Atkinson and Fedorov 1975) for
-the pair."""
+the pair.
+"""
 
 from __future__ import annotations
 

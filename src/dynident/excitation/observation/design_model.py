@@ -1,6 +1,7 @@
 """Observation matrix of a design: the columns of chosen effects on a robot, as far as a motion determines them.
 
-With locked joints (§12.3.4.2) there are fewer parameters and fewer equations."""
+With locked joints (§12.3.4.2) there are fewer parameters and fewer equations.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
     """Return the note that names the locked joints."""
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
-        f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the parameters that these "
+        f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the "
+        f"parameters that these "
         "show."
     )
 

@@ -88,7 +88,10 @@ def check_against_dynamics(
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
-    reason = f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} {unexplained.worst_share:.0%}"
+    reason = (
+        f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} "
+        f"{unexplained.worst_share:.0%}"
+    )
     if unexplained.average_share < _UNEXPLAINED_LIMIT and not wrong:
         return [*guesses, Guess("check", f"{unexplained.average_share:.0%} left", 0.9, reason)], questions
     # The most probable cause comes first, before all other guesses.

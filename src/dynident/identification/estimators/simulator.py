@@ -3,7 +3,8 @@
 Estimators and validations simulate an identified model on the same virtual robot, with its equation of motion, its
 friction at standstill and its controller. They choose only the step and the stiffness of the controller. Estimators
 simulate round after round and need positions near the recorded ones. A validation simulates once, and asks whether an
-ordinary controller is enough."""
+ordinary controller is enough.
+"""
 
 from __future__ import annotations
 

@@ -101,7 +101,10 @@ def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> Payload
     """
     deviation = hypot(alike.standard_deviation, apart.standard_deviation)
     between = abs(alike.mass - apart.mass)
-    both = f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if the loaded run has its own"
+    both = (
+        f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if "
+        f"the loaded run has its own"
+    )
     if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
         return _not_identifiable(
             f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "

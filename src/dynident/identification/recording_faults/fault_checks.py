@@ -137,7 +137,10 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     elif mistakes:
         mounted = None
     wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
-    fine = f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} are left of it."
+    fine = (
+        f"No other order or sign of the columns explains the torque clearly better: "
+        f"{now.average_share:.0%} are left of it."
+    )
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
         findings: tuple[Check, ...] = (_report_mounting(mounted, machine),)
@@ -196,7 +199,8 @@ def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str]
     return Check(
         _CHECK[finding.mistake.kind],
         "error" if finding.certain else "warning",
-        f"{known} {description}: as the columns are, {why}. {_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
+        f"{known} {description}: as the columns are, {why}. "
+        f"{_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
         columns[finding.mistake.joints[0]],
         # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
         # has to choose, and a ratio is only as good as the masses of the description.

@@ -1,7 +1,8 @@
 """Find torques in another unit, or with another gain, by the description's masses and by friction.
 
 Friction tells the size of a torque where gravity and inertia do not, in first joints and wrists: drives of one robot
-are built alike, and lose a similar share of what they can give."""
+are built alike, and lose a similar share of what they can give.
+"""
 
 from __future__ import annotations
 

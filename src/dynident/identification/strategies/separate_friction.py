@@ -3,7 +3,8 @@
 Whatever the rest of the robot is, the torque of a joint that alone moves is the sum of its friction, a gravity torque
 of the form a + b cos q + c sin q (a constant on a sliding joint) and an inertia times its acceleration. These four
 terms are projected out of the rows rather than predicted, anew for every posture of the other joints. So no inertial
-parameter has to be known."""
+parameter has to be known.
+"""
 
 from __future__ import annotations
 

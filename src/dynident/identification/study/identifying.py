@@ -1,7 +1,8 @@
 """Identify a model from recordings: find what the choices leave open, solve, and narrow the filters if need be.
 
 A soft joint or a belt between encoder and link, and a clock with jitter, spoil accelerations above some frequency. A
-spectrum cannot tell that from motion. A model can: it explains the torque below that frequency and not above it."""
+spectrum cannot tell that from motion. A model can: it explains the torque below that frequency and not above it.
+"""
 
 from __future__ import annotations
 

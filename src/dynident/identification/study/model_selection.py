@@ -49,7 +49,8 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
         )
     elif t < SURE_T:
         sentences.append(
-            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where {SURE_T:g} would be "
+            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where "
+            f"{SURE_T:g} would be "
             "sure). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names

@@ -84,7 +84,8 @@ class Identification:
         held_out = "no held-out data" if self.held_out is None else f"held out {self.held_out.relative_total:.2%}"
         return (
             f"Identification({self.model.robot.name}: {self.model.n_parameters} base parameters, {self.choices.model} "
-            f"model, {self.choices.solver.name_with_options}; error of the fit {self.fit.relative_total:.2%}, {held_out})"
+            f"model, {self.choices.solver.name_with_options}; error of the fit {self.fit.relative_total:.2%}, "
+            f"{held_out})"
         )
 
     @property

@@ -1,7 +1,8 @@
 """Clearance of capsules from obstacles and each other, smooth enough for an optimiser, with its exact gradient.
 
 Distances between segments, and from points to boxes, are computed many at once. Coordinates are the first axis (3, …):
-arrays then stay long where the work is done."""
+arrays then stay long where the work is done.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Slack of constraints on a posture besides the ranges of the driven joints, combined for the optimiser.
 
 Follower joints have limits, and closed loops a distance to singular postures. Like the clearances of bodies, their
-slack is a function of the driven joints' posture alone, with exact derivatives."""
+slack is a function of the driven joints' posture alone, with exact derivatives.
+"""
 
 from __future__ import annotations
 

@@ -355,7 +355,8 @@ class _Assumptions:
         if self.limitless:
             turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
             notes.append(
-                f"The position limits of {join_names(self.limitless)} are wider than {turns:g} turns and count as none: "
+                f"The position limits of {join_names(self.limitless)} are wider than {turns:g} turns and "
+                f"count as none: "
                 "the motion stays within ±π rad."
             )
         return notes

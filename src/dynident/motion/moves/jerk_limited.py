@@ -159,7 +159,8 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     if not slow_enough:
         names = "" if bounds.follower_rates is None else ", ".join(bounds.follower_rates.names)
         raise ImpossibleLimitsError(
-            f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], joints that follow others ({names}) "
+            f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], joints that "
+            f"follow others ({names}) "
             "would be faster than their limits of velocity and acceleration, however slow it is; raise these limits, "
             "or choose another home posture.",
             pointer="/limits",

@@ -1,8 +1,9 @@
 """Messages of a bag that hold signals of joints, as samples: a topic, times, names and values.
 
-The package that reads messages turns the definition of a type into a program, in which arrays of fixed length are written
+The package that reads messages turns the definition of a type into a program, with arrays of fixed length written
 out. Here nothing but names of fields and their types gets there, and no type that holds itself or is larger than a
-message."""
+message.
+"""
 
 from __future__ import annotations
 

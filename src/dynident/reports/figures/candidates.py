@@ -56,7 +56,8 @@ def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
         axes.set_axis_off()
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
     words = [
-        f"{get_effect(panel.effect).title} on {panel.joint} explains {format_percent(panel.explained, 2)} of its squares"
+        f"{get_effect(panel.effect).title} on {panel.joint} explains {format_percent(panel.explained, 2)} of "
+        f"its squares"
         for panel in panel_data
     ]
     return to_svg(

@@ -142,7 +142,8 @@ def _describe_figure(comparison: Comparison, joints: Sequence[int], name: str) -
     rms, relative = comparison.errors.rms, comparison.errors.relative
     stands = (comparison.phase == Phase.STANDING).mean(axis=0)
     parts = [
-        f"{comparison.joint_names[j]}: residual {rms[j]:.3g} {comparison.units[j]} rms, {format_percent(float(relative[j]))}"
+        f"{comparison.joint_names[j]}: residual {rms[j]:.3g} {comparison.units[j]} rms, "
+        f"{format_percent(float(relative[j]))}"
         + (f", standing in {format_percent(float(stands[j]), 2)} of the rows" if stands[j] > 0 else "")
         for j in joints
     ]

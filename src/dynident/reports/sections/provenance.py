@@ -1,4 +1,4 @@
-"""The section on the origin of the report: versions, time, choices, hashes, and the commands that make the model again."""
+"""The section on the origin of the report: versions, time, choices, hashes, and commands that make the model again."""
 
 from __future__ import annotations
 
