@@ -18,6 +18,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dynident.former_names import FormerModuleFinder
 from dynident.lazy_loader import find_export_modules
 from dynident.optional_dependencies import MissingPackageFinder, find_missing_package, format_install_hint
 from dynident.version import __version__
@@ -93,6 +94,9 @@ __all__ = [
 ]
 
 _HOME_OF = find_export_modules(__name__)
+
+# Last in line: present modules come first.
+sys.meta_path.append(FormerModuleFinder())
 
 _missing = find_missing_package()
 if _missing is not None:

@@ -1,0 +1,316 @@
+"""Former paths and names of modules, which can be imported for one more release, with a warning.
+
+Packages with effects, estimators or fields of their own import such paths. Delete this module, and what installs it in
+`dynident/__init__.py`, with the next release.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+MODULES = {
+    "dynident.arrays": "dynident.array_types",
+    "dynident.asking": "dynident.schema.fields",
+    "dynident.descriptions": "dynident.robot.formats",
+    "dynident.desk": "dynident.api",
+    "dynident.desk.changing": "dynident.api.robot_changes",
+    "dynident.desk.choosing": "dynident.api.effect_arguments",
+    "dynident.desk.comparing": "dynident.api.comparison",
+    "dynident.desk.designing": "dynident.api.motion_design",
+    "dynident.desk.diagnosing": "dynident.api.model_diagnosis",
+    "dynident.desk.figure": "dynident.api.figure",
+    "dynident.desk.following": "dynident.api.robot_changes",
+    "dynident.desk.frames": "dynident.api.data_frames",
+    "dynident.desk.identifying": "dynident.api.model_identification",
+    "dynident.desk.inspecting": "dynident.api.recording_files",
+    "dynident.desk.model": "dynident.api.model",
+    "dynident.desk.parameters": "dynident.api.parameter_tables",
+    "dynident.desk.reading": "dynident.api.recording_files",
+    "dynident.desk.recordings": "dynident.api.recordings",
+    "dynident.desk.reporting": "dynident.api.reporting",
+    "dynident.desk.robots": "dynident.api.robot_files",
+    "dynident.desk.texts": "dynident.result_display",
+    "dynident.desk.validating": "dynident.api.model_validation",
+    "dynident.desk.xacro_files": "dynident.api.robot_files",
+    "dynident.effects.friction_in_time": "dynident.effects.friction",
+    "dynident.effects.geometry": "dynident.effects.geometry_errors",
+    "dynident.effects.linked": "dynident.effects.closed_loops",
+    "dynident.effects.memory": "dynident.effects.hysteresis_states",
+    "dynident.effects.operators": "dynident.effects.hysteresis_operators",
+    "dynident.effects.sizes": "dynident.effects.usual_sizes",
+    "dynident.effects.written": "dynident.effects.text_format",
+    "dynident.estimation.beside": "dynident.estimation.rest_and_reversal_rows",
+    "dynident.estimation.bootstrap": "dynident.estimation.block_bootstrap",
+    "dynident.estimation.clusters": "dynident.estimation.cluster_robust",
+    "dynident.estimation.correlation": "dynident.estimation.residual_correlation",
+    "dynident.estimation.dependence": "dynident.estimation.collinearity",
+    "dynident.estimation.deviations": "dynident.estimation.uncertainty",
+    "dynident.estimation.essential": "dynident.estimation.backward_elimination",
+    "dynident.estimation.information": "dynident.estimation.prior_information",
+    "dynident.estimation.instrumental": "dynident.estimation.instrumental_variables",
+    "dynident.estimation.kalman": "dynident.estimation.kalman_filter",
+    "dynident.estimation.linearised": "dynident.estimation.delta_method",
+    "dynident.estimation.nuisance": "dynident.estimation.marginalisation",
+    "dynident.estimation.recursive": "dynident.estimation.kalman_filter",
+    "dynident.estimation.robust": "dynident.estimation.robust_weights",
+    "dynident.estimation.semidefinite": "dynident.estimation.constrained_least_squares",
+    "dynident.estimation.statistics": "dynident.estimation.uncertainty",
+    "dynident.estimation.triangles": "dynident.estimation.qr",
+    "dynident.estimation.turned": "dynident.estimation.rest_and_reversal_rows",
+    "dynident.estimation.turning_noise": "dynident.estimation.reversal_weights",
+    "dynident.estimation.whitening": "dynident.estimation.qr",
+    "dynident.kinds": "dynident.schema.registry",
+    "dynident.regressors.extension": "dynident.regressors.model",
+    "dynident.regressors.folding": "dynident.regressors.qr_accumulation",
+    "dynident.regressors.forms": "dynident.regressors.equation_forms",
+    "dynident.regressors.further_signals": "dynident.regressors.observation",
+    "dynident.regressors.joined_programs": "dynident.regressors.observation",
+    "dynident.regressors.rows": "dynident.regressors.row_cache",
+    "dynident.regressors.stages": "dynident.regressors.equations",
+    "dynident.regressors.stream": "dynident.regressors.filtered_rows",
+    "dynident.side_by_side": "dynident.parallel.thread_map",
+    "dynident.threads": "dynident.blas_threads",
+}
+"""The present module of each former one."""
+
+NAMES: dict[str, dict[str, str]] = {
+    "dynident.api.data_frames": {
+        "columns_of": "build_columns",
+    },
+    "dynident.api.effect_arguments": {
+        "Diagnosed": "HasDiagnosis",
+        "added_effects": "collect_added_effects",
+        "checked_effects": "check_effects",
+        "named_effects": "resolve_effects",
+    },
+    "dynident.api.figure": {
+        "check_folder": "check_folder_exists",
+        "figure_of": "join_figures",
+    },
+    "dynident.api.model": {
+        "NO_DATA": "NO_RECORDINGS",
+    },
+    "dynident.api.model_diagnosis": {
+        "check_some": "check_not_empty",
+    },
+    "dynident.api.recordings": {
+        "Source": "RecordingSource",
+    },
+    "dynident.api.robot_files": {
+        "expanded": "expand_xacro",
+        "with_gains": "set_drive_gains",
+    },
+    "dynident.effects.closed_loops": {
+        "LinkedMechanics": "DependentMechanics",
+        "all_positions": "build_all_positions",
+        "torque_of_links": "build_link_torque",
+    },
+    "dynident.effects.hysteresis_states": {
+        "step": "step_state",
+        "step_expression": "build_step_expression",
+    },
+    "dynident.effects.text_format": {
+        "constant_in_words": "format_constant",
+        "effect_parts": "parse_effect",
+        "effect_text": "format_effect",
+        "effect_texts": "split_effects",
+        "written_effects": "parse_effects",
+    },
+    "dynident.effects.usual_sizes": {
+        "Usual": "UsualSize",
+        "largest_torque": "get_largest_torque",
+        "slowest_velocity": "get_slowest_velocity",
+        "usual_coulomb": "get_usual_coulomb",
+        "usual_force": "get_usual_force",
+        "usual_viscous": "get_usual_viscous",
+        "velocity_scale": "get_velocity_scale",
+    },
+    "dynident.estimation.backward_elimination": {
+        "LEVEL": "ELIMINATION_LEVEL",
+        "RATIO": "WELL_IDENTIFIED_RATIO",
+        "eliminate": "eliminate_parameters",
+    },
+    "dynident.estimation.block_bootstrap": {
+        "MANY": "FEWEST_BLOCKS_FOR_PAIRS",
+        "bootstrap": "bootstrap_estimates",
+    },
+    "dynident.estimation.cluster_robust": {
+        "Spread": "ClusterCovariance",
+        "occupied": "find_occupied_blocks",
+        "spread_over_stretches": "estimate_cluster_covariance",
+        "without_leverage": "remove_leverage",
+    },
+    "dynident.estimation.collinearity": {
+        "CLOSE": "STRONG_CORRELATION",
+        "CloseTogether": "CorrelatedPair",
+        "Dependence": "Collinearity",
+        "HARDLY": "POORLY_DETERMINED",
+        "HardlySeen": "WeakDirection",
+        "NEVER": "NOT_DETERMINED",
+        "dependence": "find_collinearity",
+    },
+    "dynident.estimation.constrained_least_squares": {
+        "Constrained": "ConstrainedSolution",
+        "Equations": "EqualityConstraints",
+        "constrained_least_squares": "solve_constrained",
+    },
+    "dynident.estimation.delta_method": {
+        "Linearised": "LinearisedSolution",
+        "linearised": "linearise_constants",
+    },
+    "dynident.estimation.instrumental_variables": {
+        "instrumental": "solve_instrumental",
+    },
+    "dynident.estimation.kalman_filter": {
+        "recursive_statistics": "compute_recursive_statistics",
+    },
+    "dynident.estimation.marginalisation": {
+        "without_nuisance": "marginalise_parameters",
+    },
+    "dynident.estimation.prior_information": {
+        "Information": "PriorInformation",
+        "covariance_of": "invert_information",
+        "deviations_of": "extract_deviations",
+        "known_values": "build_prior",
+        "root_of": "invert_factor",
+    },
+    "dynident.estimation.qr": {
+        "Whitened": "WhitenedColumns",
+        "join": "join_factors",
+        "squared": "pad_to_square",
+        "triangular": "compute_r_factor",
+        "whitened": "whiten_columns",
+    },
+    "dynident.estimation.residual_correlation": {
+        "correlation_factor": "compute_correlation_factor",
+        "correlation_factors": "compute_correlation_factors",
+        "effective_rows": "count_effective_rows",
+        "overstatement": "compute_overstatement",
+    },
+    "dynident.estimation.rest_and_reversal_rows": {
+        "Apart": "RowGroup",
+        "Beside": "RestRows",
+        "BesideAccumulator": "RestRowAccumulator",
+        "MOST": "MOST_REST_ROWS",
+        "Turned": "ReversalRows",
+        "beside_all": "join_rest_rows",
+        "distance_to_band": "compute_band_distance",
+    },
+    "dynident.estimation.reversal_weights": {
+        "turning_weights": "estimate_reversal_weights",
+    },
+    "dynident.estimation.robust_weights": {
+        "robust_scale": "estimate_robust_scale",
+    },
+    "dynident.estimation.uncertainty": {
+        "correlations": "compute_correlations",
+        "deviations": "compute_standard_deviations",
+        "freedom_of_rows": "compute_row_freedom",
+        "null_space": "compute_null_space",
+        "owed_to_known": "find_prior_dominated",
+    },
+    "dynident.parallel.thread_map": {
+        "Parts": "WorkQueue",
+        "WORTH": "MIN_PARALLEL_SIZE",
+        "ahead": "prefetch",
+        "one_by_one": "map_sequentially",
+        "processors": "count_processors",
+        "side_by_side": "map_in_threads",
+    },
+    "dynident.regressors.equation_forms": {
+        "Form": "EquationForm",
+        "filtered_form": "build_filtered_form",
+        "power_form": "build_power_form",
+        "wrench_form": "build_wrench_form",
+    },
+    "dynident.regressors.equations": {
+        "differences": "take_differences",
+        "integrated": "integrate_samples",
+        "rated": "differentiate_samples",
+        "smoothed": "smooth_samples",
+    },
+    "dynident.regressors.filtered_rows": {
+        "AtRest": "RestRowBuilder",
+        "filtered_samples": "stream_filtered_samples",
+        "in_run": "is_in_run",
+        "low_passed": "low_pass_samples",
+        "parallel_filtered": "filter_in_parallel",
+        "sampled": "stream_samples",
+    },
+    "dynident.regressors.model": {
+        "extended_model": "extend_model",
+    },
+    "dynident.regressors.observation": {
+        "JoinedPrograms": "ConcatenatedPrograms",
+    },
+    "dynident.regressors.qr_accumulation": {
+        "BesideRows": "RestRows",
+        "Folding": "EquationAccumulator",
+        "folded": "accumulate_equations",
+        "stretch_length": "choose_block_length",
+        "used_duration": "compute_used_duration",
+    },
+    "dynident.regressors.row_cache": {
+        "KeptRows": "CachedRows",
+        "reduce_and_keep": "reduce_and_cache",
+        "reduce_with_more": "reduce_with_columns",
+    },
+    "dynident.result_display": {
+        "block": "join_html",
+        "folded": "render_details",
+        "listed": "render_list",
+        "paragraph": "render_paragraph",
+        "table": "render_table",
+        "text_table": "format_text_table",
+    },
+    "dynident.schema.fields": {
+        "About": "FieldOptions",
+        "Named": "NamedValues",
+        "Said": "FieldDescription",
+        "anew": "redeclare_field",
+        "default_of": "get_default",
+        "retold": "redescribe_field",
+        "said": "declare_field",
+        "said_of": "get_description",
+    },
+    "dynident.schema.registry": {
+        "Kind": "RegistryEntry",
+        "KindT": "EntryT",
+        "Kinds": "Registry",
+        "document_of": "kind_to_document",
+        "name_of": "get_kind_name",
+        "words_of": "format_kind",
+    },
+}
+"""The present name of each former name in a present module."""
+
+
+class FormerModuleFinder(MetaPathFinder, Loader):
+    """Finds modules by their former paths; each gives what its present module has, by former and by present names."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return a spec if the module is a former one."""
+        return ModuleSpec(fullname, self, is_package=fullname == "dynident.desk") if fullname in MODULES else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Let the module look up its names in the present one."""
+        present = MODULES[module.__name__]
+        warnings.warn(
+            f"{module.__name__} is now {present}; the old path goes with the next release.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+
+        def get(name: str) -> object:
+            if name.startswith("__"):
+                raise AttributeError(name)
+            return getattr(import_module(present), NAMES.get(present, {}).get(name, name))
+
+        module.__dict__["__getattr__"] = get
