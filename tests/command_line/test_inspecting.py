@@ -133,7 +133,7 @@ def test_an_option_that_answers_is_enough_beside_a_proposal(foreign):
     ],
 )
 def test_an_option_answers_the_question_that_it_is_about(question, answers, answered):
-    assert answers.answer(question) is answered
+    assert answers.is_answered(question) is answered
 
 
 def test_without_a_robot_the_columns_are_listed(foreign):

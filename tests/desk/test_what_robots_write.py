@@ -242,7 +242,7 @@ def test_currents_in_telegrams_that_may_be_per_cent_are_asked_about_unless_the_d
 
 
 def test_telegrams_are_found_between_what_a_logger_adds_and_those_that_are_cut_off(tmp_path):
-    s = signals("ur10").thin_rows(4)
+    s = signals("ur10").thinned(4)
     plain = robot_logs.rsi(s, tmp_path / "plain")
     lines = plain.read_text(encoding="utf-8").splitlines()
     answer = '<Sen Type="ImFree"><AK A1="0.0"/><IPOC>1</IPOC></Sen>'

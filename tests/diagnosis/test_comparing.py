@@ -40,14 +40,14 @@ def test_signals_are_those_of_the_motion(run, comparison):
     for name, expected in (("q", motion.q), ("dq", motion.dq)):
         for j, joint in enumerate(NAMES):
             interpolated = np.interp(comparison.t, motion.t, expected[:, j])
-            np.testing.assert_allclose(comparison.signal(f"{name}_{joint}"), interpolated, atol=0.02)
+            np.testing.assert_allclose(comparison.get_signal(f"{name}_{joint}"), interpolated, atol=0.02)
     assert comparison.signal("t") is comparison.t
     np.testing.assert_array_equal(comparison.signal(f"tau_{NAMES[0]}"), comparison.measured[:, 0])
 
 
 def test_an_unknown_signal_is_answered_with_those_there_are(comparison):
     with pytest.raises(DynidentError, match=NAMES[0]) as caught:
-        comparison.signal("speed_of_light")
+        comparison.get_signal("speed_of_light")
     assert caught.value.pointer == "/x"
 
 

@@ -44,7 +44,7 @@ def left_of(monkeypatch):
         def judge(data: Any, pool: Any, base: Any, asked: Candidate, noise: Any) -> Gain:
             return Gain(asked, gains[asked.joints[0]])
 
-        monkeypatch.setattr(pruning, "judge_one", judge)
+        monkeypatch.setattr(pruning, "score_one", judge)
         monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
         monkeypatch.setattr(pruning, "plausible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
         robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))

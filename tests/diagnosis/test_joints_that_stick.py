@@ -210,7 +210,7 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
     state = State((), np.ones(1), np.ones(1), ())
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "plausible", lambda data, pool, base, noise, item: item is not larger)
+    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger)
     # Beside the one, nothing of the other is left.
     monkeypatch.setattr(selection, "judge_all", lambda *_: [judged(0.0 * gains, name=rival)])
     data = rows_of(turns=False)
@@ -228,7 +228,7 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     state = State((), np.ones(1), np.ones(1), ())
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: item is not carried)
     monkeypatch.setattr(selection, "is_too_small_for_runs", lambda state, data, item: item is carried)
-    monkeypatch.setattr(selection, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(selection, "judge_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
     found = selection.select_candidate(rows_of(turns=False), None, state, [carried, spring])
     assert (found and found[0].candidate.effect) == named
@@ -261,7 +261,7 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     worn = judged(gains, name="coulomb")
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), (), ("later",))
 
@@ -293,7 +293,7 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
         return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
 
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
     monkeypatch.setattr(selection, "judge_all", where_it_moves)
     state = State((), np.ones(1), np.ones(1), ())
     found = selection.select_candidate(rows_of(turns=True), None, state, [sliding])
@@ -322,7 +322,7 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     offset = judged(gains, columns=(6,), name="offset", p=0.012)
     poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: item.p <= 0.01)
-    monkeypatch.setattr(selection, "plausible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), ())
     for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):

@@ -28,7 +28,7 @@ def robot() -> Robot:
 
 def at_a_time(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     for module in (thread_map, augmented_lagrangian):
-        monkeypatch.setattr(module, "processors", lambda: count)
+        monkeypatch.setattr(module, "count_processors", lambda: count)
 
 
 def test_as_many_at_a_time_as_there_are_processors_give_the_same_design(

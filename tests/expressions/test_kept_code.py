@@ -76,7 +76,7 @@ def test_damaged_code_is_compiled_again(folder, builds):
 
 def test_another_processor_or_compiler_has_code_of_its_own(folder, builds, monkeypatch):
     of(1.25)
-    monkeypatch.setattr(machine_code, "_versions", lambda: "another one")
+    monkeypatch.setattr(machine_code, "_read_versions", lambda: "another one")
     of(1.25)
     assert len(builds) == 2
 

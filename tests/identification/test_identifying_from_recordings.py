@@ -140,7 +140,7 @@ def test_standard_inertia_gives_the_torque_of_the_base_parameters(identified):
     entries = identified.model.observation.evaluate(
         q, dq, ddq, reference=ReferenceParameters.massless(identified.model.robot), memory=np.zeros((50, 0))
     )
-    found = identified.model.observation.torque(entries, np.where(inertial, identified.values, 0.0))
+    found = identified.model.observation.compute_torque(entries, np.where(inertial, identified.values, 0.0))
     # Rotors that regroup into a link's inertia are told apart from it by how far a description is usually off.
     expected = pinocchio_torque(robot, q, dq, ddq) + known.rotors * ddq
     np.testing.assert_allclose(expected, found, atol=2e-3 * np.abs(found).max())

@@ -132,7 +132,7 @@ def test_an_addition_that_only_fits_noise_is_warned_of(plain):
 
 
 def test_an_addition_that_helps_unevenly_is_told_to_help_but_not_surely(grown, monkeypatch):
-    monkeypatch.setattr(model_selection, "_t_of_gain", lambda parent, grown: 1.97)
+    monkeypatch.setattr(model_selection, "_compute_t_of_gain", lambda parent, grown: 1.97)
     warning = model_selection.list_addition_warnings(grown)[0]
     assert warning.startswith("Joint spring helps, but not surely")
     assert "t = 1.97" in warning

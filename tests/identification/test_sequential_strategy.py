@@ -140,7 +140,7 @@ def _held_for_exact(data) -> np.ndarray:
     for joint in reversed(range(UR10.n)):
         equation = data.equations.equations[joint]
         k = len(equation.columns)
-        w, y = equation.joined[:, :k], equation.joined[:, k]
+        w, y = equation.joint_factor[:, :k], equation.joint_factor[:, k]
         new = ~known[equation.columns]
         rest = y - w[:, ~new] @ values[equation.columns[~new]]
         values[equation.columns[new]] = np.linalg.lstsq(w[:, new], rest, rcond=1e-10)[0]

@@ -99,7 +99,7 @@ def test_gravity_is_not_said_to_be_missing_where_the_description_bears_it_out_or
     given = replace(motion, tau=motion.tau - taken_out * load)
     told = gravity.LoadShares(gravity=0.76, motion=5.9, motion_error=error)
     monkeypatch.setattr(gravity, "measure_load_shares", lambda *_: told)
-    monkeypatch.setattr(gravity, "left_of", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
+    monkeypatch.setattr(gravity, "measure_unexplained_share", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
     assert gravity.detect_compensated_gravity(ROBOT, given) == (told if is_refused else None)
 
 

@@ -43,7 +43,7 @@ def test_each_derivative_of_the_basis_is_the_slope_of_the_one_before(family, see
 def test_the_same_path_at_another_pace_goes_through_the_same_postures(family, longer):
     x = np.random.default_rng(0).standard_normal((family.n_coefficients, 2))
     u = np.linspace(0.0, 0.99, 30)
-    slow = family.lasting(longer * family.period)
+    slow = family.with_period(longer * family.period)
     motion = PeriodicMotion(family, x).evaluate(u * family.period)
     at_pace = PeriodicMotion(slow, x).evaluate(u * slow.period)
     np.testing.assert_allclose(at_pace.q, motion.q, atol=1e-9)

@@ -65,7 +65,7 @@ def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300, prior):
     for found in kr300(replace(FEASIBLE, prior=prior)):
         assert found.held_out.relative_total <= 0.156
         assert found.inertia_matrix_positive_definite
-        assert smallest_pseudo_inertia(found.estimate.standard.inertias(found.model)).min() > 0
+        assert smallest_pseudo_inertia(found.estimate.standard.to_inertias(found.model)).min() > 0
         assert any("the motion alone does not determine the model" in warning for warning in found.warnings)
         assert any("rest on it rather than on the motion" in warning for warning in found.warnings)
 

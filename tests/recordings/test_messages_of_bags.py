@@ -115,7 +115,7 @@ def test_messages_that_are_read_many_at_once_say_what_each_says_by_itself(tmp_pa
     many = whole(path, name)
     few = len(unpacked)
     unpacked.clear()
-    monkeypatch.setattr(messages, "learned", lambda *_: None)
+    monkeypatch.setattr(messages, "learn_layout", lambda *_: None)
     each = whole(path, name)
     assert few < 0.2 * len(unpacked)  # the package unpacks what has another layout, and one of each
     assert many.keys() == each.keys() == {"joints", "force"}
@@ -137,7 +137,7 @@ def test_messages_that_cannot_be_packed_again_are_read_one_by_one(tmp_path, monk
     def fails(*_: object) -> None:
         raise KeyError("a type that the package does not write")
 
-    monkeypatch.setattr(messages, "learned", fails)
+    monkeypatch.setattr(messages, "learn_layout", fails)
     found = whole(path, "mcap")
     assert np.array_equal(found["force"]["force_x"], known["force"]["force_x"])
 

@@ -32,7 +32,7 @@ SIZES = [1.0] * len(ITEMS)
 @pytest.fixture(autouse=True)
 def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the size, and the machine."""
-    monkeypatch.setattr(threads, "WORTH", 0)
+    monkeypatch.setattr(threads, "MIN_PARALLEL_SIZE", 0)
     monkeypatch.setattr(threads, "processors", lambda: 1)
     monkeypatch.setattr(threads, "_ASK_AGAIN", 0.01)
 

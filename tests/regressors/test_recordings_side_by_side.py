@@ -30,7 +30,7 @@ ROBOT = arm("scara")
 @pytest.fixture(autouse=True)
 def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the size, and the machine."""
-    monkeypatch.setattr(threads, "WORTH", 0)
+    monkeypatch.setattr(threads, "MIN_PARALLEL_SIZE", 0)
     monkeypatch.setattr(threads, "processors", lambda: 3)
 
 

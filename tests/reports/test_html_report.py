@@ -113,9 +113,9 @@ PAGE = Page(HTML)
 
 
 def test_it_has_every_section_with_a_heading_and_an_entry_in_the_contents() -> None:
-    assert [section["id"] for section in PAGE.select_all("section")] == list(SECTIONS)
-    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.select_all("a")}
-    assert PAGE.select_all("html") == [{"lang": "en"}]
+    assert [section["id"] for section in PAGE.all_of("section")] == list(SECTIONS)
+    assert {f"#{name}" for name in SECTIONS} <= {link.get("href") for link in PAGE.all_of("a")}
+    assert PAGE.all_of("html") == [{"lang": "en"}]
 
 
 def test_values_deviations_and_relative_deviations_are_those_of_the_identification() -> None:
@@ -225,14 +225,14 @@ def test_the_effective_number_of_samples_is_shown_for_every_joint() -> None:
 
 
 def test_what_users_call_things_never_becomes_markup() -> None:
-    assert not PAGE.select_all("script")
-    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.select_all(tag)]
+    assert not PAGE.all_of("script")
+    assert not [tag for tag in ("b", "u", "i", "this") if PAGE.all_of(tag)]
     assert NASTY in PAGE.text["robot"]
 
 
 def test_nothing_is_loaded_from_anywhere() -> None:
     for tag in ("script", "link", "iframe", "img", "object", "embed"):
-        assert not PAGE.select_all(tag)
+        assert not PAGE.all_of(tag)
     for tag, attributes in PAGE.tags:
         for name, value in attributes.items():
             if name in ("href", "src", "xlink:href", "srcset", "data", "action"):
@@ -244,17 +244,17 @@ def test_nothing_is_loaded_from_anywhere() -> None:
 
 
 def test_every_figure_says_what_it_shows_and_every_table_has_headers() -> None:
-    drawn = PAGE.select_all("svg")
+    drawn = PAGE.all_of("svg")
     assert len(drawn) >= 5
     assert all(figure["role"] == "img" and figure["aria-label"] for figure in drawn)
-    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.select_all("th"))
+    assert all(header.get("scope") in ("col", "row", "rowgroup") for header in PAGE.all_of("th"))
     labels = " ".join(figure["aria-label"] or "" for figure in drawn)
     assert format_percent(float(RUNS[1].comparison.errors.relative[0])) in labels
 
 
 def test_references_inside_the_figures_resolve() -> None:
     known = {attributes["id"] for _, attributes in PAGE.tags if "id" in attributes}
-    used = {a["xlink:href"][1:] for a in PAGE.select_all("use") if (a.get("xlink:href") or "").startswith("#")}
+    used = {a["xlink:href"][1:] for a in PAGE.all_of("use") if (a.get("xlink:href") or "").startswith("#")}
     used |= set(re.findall(r"url\(#([^)]+)\)", HTML))
     assert used <= known
 
@@ -283,7 +283,7 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
     comparison = compare(found, runs[1])
     page = Page(html_report(found, [ReportedRecording(runs[1], comparison, True)]))
     described = next(
-        svg["aria-label"] or "" for svg in page.select_all("svg") if "residual with its band" in svg["aria-label"]
+        svg["aria-label"] or "" for svg in page.all_of("svg") if "residual with its band" in svg["aria-label"]
     )
     for j in range(PLAIN.n):
         share = float((comparison.phase[:, j] == Phase.STANDING).mean())
@@ -312,7 +312,7 @@ def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
 def test_the_experiment_is_shown_with_its_limits_where_it_was_designed() -> None:
     design = design_experiment(ROBOT, DesignRequest(kind="random", random_trajectories=5))
     page = Page(html_report(MODEL, RUNS, design=design))
-    assert [section["id"] for section in page.select_all("section")].count("design") == 1
+    assert [section["id"] for section in page.all_of("section")].count("design") == 1
     assert format_number(design.criterion_values.condition_number) in page.text["design"]
     tightest = max(design.margins, key=lambda margin: margin.share)
     assert format_percent(tightest.share) in page.text["design"]
@@ -336,13 +336,13 @@ def test_what_the_experiment_promised_stands_beside_what_was_achieved() -> None:
         assert format_number(parameter.standard_deviation / deviation, 2) in page.text["promises"]
     assert shown > 10
     without = Page(html_report(MODEL, RUNS, design=design_experiment(ROBOT, replace(design.request, noise={}))))
-    assert "promises" not in [section["id"] for section in without.select_all("section")]
+    assert "promises" not in [section["id"] for section in without.all_of("section")]
 
 
 def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None:
     alone = identify(ROBOT, [FIRST_RUN], [], CHOICES)
     page = Page(html_report(alone, [ReportedRecording(FIRST_RUN, compare(alone, FIRST_RUN), False)]))
-    assert "diagnosis" not in [section["id"] for section in page.select_all("section")]
+    assert "diagnosis" not in [section["id"] for section in page.all_of("section")]
     assert "No held-out data was given" in page.text["torque"]
     assert "Record another motion, and hold it out." in page.text["summary"]
     assert "were not handed to this report" in page.text["data"]
@@ -381,7 +381,7 @@ def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> Non
     )
     found = replace(DIAGNOSIS, changes=(change,), friction=friction)
     page = Page(html_report(MODEL, RUNS, diagnosis=found))
-    described = [svg["aria-label"] or "" for svg in page.select_all("svg")]
+    described = [svg["aria-label"] or "" for svg in page.all_of("svg")]
     assert any(one.startswith("Differences since the baseline") and "Fc1 0.8" in one for one in described)
     (drawn,) = (one for one in described if one.startswith("Friction since the baseline"))
     # What it was is no more than nothing: there is no share of it to draw.
@@ -391,7 +391,7 @@ def test_what_has_changed_and_what_friction_did_is_drawn_with_intervals() -> Non
 
 
 def test_every_finding_stands_beside_the_residual_that_it_explains() -> None:
-    described = [svg["aria-label"] or "" for svg in PAGE.select_all("svg")]
+    described = [svg["aria-label"] or "" for svg in PAGE.all_of("svg")]
     drawn = next(text for text in described if text.startswith("Mean residual"))
     for item in DIAGNOSIS.candidates:
         assert (f"{get_effect(item.effect).title} on {ROBOT.joint_names[0]}" in drawn) == item.significant

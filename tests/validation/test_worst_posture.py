@@ -83,7 +83,7 @@ def _at(identified, parameters: np.ndarray, posture: np.ndarray) -> float:
         reference=ReferenceParameters.massless(model.robot),
         memory=np.zeros((n + 1, observation.n_memory)),
     )
-    torque = observation.torque(entries, parameters)
+    torque = observation.compute_torque(entries, parameters)
     a = torque[1:] - torque[0]
     scale = 1 / np.sqrt(np.diag(a))
     return float(np.linalg.eigvalsh(0.5 * (a + a.T) * np.outer(scale, scale))[0])

@@ -1,0 +1,71 @@
+"""Names of the code follow docs/glossary.md: verbs for functions, nouns for values, and no module called by a participle."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = sorted(path for folder in ("src", "service") for path in (ROOT / folder).rglob("*.py"))
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+
+IRREGULAR = frozenset(
+    "told said taken kept known shown made found given held lost met sent sold taught thought understood won written "
+    "chosen driven drawn begun done gone grown hidden led meant sought spoken thrown worn bound brought bought caught "
+    "felt fought got heard hurt lent lit seen".split()
+)
+ENDS_LIKE_ONE = frozenset({"seed", "speed", "need", "feed", "embed", "succeed"})
+VAGUE = ("one", "found", "made", "told", "said", "kept", "wanted", "asked")
+MOST_VAGUE = 20
+DOCUMENTED = {
+    "converged", "elapsed", "kept", "limited", "passed", "predicted", "proposed", "recommended", "removed", "said", "shown", "weighted",
+}
+"""Names that users or templates read as data, or that documents show; no new ones."""
+
+
+def is_participle(name: str) -> bool:
+    word = name.strip("_")
+    if word in ENDS_LIKE_ONE or "_" in word:
+        return False
+    return word in IRREGULAR or re.fullmatch(r"[a-z]{2,}ed", word) is not None
+
+
+def test_functions_are_named_by_verbs_and_not_by_participles() -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{node.name}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        if is_participle(node.name) and node.name not in DOCUMENTED
+    }
+    assert found == set()
+
+
+def test_values_are_named_by_what_they_hold() -> None:
+    count = Counter(
+        node.id
+        for tree in TREES.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    )
+    assert sum(count[name] for name in VAGUE) <= MOST_VAGUE, {name: count[name] for name in VAGUE}
+
+
+def test_modules_are_called_by_what_is_in_them() -> None:
+    # An equation type, which requests name `filtered`, has a file of its name.
+    participles = [path.name for path in MODULES if is_participle(path.stem) and path.parent.parent.name != "methods"]
+    assert participles == []
+
+
+def test_no_word_of_the_old_dialect_names_a_class() -> None:
+    banned = {"Nursery", "Crew", "Colleagues", "Yardstick", "Kept", "Told", "Said", "Asked", "Wanted", "Shown", "Beside"}
+    classes = {node.name for tree in TREES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    assert classes & banned == set()
+
+
+def test_every_word_of_the_glossary_stands_once() -> None:
+    rows = re.findall(r"(?m)^\| ([^|]+) \| [^|]+ \|", (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8"))
+    words = Counter(row.strip() for row in rows if row.strip() not in ("word", "---"))
+    assert [word for word, count in words.items() if count > 1] == []
