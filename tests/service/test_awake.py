@@ -114,7 +114,7 @@ def test_a_computation_that_takes_too_long_for_a_request_is_stopped(
 
 
 def test_too_many_that_wait_are_told_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(awaited_module, "MOST_WAITING", 0)
+    monkeypatch.setattr(awaited_module, "MAX_WAITING", 0)
     awaited = InteractiveCompute(1, SCIENCE)
     with pytest.raises(ProblemError) as caught:
         ask(awaited, "twice", number=1)

@@ -133,7 +133,7 @@ def test_what_says_that_they_were_asked_for_together_can_go_before_or_after_them
 
 def test_a_batch_is_cancelled_whole_and_what_has_ended_stays(idle: TestClient, body_of_idle: dict[str, Any]) -> None:
     batch, other = (idle.post(PATH, json={"items": [body_of_idle] * 3}).json() for _ in range(2))
-    ledger: JobQueue = idle.app.state.services.ledger  # type: ignore[attr-defined]
+    ledger: JobQueue = idle.app.state.services.job_queue  # type: ignore[attr-defined]
     ended, running = ledger.claim(2)
     ledger.record_success(ended, lambda session: None)
     for _ in range(2):

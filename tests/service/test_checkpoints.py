@@ -62,7 +62,7 @@ def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
     for _ in range(100):
         seldom.save(make)
     assert made == []
-    monkeypatch.setattr(checkpoints, "EVERY", 0.0)
+    monkeypatch.setattr(checkpoints, "CHECKPOINT_INTERVAL", 0.0)
     broken = CheckpointStore(database)
     monkeypatch.setattr(broken, "save", _away)
     JobCheckpoints(broken, claim).save(make)

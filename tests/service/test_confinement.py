@@ -145,7 +145,7 @@ def test_a_reader_that_goes_round_in_circles_is_killed_within_seconds(
 def ledger(tmp_path_factory: pytest.TempPathFactory) -> Iterator[JobQueue]:
     settings = Settings(data_dir=tmp_path_factory.mktemp("jobs"), workers=1, job_memory=ByteSize(MEMORY))
     with TestClient(app_of(settings), "http://127.0.0.1") as client:
-        yield client.app.state.services.ledger  # type: ignore[attr-defined]
+        yield client.app.state.services.job_queue  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("size", "is_killed"), [(2 * MEMORY, False), (int(0.8 * MEMORY), True)])

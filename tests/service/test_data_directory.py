@@ -92,7 +92,7 @@ def test_what_another_service_is_writing_is_left_alone(tmp_path: Path) -> None:
     with TestClient(app_of(settings), "http://127.0.0.1"):
         left = leave(tmp_path)
         with TestClient(app_of(settings), "http://127.0.0.1") as second:
-            second.app.state.services.housekeeping.round()  # type: ignore[attr-defined]
+            second.app.state.services.housekeeping.run_round()  # type: ignore[attr-defined]
             assert all(path.exists() for path in left)
 
 

@@ -261,7 +261,7 @@ def test_a_size_that_the_zip_itself_lies_about_is_no_way_round(elsewhere: Elsewh
 def test_a_bundle_of_very_many_files_is_refused_before_they_are_listed(
     elsewhere: Elsewhere, content: Content, monkeypatch: pytest.MonkeyPatch, longer: bool
 ) -> None:
-    monkeypatch.setattr(bundle_module, "MOST_FILES", 50)
+    monkeypatch.setattr(bundle_module, "MAX_FILES", 50)
     file = elsewhere.folder / "many.zip"
     if longer:
         monkeypatch.setattr(zipfile, "ZIP_FILECOUNT_LIMIT", 10)  # what ZIPs of more than 65,535 files have

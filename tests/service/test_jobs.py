@@ -45,7 +45,7 @@ def test_a_job_runs_and_says_so(client: TestClient, start: Start, wait: Wait) ->
 def test_a_computation_leaves_the_processor_to_who_answers_requests(tmp_path: Path) -> None:
     nursery = StandingBack()
     with TestClient(create_app(Settings(data_dir=tmp_path, workers=1), nursery), "http://127.0.0.1") as client:
-        ledger = client.app.state.services.ledger  # type: ignore[attr-defined]
+        ledger = client.app.state.services.job_queue  # type: ignore[attr-defined]
         job_id = ledger.enqueue(NewJob("report", "small_jobs:stands_back", {"note": str(tmp_path / "note")}))
         wait_for(lambda: ledger.get(job_id).state == "succeeded")
     nursery.close()

@@ -36,7 +36,7 @@ def soon_still(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervisor, "VITALS", 0.2)
 
 
-@pytest.mark.parametrize("name", ["standing", "renew"])
+@pytest.mark.parametrize("name", ["get_standing", "renew"])
 def test_a_database_away_for_a_moment_does_not_end_a_job_that_is_watched(
     start: Start, wait: Wait, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -97,8 +97,8 @@ from dynident_service.settings import Settings
 from dynident_service.storage.records import NewJob
 from service_helpers import SCIENCE, wait_for
 with open_services(Settings(data_dir=Path(sys.argv[1]), workers=1), SCIENCE) as services:
-    job = services.ledger.enqueue(NewJob("report", "small_jobs:answer"))
-    wait_for(lambda: services.ledger.get(job).state == "succeeded", 120.0)
+    job = services.job_queue.enqueue(NewJob("report", "small_jobs:answer"))
+    wait_for(lambda: services.job_queue.get(job).state == "succeeded", 120.0)
 SCIENCE.close()
 sys.exit("distributed" in sys.modules)
 """
