@@ -84,9 +84,11 @@ def test_what_such_data_can_tell_is_said_in_the_verdict():
     found = identify(arm("ur10"), [recorded("ur10", 0)], [recorded("ur10", 1)], CHOICES)
     said = verdict(found, [recorded("ur10", 0)], [recorded("ur10", 1)])
     assert not any(use.fit for use in said.uses)
-    assert all("Fit for gravity compensation" in use.reason for use in said.uses)
+    assert all("Poses at rest tell nothing of motion." in use.reason for use in said.uses)
     assert said.stop is None
-    assert said.next_steps == ("Record a designed motion to identify the dynamics.",)
+    gravity, following = said.next_steps
+    assert gravity.startswith("Fit for gravity compensation")
+    assert following == "Record a designed motion to identify the dynamics."
     assert validate_inertia_matrix(found).judged.verdict == "not_evaluated"
 
 
