@@ -27,7 +27,7 @@ from oracles import Motion, arm, crooked_urdf, fourier_motion, pinocchio_torque,
 
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
-from dynident.export.exported import FeasibleLinks
+from dynident.export.exported_file import FeasibleLinks
 from dynident.export.feasible_completion import complete_parameters
 from dynident.export.mjcf import to_mjcf
 from dynident.export.urdf import ROTOR_TAG, to_urdf

@@ -15,7 +15,7 @@ from test_links_and_joints import moving, torque_of_mjcf, torque_of_urdf
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.export import ExportedFile, export_model, to_mjcf, to_urdf
-from dynident.export.exported import MOST_FREE_ERROR_RATIO, predicts_as_well
+from dynident.export.exported_file import MOST_FREE_ERROR_RATIO, predicts_as_well
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.recordings import Preprocessing
 

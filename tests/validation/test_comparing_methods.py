@@ -63,7 +63,9 @@ def test_the_torque_deviation_is_that_of_drawn_parameters(identified, training, 
     rng = np.random.default_rng(1)
     gaps = rng.multivariate_normal(np.zeros(len(row.values)), identified.statistics.covariance, size=300)
     rows = identified.in_memory.held_out.samples[0]
-    squares = [sum(np.sum(identified.model.observation.compute_torque(s.values, gap) ** 2) for s in rows) for gap in gaps]
+    squares = [
+        sum(np.sum(identified.model.observation.compute_torque(s.values, gap) ** 2) for s in rows) for gap in gaps
+    ]
     measured = sum(np.sum(s.tau**2) for s in rows)
     assert row.torque_deviation == pytest.approx(np.sqrt(np.mean(squares) / measured), rel=0.1)
 

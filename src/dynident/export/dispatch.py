@@ -11,7 +11,7 @@ from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c
 from dynident.export.casadi_function import to_casadi_bytes
 from dynident.export.document import to_json
-from dynident.export.exported import ExportedFile
+from dynident.export.exported_file import ExportedFile
 from dynident.export.mjcf import to_mjcf
 from dynident.export.request import ExportFormat
 from dynident.export.summary import make_slug

@@ -15,7 +15,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import Role, get_role
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
-from dynident.export.exported import SMALL, ExportedFile, FeasibleLinks
+from dynident.export.exported_file import SMALL, ExportedFile, FeasibleLinks
 from dynident.export.summary import (
     SIGNS,
     describe_identification,
