@@ -68,7 +68,7 @@ CONTENTS = {
         *(f"docs/{page}" for page in ("diagnosis", "effects", "exports", "http-service")),
         "benchmarks/README",
     ],
-    "Reference": ["docs/reference/index"],
+    "Reference": ["docs/reference/index", "docs/glossary"],
     "Contribute": [
         *(f"docs/{page}" for page in ("own-effects", "own-methods", "architecture")),
         "CONTRIBUTING",

@@ -58,3 +58,10 @@ def test_every_link_leads_somewhere(page: Path) -> None:
         assert place.exists(), target
         if anchor:
             assert anchor in anchors_of(place), target
+
+
+def test_every_page_stands_in_the_contents_of_the_site() -> None:
+    # Sphinx is not asked for by who only runs the tests, so the settings are read as text.
+    settings = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
+    pages = [page.stem for page in (ROOT / "docs").glob("*.md")]
+    assert [page for page in pages if f'"{page}"' not in settings and f'"docs/{page}"' not in settings] == []

@@ -32,7 +32,12 @@ def test_a_design_of_some_joints_is_simulated(client: TestClient, by_design: boo
     motion: dict[str, Any] = {"trajectory": TRAJECTORY}
     if by_design:
         wish = {"robot_id": robot, "kind": "random", "trajectory": TRAJECTORY}
-        motion = {"design_id": ended(client, client.post("/v1/designs", json=wish).json(), "designs")["id"]}
+        design = ended(client, client.post("/v1/designs", json=wish).json(), "designs")
+        # Nothing around the robot was stated.
+        warnings = design["result"]["warnings"]
+        assert warnings
+        assert set(warnings) < set(design["result"]["notes"])
+        motion = {"design_id": design["id"]}
     made = client.post("/v1/simulations", json={"robot_id": robot, **motion}).json()
     found = ended(client, made, "simulations")
     measurement = client.get(f"/v1/measurements/{found['result']['measurement_id']}").json()

@@ -49,7 +49,10 @@ _SMOOTH = 0.1
 """s over which the squared residual is averaged before the ends of a span are looked for."""
 
 _STRONGEST = 0.9
-"""Quantile over a span that is of the disturbance: one that stands out fills a tenth of its span at least."""
+"""Quantile of the squared residual over a span that counts as the disturbance, which fills at least a tenth of it.
+
+`benchmarks/outlying_spans.py` shows what this finds and leaves.
+"""
 
 _SLOWEST = 10.0
 """Hz; a filter smears a disturbance over a period of its cut-off to either side, and over no less than one of these."""

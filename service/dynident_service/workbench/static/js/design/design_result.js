@@ -20,7 +20,7 @@ export async function designResult(target, design, robot, signal) {
   await showMotion(motion, design, robot, signal);
 }
 
-function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes, warnings }) {
+function worth({ criterion_values: own, baseline_values: random, duration, n_samples: samples, sampling_rate: rate, notes, warnings = [] }) {
   const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
   const all = [
     ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
