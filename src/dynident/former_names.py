@@ -59,7 +59,6 @@ MODULES = {
     "dynident.estimation.recursive": "dynident.estimation.kalman_filter",
     "dynident.estimation.robust": "dynident.estimation.robust_weights",
     "dynident.estimation.semidefinite": "dynident.estimation.constrained_least_squares",
-    "dynident.estimation.statistics": "dynident.estimation.uncertainty",
     "dynident.estimation.triangles": "dynident.estimation.qr",
     "dynident.estimation.turned": "dynident.estimation.rest_and_reversal_rows",
     "dynident.estimation.turning_noise": "dynident.estimation.reversal_weights",

@@ -41,8 +41,8 @@ def test_signals_are_those_of_the_motion(run, comparison):
         for j, joint in enumerate(NAMES):
             interpolated = np.interp(comparison.t, motion.t, expected[:, j])
             np.testing.assert_allclose(comparison.get_signal(f"{name}_{joint}"), interpolated, atol=0.02)
-    assert comparison.signal("t") is comparison.t
-    np.testing.assert_array_equal(comparison.signal(f"tau_{NAMES[0]}"), comparison.measured[:, 0])
+    assert comparison.get_signal("t") is comparison.t
+    np.testing.assert_array_equal(comparison.get_signal(f"tau_{NAMES[0]}"), comparison.measured[:, 0])
 
 
 def test_an_unknown_signal_is_answered_with_those_there_are(comparison):
@@ -138,7 +138,7 @@ def test_a_line_is_found_where_a_joint_is_nearly_always_near_the_points_that_it_
     residual = 0.3 * np.sin(12.0 * q) + 0.3 * rng.normal(size=20)[k] * (since > 1.0) + rng.normal(0.0, 0.05, len(t))
     shape = (len(t), ROBOT.n)
     seen = SimpleNamespace(
-        q=np.tile(q[:, None], ROBOT.n), residual=np.tile(residual[:, None], ROBOT.n), telling=np.ones(shape, dtype=bool)
+        q=np.tile(q[:, None], ROBOT.n), residual=np.tile(residual[:, None], ROBOT.n), counted_rows=np.ones(shape, dtype=bool)
     )
     clear = find_angle_lines([seen], ROBOT).clear
     assert min(abs(line - 12.0) for joint, line in clear if joint == 4) < 0.3

@@ -72,7 +72,7 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
 
     monkeypatch.setattr(contacts, "_test_contact", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
-    data = SimpleNamespace(beside=lambda columns, signs: None)
+    data = SimpleNamespace(select_for_candidates=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))
     contacts.find_contacts(cast(Any, data), cast(Any, pool), MODEL, np.ones(6), Preprocessing(10.0, 10.0, 5))
     assert len(tried) == asked

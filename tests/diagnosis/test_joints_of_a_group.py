@@ -47,7 +47,7 @@ def left_of(monkeypatch):
         monkeypatch.setattr(pruning, "score_one", judge)
         monkeypatch.setattr(pruning, "compute_gain_over_floor", lambda *asked: 1.0)
         monkeypatch.setattr(pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
-        robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
+        robot = SimpleNamespace(joint_names=ARM, get_movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]
         observation = SimpleNamespace(robot=robot, columns=columns)
         pool = SimpleNamespace(observation=observation, is_change=lambda candidate: bool(impossible))

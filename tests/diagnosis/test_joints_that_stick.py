@@ -194,7 +194,7 @@ def test_each_rest_of_a_joint_is_a_halt_and_what_is_held_beyond_its_friction_is_
 def rows_of(*, turns: bool) -> SimpleNamespace:
     """As much of the products as the choice looks at: one run, and the kinds of rows that candidates are about."""
     run = SimpleNamespace(run=np.zeros(40, dtype=int))
-    return SimpleNamespace(moving=run, kinds=lambda columns: (turns, False))
+    return SimpleNamespace(moving=run, find_row_kinds=lambda columns: (turns, False))
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
 
 
 def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it_too_small_for_one():
-    data = SimpleNamespace(counts=lambda columns: np.ones((40, 1)))
+    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 1)))
     state = State((), np.ones(1), 0.1 * np.ones(1), ())
     rows = np.ones((40, 1))
     carried = judged(np.linspace(1.0, 2.0, 40), name="payload", p=1e-3, before=2.0 * rows, after=rows)
@@ -248,7 +248,7 @@ def test_what_some_runs_have_is_a_finding_from_half_of_the_error_on_and_below_it
 
 
 def test_what_would_reach_far_beyond_the_data_is_no_finding_though_it_is_no_chance():
-    data = SimpleNamespace(counts=lambda columns: np.ones((40, 1)))
+    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 1)))
     state = State((), np.ones(1), 0.1 * np.ones(1), ())
     gains, rows = np.linspace(1.0, 2.0, 40), np.ones((40, 1))
     seen = judged(gains, name="viscous_asymmetric", p=1e-3, t=4.0, drop=0.3, before=2.0 * rows, after=rows)
@@ -331,7 +331,7 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
 
 
 def test_a_cable_that_helps_one_of_its_two_joints_alone_is_a_function_of_that_joint():
-    data = SimpleNamespace(counts=lambda columns: np.ones((40, 2)))
+    data = SimpleNamespace(count_rows=lambda columns: np.ones((40, 2)))
     state = State((), np.ones(2), 0.1 * np.ones(2), ())
     before = np.column_stack([np.linspace(4.0, 5.0, 40), np.linspace(9.0, 10.0, 40)])
 

@@ -14,7 +14,7 @@ import dynident.effects as room
 room.__path__.append({folder!r})
 from fastapi.testclient import TestClient
 from dynident.advice.experiments import EXPERIMENTS
-from dynident.advice.experiments import experiment_for
+from dynident.advice.experiments import choose_experiment
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_library
@@ -42,7 +42,7 @@ print(json.dumps({{
     "http": "hose_friction" in listed,
     "page": "## Friction of a wound hose: `hose_friction`" in page,
     "command": "hose_friction" in told.getvalue(),
-    "experiment": experiment_for("hose_friction", "position_dependent_friction") is EXPERIMENTS["slow_sweep"],
+    "experiment": choose_experiment("hose_friction", "position_dependent_friction") is EXPERIMENTS["slow_sweep"],
     "columns": len(build_model(robot, [EffectChoice("hose_friction", (), (("q0", 0.2),))]).kept),
     "conforms": check_effect(CATALOGUE["hose_friction"])[-1],
 }}))

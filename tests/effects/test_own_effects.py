@@ -57,12 +57,12 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 from dynident.effects import CATALOGUE
 from dynident.robot import robot_from_library
-from dynident.simulation import VirtualRobot, typical_effect
+from dynident.simulation import VirtualRobot, build_typical_effect
 from dynident_service.app import create_app
 from dynident_service.settings import Settings
 
 robot = robot_from_library("ur10")
-sized = typical_effect(robot, "hose_friction", robot.joint_names[2])
+sized = build_typical_effect(robot, "hose_friction", robot.joint_names[2])
 VirtualRobot(robot, (sized,))
 with tempfile.TemporaryDirectory() as folder:
     client = TestClient(create_app(Settings(data_dir=Path(folder))), "http://127.0.0.1")

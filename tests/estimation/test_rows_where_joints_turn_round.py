@@ -125,7 +125,7 @@ def test_of_recordings_that_are_not_all_told_apart_it_is_known_all_the_same_whic
     nothing = RowGroup(np.zeros((len(COLUMNS[0]) + 1,) * 2), 0)
     standing = np.zeros((0, len(COLUMNS[0])))
     beside = RestRows(None, nothing, standing, standing, np.zeros(0), np.zeros(0))
-    told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], beside=beside)
+    told = replace(reduction(*rows(4, (0.1, 0.5))).equations[0], rest_rows=beside)
     mixed = concatenate_reductions(
         [Reduction(N_COLUMNS, (one,), np.zeros((0, 2))) for one in (told, told.with_fixed_weights)]
     )

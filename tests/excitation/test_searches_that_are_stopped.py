@@ -27,10 +27,10 @@ class Kept:
         self.content, self.kept = content, 0
         self._stop_after = stop_after
 
-    def last(self) -> bytes | None:
+    def load_last(self) -> bytes | None:
         return self.content
 
-    def keep(self, make: Callable[[], bytes]) -> None:
+    def save(self, make: Callable[[], bytes]) -> None:
         self.content = make()
         self.kept += 1
         if self.kept == self._stop_after:

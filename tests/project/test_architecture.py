@@ -17,7 +17,7 @@ MOST_PARAMETERS = 8
 
 # Classes of these rooms are read side by side. Names that stand in two of their modules; none may join them.
 NEIGHBOURS = ("estimation", "identification", "diagnosis", "advice", "validation")
-NAMES_OF_TWO = {"Bootstrap", "Finding", "Question", "Rows"}
+NAMES_OF_TWO = {"Bootstrap", "Question"}
 
 
 def test_there_are_modules_to_look_at() -> None:

@@ -98,7 +98,7 @@ def holds_the_interpreter(task: Task) -> Outcome:
 
 def meets_a_hiccup(task: Task) -> Outcome:
     """Find the database away for a moment when progress is reported and when the result is stored."""
-    for name in ("progress", "succeed"):
+    for name in ("record_progress", "record_success"):
         setattr(JobQueue, name, _failing_at_first(name, getattr(JobQueue, name), int(task.arguments["times"])))
     time.sleep(0.15)
     task.progress(0.5, "half of it")

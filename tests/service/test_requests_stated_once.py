@@ -47,16 +47,16 @@ PROGRAM = """
 import json, sys
 import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
-from dynident_service.adapters.requests import taken
+from dynident_service.adapters.requests import to_request
 from dynident_service.client_types import client_types
 from dynident_service.models.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices
-from dynident_service.openapi import contract
+from dynident_service.openapi import render_contract
 
-document = json.loads(contract())
+document = json.loads(render_contract())
 field = document["components"]["schemas"]["IdentificationRequest"]["properties"]["estimator"]
 body = {{"robot_id": "r", "measurement_ids": ["m"], "estimator": {{"name": "tempered", "power": 0.7}}}}
-choices = taken(IdentificationRequest.model_validate(body), IdentificationChoices, preprocessing=None)
+choices = to_request(IdentificationRequest.model_validate(body), IdentificationChoices, preprocessing=None)
 print(json.dumps({{
     "field": field,
     "options": document["components"]["schemas"]["Tempered"]["properties"],

@@ -41,7 +41,7 @@ before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 with open(sys.argv[3], "rb") as file:
     key = store.put_file(file).key
 read = sum(len(part) for part in store.stream(key))
-print(read, store.path(key).stat().st_size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+print(read, store.fetch_file(key).stat().st_size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 

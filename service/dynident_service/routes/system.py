@@ -55,5 +55,5 @@ async def readiness(services: ServicesDep, response: Response) -> Readiness:
 async def metrics(request: Request) -> Response:
     """Give figures for Prometheus."""
     figures = request.app.state.metrics
-    text = await to_thread.run_sync(figures.text, limiter=figures.thread)
+    text = await to_thread.run_sync(figures.render_text, limiter=figures.thread)
     return Response(text, media_type=CONTENT_TYPE_LATEST)

@@ -29,9 +29,9 @@ class EquationFactors:
         Triangular factor of [W | Y] of every block of time, Y last.
     counts : (s,)
         Number of rows that each factor stands for.
-    beside : Beside, optional
+    rest_rows : RestRows, optional
         Rows of the equation that are not fitted to, or whose residual is counted separately.
-    turned : Turned, optional
+    reversal_rows : ReversalRows, optional
         Rows at reversals, which are in the factors with the weight that they have there.
     """
 
