@@ -138,7 +138,9 @@ def test_a_line_is_found_where_a_joint_is_nearly_always_near_the_points_that_it_
     residual = 0.3 * np.sin(12.0 * q) + 0.3 * rng.normal(size=20)[k] * (since > 1.0) + rng.normal(0.0, 0.05, len(t))
     shape = (len(t), ROBOT.n)
     seen = SimpleNamespace(
-        q=np.tile(q[:, None], ROBOT.n), residual=np.tile(residual[:, None], ROBOT.n), counted_rows=np.ones(shape, dtype=bool)
+        q=np.tile(q[:, None], ROBOT.n),
+        residual=np.tile(residual[:, None], ROBOT.n),
+        counted_rows=np.ones(shape, dtype=bool),
     )
     clear = find_angle_lines([seen], ROBOT).clear
     assert min(abs(line - 12.0) for joint, line in clear if joint == 4) < 0.3

@@ -26,7 +26,7 @@ made = SimpleNamespace(t=t, segment=np.zeros(4, dtype=np.int64), joint_names=["a
                        noise=np.ones(2), temperature=None, **{**signals, "phase": np.zeros((4, 2), dtype=np.int8)})
 found = StoredComparison(write_comparison(made, Path(sys.argv[1])))
 assert found.read_signals("a", 1.0).predicted.tolist() == [2.0, 3.0, 4.0]
-assert found.residual_map("b", "q_a", None, 2).count.sum() == 4
+assert found.compute_residual_map("b", "q_a", None, 2).count.sum() == 4
 assert "pandas" not in sys.modules, "a process that never shows a frame loads pandas"
 """
 

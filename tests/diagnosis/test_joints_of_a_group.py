@@ -29,7 +29,7 @@ class Gain:
     def total_gain(self) -> float:
         return self.t
 
-    def lasts(self, least_drop: float, least_t: float) -> bool:
+    def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
         return self.drop >= least_drop and self.t >= least_t
 
 
@@ -46,7 +46,9 @@ def left_of(monkeypatch):
 
         monkeypatch.setattr(pruning, "score_one", judge)
         monkeypatch.setattr(pruning, "compute_gain_over_floor", lambda *asked: 1.0)
-        monkeypatch.setattr(pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
+        monkeypatch.setattr(
+            pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible
+        )
         robot = SimpleNamespace(joint_names=ARM, get_movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]
         observation = SimpleNamespace(robot=robot, columns=columns)
@@ -85,7 +87,9 @@ def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is
     change = Candidate("load_dependent_friction", (ARM[1],), (), (1,), ("friday",))
     lasting = Candidate("presliding", (ARM[1],), (), (2,))
     picks = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
-    monkeypatch.setattr(pruning, "_rescore_finding", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0))
+    monkeypatch.setattr(
+        pruning, "_rescore_finding", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0)
+    )
     monkeypatch.setattr(pruning, "is_shadowed", lambda *asked: False)
     monkeypatch.setattr(pruning, "is_physically_possible", lambda data, pool, base, noise, item: base != (0, 2))
     pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))

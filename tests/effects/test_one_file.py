@@ -18,14 +18,14 @@ from dynident.advice.experiments import choose_experiment
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_library
-from dynident.simulation import VirtualRobot, typical_effect
+from dynident.simulation import VirtualRobot, build_typical_effect
 from dynident.testing import check_effect
 from dynident_service.app import create_app
 from dynident_service.command_line import main
 from dynident_service.settings import Settings
 
 robot = robot_from_library("ur10")
-sized = typical_effect(robot, "hose_friction", robot.joint_names[2])
+sized = build_typical_effect(robot, "hose_friction", robot.joint_names[2])
 VirtualRobot(robot, (sized,))
 with tempfile.TemporaryDirectory() as folder:
     client = TestClient(create_app(Settings(data_dir=Path(folder))), "http://127.0.0.1")

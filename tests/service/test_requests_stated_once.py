@@ -48,7 +48,7 @@ import json, sys
 import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
 from dynident_service.adapters.requests import to_request
-from dynident_service.client_types import client_types
+from dynident_service.client_types import build_request_types
 from dynident_service.models.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices
 from dynident_service.openapi import render_contract
@@ -60,7 +60,7 @@ choices = to_request(IdentificationRequest.model_validate(body), IdentificationC
 print(json.dumps({{
     "field": field,
     "options": document["components"]["schemas"]["Tempered"]["properties"],
-    "client": client_types(document),
+    "client": build_request_types(document),
     "taken": [choices.solver.name, choices.solver.power],
 }}))
 from dynident_service.cli.app import app
