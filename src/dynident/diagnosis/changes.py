@@ -26,7 +26,7 @@ from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.robot.model import Joint
+from dynident.robot.joint import Joint
 
 
 def add_friction_differences(
