@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 
-NURSERY = "dynident_service.jobs.fork_server"
+NURSERY = "dynident_service.jobs.fork_server_main"
 PAUSE = 1.0
 """Seconds from the end of a process to its next start."""
 LOOK = 0.1

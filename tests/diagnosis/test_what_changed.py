@@ -14,7 +14,7 @@ from dynident.diagnosis import Change, Diagnosis, diagnose
 from dynident.diagnosis.candidates.pool import build_pool
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import EffectChoice
-from dynident.effects.catalogue import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.recordings import Recording

@@ -22,7 +22,7 @@ from dynident.effects import (
     count_reference_parameters,
     get_effect,
 )
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.effects.usual_sizes import get_velocity_scale
 from dynident.robot import Robot
 

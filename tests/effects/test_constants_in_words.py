@@ -10,7 +10,7 @@ import pytest
 from oracles import arm
 
 from dynident.effects import CATALOGUE, EffectChoice
-from dynident.effects.catalogue import check_shape_constants
+from dynident.effects.effect_columns import check_shape_constants
 from dynident.effects.text_format import format_effect, parse_effects
 from dynident.errors import DynidentError
 from dynident.export.summary import describe_effect

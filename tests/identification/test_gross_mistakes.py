@@ -36,7 +36,8 @@ from dynident.recordings import (
     RecordingMetadata,
     import_recording,
 )
-from dynident.recordings.recording import Check, ModelChecks
+from dynident.recordings.metadata import Check
+from dynident.recordings.recording import ModelChecks
 from dynident.robot import Robot
 
 ROBOT = arm("ur10")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from dynident_service.jobs import child, engine, fork_server
+from dynident_service.jobs import child, engine, fork_server_main
 from dynident_service.jobs.fork_server import ForkServer
 
 HEARTBEAT = 0.4
@@ -56,8 +56,8 @@ def main() -> None:
 
         share_what_is_small()
     elif what != "with_science":
-        fork_server.PRELOADED = ()
-    fork_server.main()
+        fork_server_main.PRELOADED = ()
+    fork_server_main.main()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from dynident.effects.catalogue import check_shape_constants, find_joints
+from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
 from dynident.excitation.clearance import find_nearest_along
 from dynident.excitation.criteria.criterion_values import Baseline

@@ -14,9 +14,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, cast
 
@@ -27,6 +26,7 @@ from dynident_service import tracing
 from dynident_service.jobs.calls import Answer, Call, answer_call
 from dynident_service.jobs.confinement import Confinement, is_out_of_memory
 from dynident_service.jobs.distributed_map import share_with_workers
+from dynident_service.jobs.messages import End, Heartbeat, Hello, JobOrder, Receipt, make_memory_problem
 from dynident_service.jobs.task import PATIENCE, JobEnvironment, JobFunction, ObjectCache, Outcome, Task
 from dynident_service.logs import set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
@@ -54,40 +54,7 @@ STANDS_BACK = 5
 """Niceness added for a process that a request waits for, relative to the process that answers; a job gets it twice."""
 REST = 1.0
 """Seconds before a job is given back after a failure of the infrastructure, so that it does not return at once."""
-End = Callable[[JobQueue], None]
-"""Writes the end of a job into the queue."""
 log = logging.getLogger("dynident.job")
-
-
-@dataclass(frozen=True)
-class JobOrder:
-    """Message of the supervisor: a job, and where its data is."""
-
-    claim: Claim
-    place: JobEnvironment
-
-
-@dataclass(frozen=True)
-class Hello:
-    """First message of the child: its process id."""
-
-    pid: int
-
-
-@dataclass(frozen=True)
-class Heartbeat:
-    """Message of the child from time to time while it works."""
-
-
-@dataclass(frozen=True)
-class Receipt:
-    """Message of the child when a job has ended, well or badly; the queue says which.
-
-    With `trouble` the job has not ended: the database or the object store was away for too long.
-    """
-
-    peak_memory: int
-    trouble: str = ""
 
 
 class JobRunner:
@@ -178,15 +145,6 @@ class Reporter:
         except INFRASTRUCTURE_ERRORS as error:  # the work goes on; the next report may get through
             log.warning("job %s: progress could not be written: %s", self._claim.job_id, describe_error(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
-
-
-def make_memory_problem(memory: int) -> Problem:
-    """Return the problem of a job that took more memory than it may; it is final, as the job would do so again."""
-    detail = (
-        f"The computation needs more than the {memory // 1_000_000} MB that a job may take (DYNIDENT_JOB_MEMORY); "
-        "use less data, a stronger decimation or fewer effects. It is not tried again."
-    )
-    return make_problem(500, detail, title="Out of memory")
 
 
 def _make_disk_full_problem() -> Problem:

@@ -6,9 +6,9 @@ import logging
 import signal
 import time
 
-from dynident_service.jobs.child import End, JobOrder, Receipt, make_memory_problem
 from dynident_service.jobs.fork_server import ProcessExit
 from dynident_service.jobs.liveness import ActivityMonitor
+from dynident_service.jobs.messages import End, JobOrder, Receipt, make_memory_problem
 from dynident_service.jobs.pool import ChildPool, ChildProcess
 from dynident_service.jobs.task import JobEnvironment
 from dynident_service.problems import make_problem

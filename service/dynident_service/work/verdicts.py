@@ -9,7 +9,7 @@ from typing import TypedDict
 
 from dynident.identification import from_bytes
 from dynident.recordings import Check, open_recording
-from dynident.recordings.recording import Status
+from dynident.recordings.metadata import Status
 from dynident.validation import ValidationOutcome, Verdict
 from dynident.verdict import Outcome, verdict
 from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict

@@ -24,7 +24,7 @@ from dynident.diagnosis import Diagnosis, Examination
 from dynident.diagnosis.ambiguities import Doubt
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.effects import EffectChoice, get_effect
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, DesignRequest, Rehearsal, rehearse_motion, rehearse_quickly
 from dynident.excitation.criteria.design_criterion import find_effect_parameters

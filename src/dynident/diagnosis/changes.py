@@ -16,7 +16,8 @@ from dynident.diagnosis.comparing.data_leakage import find_overlaps
 from dynident.diagnosis.result import Change, FrictionDifference, RankedEffect
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import Column, EffectChoice, get_effect
-from dynident.effects.catalogue import get_role, is_lasting_change
+from dynident.effects.catalogue import get_role
+from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, identify_model
 from dynident.identification.choices import PriorName
@@ -25,7 +26,7 @@ from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.study.extending import extend_at_once
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Recording
-from dynident.robot.model import Joint
+from dynident.robot.joint import Joint
 
 
 def add_friction_differences(

@@ -43,7 +43,7 @@ from dynident.diagnosis.summary import (
     word_summary,
 )
 from dynident.effects import EffectChoice, get_effect
-from dynident.effects.catalogue import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change
 from dynident.errors import DynidentError
 from dynident.identification import Identification, extend, reidentify
 from dynident.identification.equations.reduce_data import split_friction_tests

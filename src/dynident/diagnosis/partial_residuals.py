@@ -12,7 +12,7 @@ from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.diagnosis.result import RankedEffect
 from dynident.effects import Column, EffectChoice, ReferenceParameters, build_columns, get_role
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.estimation import Reduction, build_weighted_factor
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress

@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.effects.catalogue import (
-        CATALOGUE,
-        UnknownEffectError,
-        build_columns,
-        get_effect,
-        get_role,
-        get_spec,
-    )
+    from dynident.effects.catalogue import CATALOGUE, UnknownEffectError, get_effect, get_role, get_spec
     from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, LINKS, OFFSETS, EffectChoice, choose_payload
     from dynident.effects.effect import (
         DRIVE_ROLES,
@@ -27,6 +20,7 @@ if TYPE_CHECKING:
         Role,
         ShapeSpec,
     )
+    from dynident.effects.effect_columns import build_columns
     from dynident.effects.hysteresis_operators import DAHL, STOP, TRAVEL, Operator
     from dynident.effects.prediction import DRIVE_PARAMETERS, ReferenceParameters, count_reference_parameters
     from dynident.effects.signals import MemorySignal, RunSignal, Signals

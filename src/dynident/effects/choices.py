@@ -27,11 +27,26 @@ class EffectChoice:
     runs: tuple[str, ...] = field(default=())
 
     def __repr__(self) -> str:
-        # Imported here: the catalogue, which has the words for constants, loads CasADi.
-        from dynident.effects.text_format import format_effect
-
         runs = f", runs={self.runs!r}" if self.runs else ""
-        return f"EffectChoice({format_effect(self)}{runs})"
+        return f"EffectChoice({self.to_text()}{runs})"
+
+    def to_text(self, digits: str = ".6g") -> str:
+        """Return the choice as text that `text_format.parse_effects` reads, without its runs.
+
+        Parameters
+        ----------
+        digits : str
+            Format of the shape constants that are numbers.
+        """
+        # Imported here: the catalogue, which has the words for constants, loads CasADi.
+        from dynident.effects.catalogue import get_constant_word
+
+        joints = f"@{'+'.join(self.joints)}" if self.joints else ""
+        constants = (
+            (name, get_constant_word(self.effect, name, value) or format(value, digits)) for name, value in self.shape
+        )
+        shape = ",".join(f"{name}={text}" for name, text in constants)
+        return f"{self.effect}{joints}{':' + shape if shape else ''}"
 
     @property
     def shape_values(self) -> dict[str, float]:

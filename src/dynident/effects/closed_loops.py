@@ -15,9 +15,8 @@ from dynident.array_types import FloatArray
 from dynident.effects.mechanics import Mechanics, build_dynamic_rows, build_energy_rows, build_wrench_rows
 from dynident.effects.newton_euler import build_inverse_dynamics
 from dynident.expressions.angles import AngleTerms
-from dynident.robot.linkage import Linkage
 from dynident.robot.loops import Closure
-from dynident.robot.model import Robot
+from dynident.robot.model import Linkage, Robot
 
 
 @dataclass(frozen=True, eq=False)

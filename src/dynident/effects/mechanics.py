@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.robot.model import Joint, Robot
+from dynident.robot.joint import Joint
+from dynident.robot.model import Robot
 
 # Rounded right angles in a description leave 1e-17 where zero is meant, and each such entry costs instructions.
 _SNAP = 1e-12

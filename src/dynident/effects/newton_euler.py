@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 
 from dynident.effects.mechanics import Frame, build_frames, cross_product, to_constant
-from dynident.robot.model import Joint, Robot
+from dynident.robot.joint import Joint
+from dynident.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False)

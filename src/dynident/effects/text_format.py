@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dynident.effects.catalogue import CATALOGUE
+from dynident.effects.catalogue import CATALOGUE, get_constant_word
 from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
 
@@ -37,23 +37,14 @@ def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Effe
 
 
 def format_effect(choice: EffectChoice, digits: str = ".6g") -> str:
-    """Return an effect as text that `written_effects` reads; `digits` is the format of shape constants."""
-    joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
-    constants = ((name, _get_word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
-    shape = ",".join(f"{name}={text}" for name, text in constants)
-    return f"{choice.effect}{joints}{':' + shape if shape else ''}"
+    """Return an effect as text that `parse_effects` reads; `digits` is the format of shape constants."""
+    return choice.to_text(digits)
 
 
 def format_constant(effect: str, name: str, value: float) -> str:
     """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
-    word = _get_word(effect, name, value)
+    word = get_constant_word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
-
-
-def _get_word(effect: str, name: str, value: float) -> str | None:
-    """Return the meaning of a constant that is a choice between kinds; None for a number or an unknown effect."""
-    catalogued = CATALOGUE.get(effect)
-    return next((spec.get_word(value) for spec in (catalogued.shapes if catalogued else ()) if spec.name == name), None)
 
 
 def split_effects(arguments: Sequence[str]) -> list[str]:

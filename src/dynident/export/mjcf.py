@@ -25,8 +25,8 @@ from dynident.export.summary import (
     replace_unprintable,
 )
 from dynident.identification import Identification
-from dynident.robot.linkage import Linkage
-from dynident.robot.model import Joint, Robot
+from dynident.robot.joint import Joint
+from dynident.robot.model import Linkage, Robot
 from dynident.robot.pinocchio_model import to_dynamic_parameters
 from dynident.robot.urdf_writer import name_links
 from dynident.robot.xml_text import Element, format_numbers, write_xml

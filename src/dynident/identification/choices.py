@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from dynident.effects.choices import DEFAULT_EFFECTS, EffectChoice
 from dynident.errors import DynidentError
@@ -16,8 +16,10 @@ from dynident.identification.methods.bases import (
     EquationType,
     Estimator,
     Prior,
+    StepsName,
     Strategy,
 )
+from dynident.identification.problem_options import DescriptionTrust, ModelName, RowOptions
 from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field
 from dynident.schema.registry import get_kind_name
 
@@ -35,45 +37,9 @@ class EssentialChoices:
     )
 
 
-@dataclass(frozen=True)
-class RowOptions:
-    """Options of the rows that are made of recordings: the name of their model, and what its equations need.
-
-    `pole` is a of [12.29] in rad/s, for the filtered model, `interval` t_b - t_a of [12.43] in s, for the energy model;
-    None where the data decide. `tolerance` and `weighted` are for the base's wrench: which columns count as dependent,
-    and whether what it alone shows is fitted with its six equations weighed by their noise.
-    """
-
-    model: str
-    pole: float | None
-    interval: float | None
-    tolerance: float
-    weighted: bool
-
-
-@dataclass(frozen=True)
-class DescriptionTrust:
-    """Trust in the inertias of the robot's description.
-
-    `prior` is its kind, None where the data alone count; `free_links`, by their joints, are those that it does not hold
-    for, and `error` is the share by which the others are usually off.
-    """
-
-    prior: Prior | None
-    free_links: tuple[str, ...]
-    error: float
-
-    @property
-    def of_bodies(self) -> bool:
-        """Whether the prior is a distance between bodies that can exist."""
-        return self.prior is not None and self.prior.of_bodies
-
-
-ModelName = str
 StrategyName = str
 EstimatorName = str
 PriorName = str
-StepsName = Literal["link_by_link", "wrist_then_shoulder"]
 
 AVAILABLE_MODELS = MODELS.names
 AVAILABLE_STRATEGIES = STRATEGIES.names
@@ -223,7 +189,8 @@ class IdentificationChoices:
     @property
     def trust(self) -> DescriptionTrust:
         """Trust in the inertias of the description."""
-        return DescriptionTrust(self.belief, self.free_links, self.prior_error)
+        belief = self.belief
+        return DescriptionTrust(self.prior, self.free_links, self.prior_error, belief is not None and belief.of_bodies)
 
     @property
     def is_least_squares_of_torque(self) -> bool:

@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from dynident.estimation import CovarianceName, PriorInformation, estimate_reversal_weights
-from dynident.identification.choices import DescriptionTrust, IdentificationChoices
 from dynident.identification.equations.reduce_data import Data
 from dynident.identification.prior.description_prior import build_prior
+from dynident.identification.problem_options import DescriptionTrust
 from dynident.regressors.model import Model
+
+
+class ProblemChoices(Protocol):
+    """What a problem needs of `choices.IdentificationChoices`, which names what solves problems."""
+
+    @property
+    def trust(self) -> DescriptionTrust:
+        """Trust in the inertias of the description."""
+        ...
+
+    @property
+    def covariance(self) -> CovarianceName:
+        """Which residuals are taken to be correlated."""
+        ...
+
+    @property
+    def weighs_turns(self) -> bool:
+        """Whether rows of the joints' torques count by their noise where a joint turns round."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +49,7 @@ class Problem:
     trust: DescriptionTrust
 
     @classmethod
-    def from_choices(cls, model: Model, choices: IdentificationChoices, data: Data) -> Problem:
+    def from_choices(cls, model: Model, choices: ProblemChoices, data: Data) -> Problem:
         """Return the problem of all parameters and all data, with the chosen prior and weights.
 
         Raises

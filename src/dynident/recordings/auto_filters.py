@@ -11,9 +11,10 @@ import numpy as np
 from scipy import special
 
 from dynident.array_types import FloatArray
+from dynident.recordings.metadata import RecordingError
 from dynident.recordings.poses import has_poses
 from dynident.recordings.preprocessing import Preprocessing, values_from_request
-from dynident.recordings.recording import Recording, RecordingError
+from dynident.recordings.recording import Recording
 from dynident.recordings.spectra import Spectra, estimate_spectra
 
 MOTION_SHARE = 0.99

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.recordings.columns import Layout
-from dynident.recordings.metadata import RecordingMetadata
+from dynident.recordings.metadata import ACCEPTED, Check, RecordingError, RecordingMetadata
 from dynident.recordings.position_checks import check_motion
 from dynident.recordings.raw_sample import RawSample
-from dynident.recordings.recording import ACCEPTED, Check, JointLimits, ModelChecks, Recording, RecordingError
+from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 from dynident.recordings.revisions import adapt_cures
 from dynident.recordings.torque_checks import check_torque
 

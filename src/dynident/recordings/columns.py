@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import FloatArray, IntArray
-from dynident.recordings.metadata import RecordingMetadata
-from dynident.recordings.recording import WRENCH_NAMES, Check, JointKind, RecordedJoints, RecordingError
+from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata
+from dynident.recordings.recording import WRENCH_NAMES, JointKind, RecordedJoints
 from dynident.recordings.revisions import ColumnArrangement
 from dynident.recordings.units import JOINT_KINDS, KINDS, find_conversion, find_unit
 

@@ -17,7 +17,7 @@ from dynident.recordings.formats.text_rewriting import (
     squeeze_spaces,
 )
 from dynident.recordings.list_cells import make_counted_names
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")

@@ -6,7 +6,7 @@ still be slow.
 
 from __future__ import annotations
 
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 MOST_COLUMNS = 10_000
 """Columns of a file. A humanoid of 60 joints with 20 signals each has 1,200."""

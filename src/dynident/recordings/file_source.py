@@ -13,7 +13,7 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.recordings.arrow import parse_numbers, to_floats
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_limits import TITLE, check_columns
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 
 class RawRows(NamedTuple):

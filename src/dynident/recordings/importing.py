@@ -17,16 +17,14 @@ from dynident.recordings.columns import Column, Layout, check_surplus_columns, f
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.file_source import FileSource, RawRows, RawSource
 from dynident.recordings.formats import open_source
-from dynident.recordings.metadata import RecordingMetadata, Windows
+from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata, Windows
 from dynident.recordings.poses import POSES, read_poses, report_poses, write_poses
 from dynident.recordings.raw_sample import RawSample, SampleCollector
 from dynident.recordings.recording import (
     WRENCH_NAMES,
-    Check,
     ModelChecks,
     RecordedJoints,
     Recording,
-    RecordingError,
     Segment,
     is_inside_windows,
 )

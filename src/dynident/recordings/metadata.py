@@ -1,15 +1,20 @@
-"""Metadata of a recording's file, as the user states them, and revisions of them."""
+"""Metadata of a recording's file, as the user states them, revisions of them, and the findings that propose these.
+
+They are in one module because each needs the next: impossible metadata raise a `RecordingError`, which carries the
+checks that led to it; a check carries the revision that would cure it; and a revision changes the metadata.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from typing import Any, Literal, TypedDict, get_args
 
 from dynident.errors import DynidentError
 from dynident.schema.fields import Choice, OneOf, check_ranges, declare_field, redeclare_field
 
+Status = Literal["ok", "warning", "error"]
 Windows = tuple[tuple[float, float], ...]
 Format = Literal["csv", "parquet", "jsonl", "npy", "npz", "mat", "hdf5", "rosbag", "rosbag2", "mcap", "rsi", "zip"]
 Role = Literal["identification", "validation", "friction", "payload"]
@@ -56,6 +61,9 @@ NO_MEASUREMENT = {
     "commanded": "it is what a controller computed, and not what the robot needed",
 }
 """Kinds of torque that nothing can be identified from, and why."""
+
+ACCEPTED = " (Accepted.)"
+"""Ends the detail of a finding that the user has accepted."""
 
 
 @dataclass(frozen=True)
@@ -127,41 +135,35 @@ class RecordingMetadata:
 
     def __post_init__(self) -> None:
         if self.effort_kind in NO_MEASUREMENT:
-            raise _unusable_recording_error(
+            raise RecordingError(
                 f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
                 "Give columns with the torque, or the current, that the motors were measured to make.",
-                "/effort_kind",
-                "No measured torque",
+                pointer="/effort_kind",
+                title="No measured torque",
             )
         unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
         if unknown:
-            raise _unusable_recording_error(
+            raise RecordingError(
                 f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
                 f"{', '.join(get_args(ConditioningStep))}.",
-                "/skip",
+                pointer="/skip",
             )
         try:
             check_ranges(self)
         except DynidentError as error:
-            raise _unusable_recording_error(error.detail, error.pointer) from None
+            raise RecordingError(error.detail, pointer=error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
-            raise _unusable_recording_error(
-                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.", "/rate"
+            raise RecordingError(
+                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.",
+                pointer="/rate",
             )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
-                    raise _unusable_recording_error(
+                    raise RecordingError(
                         f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
-                        f"/{name}/{index}",
+                        pointer=f"/{name}/{index}",
                     )
-
-
-def _unusable_recording_error(detail: str, pointer: str, title: str = "Unusable recording") -> DynidentError:
-    # Loaded where something is wrong alone: the service and the command line read the fields when they start.
-    from dynident.recordings.recording import RecordingError
-
-    return RecordingError(detail, pointer=pointer, title=title)
 
 
 _BY_KEY = ("columns", "units", "permutation", "signs", "scale")
@@ -223,21 +225,74 @@ class Revision:
             For a window or a delay that cannot be.
         """
         changed: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in _BY_KEY:
-                changed[field.name] = {**getattr(metadata, field.name), **value}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name in _BY_KEY:
+                changed[item.name] = {**getattr(metadata, item.name), **value}
             elif value is not None:
-                changed[field.name] = value
+                changed[item.name] = value
         return replace(metadata, **changed)
 
     @property
     def changes(self) -> tuple[str, ...]:
         """Names of the fields that change anything."""
-        return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
+        return tuple(item.name for item in fields(self) if getattr(self, item.name) not in (None, {}))
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_format_value(getattr(self, name))}" for name in self.changes) or "nothing"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at in a recording, what was found, and what to do about it.
+
+    `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
+    is empty or `None` where the finding has no single place. `rows` are those of several columns.
+    `apply` is what would have to be said of the file instead, where that is known.
+    """
+
+    name: str
+    status: Status
+    detail: str
+    column: str = ""
+    row: int | None = None
+    time: float | None = None
+    apply: Revision | None = None
+    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the user has said that the recording is right all the same."""
+        return self.detail.endswith(ACCEPTED)
+
+
+class RecordingError(DynidentError):
+    """A recording that cannot be used as it is. `pointer` names the column; `checks` holds all that was found."""
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        pointer: str = "",
+        title: str = "Unusable recording",
+        row: int | None = None,
+        time: float | None = None,
+        checks: tuple[Check, ...] = (),
+    ) -> None:
+        super().__init__(detail, pointer=pointer, title=title)
+        self.row = row
+        self.time = time
+        self.checks = checks
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild_error, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
+
+
+def _rebuild_error(
+    detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
+) -> RecordingError:
+    """Return the error again after pickling, which keeps no keyword arguments."""
+    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
 
 
 class RevisionFields(TypedDict, total=False):

@@ -10,7 +10,8 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawRows, RawSource
-from dynident.recordings.recording import Check, Recording, Segment, are_readings
+from dynident.recordings.metadata import Check
+from dynident.recordings.recording import Recording, Segment, are_readings
 from dynident.recordings.segmenting import GridRows
 from dynident.recordings.sinks import ArraySink, ParquetSink
 from dynident.recordings.timebase import LONGEST_PERIOD, TimeBase

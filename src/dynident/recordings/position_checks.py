@@ -8,10 +8,10 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.columns import Column, Layout
-from dynident.recordings.metadata import Revision
+from dynident.recordings.metadata import Check, Revision, Status
 from dynident.recordings.phases import phase_shares
 from dynident.recordings.raw_sample import RawSample
-from dynident.recordings.recording import Check, JointLimits, Recording, Status
+from dynident.recordings.recording import JointLimits, Recording
 
 DEGREE = pi / 180.0
 MOVED = {"revolute": 2e-3, "prismatic": 5e-4}

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import isfinite
 
-from dynident.recordings.metadata import PreprocessingChoices
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import PreprocessingChoices, RecordingError
 
 
 @dataclass(frozen=True)

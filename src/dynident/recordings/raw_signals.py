@@ -13,8 +13,8 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Column, Layout, find_columns
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats import open_source
-from dynident.recordings.metadata import RecordingMetadata
-from dynident.recordings.recording import RecordedJoints, RecordingError
+from dynident.recordings.metadata import RecordingError, RecordingMetadata
+from dynident.recordings.recording import RecordedJoints
 from dynident.recordings.units import STORED_KINDS, find_our_unit
 
 

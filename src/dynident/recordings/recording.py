@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.encoding import escape_surrogates
-from dynident.errors import DynidentError
-from dynident.recordings.metadata import Windows
+from dynident.recordings.metadata import Check, Windows
 
-if TYPE_CHECKING:
-    from dynident.recordings.metadata import Revision
-
-Status = Literal["ok", "warning", "error"]
 JointKind = Literal["revolute", "prismatic"]
-
-ACCEPTED = " (Accepted.)"
-"""Ends the detail of a finding that the user has accepted."""
 
 # In any unit; fourth powers of it can still be taken.
 _LARGEST_READING = 1e30
@@ -85,30 +77,6 @@ class RecordedJoints:
         return (None,) * self.n if self.gains is None else tuple(self.gains)
 
 
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at in a recording, what was found, and what to do about it.
-
-    `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
-    is empty or `None` where the finding has no single place. `rows` are those of several columns.
-    `apply` is what would have to be said of the file instead, where that is known.
-    """
-
-    name: str
-    status: Status
-    detail: str
-    column: str = ""
-    row: int | None = None
-    time: float | None = None
-    apply: Revision | None = None
-    rows: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-
-    @property
-    def is_accepted(self) -> bool:
-        """Whether the user has said that the recording is right all the same."""
-        return self.detail.endswith(ACCEPTED)
-
-
 class ModelChecks(Protocol):
     """What a model of the robot says of a recording, given the user's names of its position and torque columns.
 
@@ -117,35 +85,6 @@ class ModelChecks(Protocol):
 
     def __call__(self, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
         """Check a recording."""
-
-
-class RecordingError(DynidentError):
-    """A recording that cannot be used as it is. `pointer` names the column; `checks` holds all that was found."""
-
-    def __init__(
-        self,
-        detail: str,
-        *,
-        pointer: str = "",
-        title: str = "Unusable recording",
-        row: int | None = None,
-        time: float | None = None,
-        checks: tuple[Check, ...] = (),
-    ) -> None:
-        super().__init__(detail, pointer=pointer, title=title)
-        self.row = row
-        self.time = time
-        self.checks = checks
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild_error, (self.detail, self.pointer, self.title, self.row, self.time, self.checks))
-
-
-def _rebuild_error(
-    detail: str, pointer: str, title: str, row: int | None, time: float | None, checks: tuple[Check, ...]
-) -> RecordingError:
-    """Return the error again after pickling, which keeps no keyword arguments."""
-    return RecordingError(detail, pointer=pointer, title=title, row=row, time=time, checks=checks)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from typing import get_args
 
 import numpy as np
 
-from dynident.recordings.metadata import Axis, RecordingMetadata, Revision, Windows
-from dynident.recordings.recording import Check, RecordingError
+from dynident.recordings.metadata import Axis, Check, RecordingError, RecordingMetadata, Revision, Windows
 
 
 def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_names: Sequence[str]) -> tuple[Check, ...]:

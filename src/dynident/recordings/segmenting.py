@@ -12,7 +12,8 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.recording import RecordingError, Segment, are_readings
+from dynident.recordings.metadata import RecordingError
+from dynident.recordings.recording import Segment, are_readings
 from dynident.recordings.timebase import TimeBase
 
 SNAP = 1e-6

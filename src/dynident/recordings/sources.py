@@ -15,15 +15,8 @@ from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.recordings.arrow import open_parquet_stream, table_column_to_numbers, to_floats
-from dynident.recordings.recording import (
-    WRENCH_NAMES,
-    JointKind,
-    Recording,
-    RecordingError,
-    SampleSource,
-    Segment,
-    StoredRows,
-)
+from dynident.recordings.metadata import RecordingError
+from dynident.recordings.recording import WRENCH_NAMES, JointKind, Recording, SampleSource, Segment, StoredRows
 from dynident.recordings.units import STORED_KINDS, find_our_unit
 
 _TURNS: JointKind = "revolute"

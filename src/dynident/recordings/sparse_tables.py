@@ -13,7 +13,7 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.arrow import batch_from_arrays
 from dynident.recordings.file_limits import choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
 from dynident.recordings.time_parsing import is_time_name
 

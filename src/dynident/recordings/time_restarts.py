@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.recordings.columns import Layout
 from dynident.recordings.file_source import RawRows, RawSource
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import Check
 
 NEAR_BEGINNING = 0.1
 """Share of the time since a run began, from its beginning on, to which a clock goes back that starts again."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.metadata import Revision
-from dynident.recordings.recording import Check, RecordingError
+from dynident.recordings.metadata import Check, RecordingError, Revision
 
 _FINEST = 1e-9
 """s: steps that differ by less are the same."""

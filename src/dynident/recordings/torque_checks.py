@@ -8,10 +8,10 @@ from scipy.optimize import linear_sum_assignment
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns import NOT_RECORDED, Layout
-from dynident.recordings.metadata import COMMANDED, DELAY, Revision
+from dynident.recordings.metadata import COMMANDED, DELAY, Check, Revision, Status
 from dynident.recordings.nonparametric_fit import TorqueEvidence
 from dynident.recordings.raw_sample import RawSample
-from dynident.recordings.recording import Check, JointLimits, ModelChecks, Recording, Status
+from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 
 SATURATED = 5e-3
 """Torque counts as saturated where it stays within this share of its range at its extreme."""

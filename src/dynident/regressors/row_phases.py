@@ -27,8 +27,7 @@ from dynident.recordings.phases import (
     find_phases,
 )
 from dynident.regressors.observation import Observation
-from dynident.robot.linkage import Linkage
-from dynident.robot.model import Robot
+from dynident.robot.model import Linkage, Robot
 
 # A velocity of nothing but its direction.
 _TOUCH = 1e-9

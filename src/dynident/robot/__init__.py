@@ -9,11 +9,12 @@ from dynident.lazy_loader import make_lazy_getattr
 if TYPE_CHECKING:
     from dynident.robot.collision import CollisionGeometry, collision_geometry
     from dynident.robot.document import robot_from_description
+    from dynident.robot.joint import Joint
     from dynident.robot.kinematics import joint_frames, tool_path
     from dynident.robot.library import library_names, library_source, library_table, robot_from_library
     from dynident.robot.limits import Drive, Limits
     from dynident.robot.mjcf import robot_from_mjcf
-    from dynident.robot.model import INERTIAL_NAMES, Description, Joint, Robot, coupling_matrix
+    from dynident.robot.model import INERTIAL_NAMES, Description, Robot, coupling_matrix
     from dynident.robot.modified_dh import robot_from_modified_dh
     from dynident.robot.pinocchio_model import to_pinocchio
     from dynident.robot.urdf import robot_from_urdf

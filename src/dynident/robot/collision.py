@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.joint import Joint, JointKind
 from dynident.robot.json_fields import parse_json
 from dynident.robot.json_pointer import join_names
 from dynident.robot.kinematics import joint_motion
 from dynident.robot.mesh_files import find_mesh_file, list_candidate_files
 from dynident.robot.meshes import Surface, build_hulls, read_surface
-from dynident.robot.model import Joint, JointKind, Robot
+from dynident.robot.model import Robot
 from dynident.robot.modified_dh import TITLE, read_capsules_and_rows
 from dynident.robot.ros_packages import list_package_folders
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape

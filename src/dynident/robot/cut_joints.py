@@ -11,7 +11,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.model import Joint
+from dynident.robot.joint import Joint
 
 LOOP_TITLE = "Unusable closed loop"
 

@@ -11,16 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.expressions.angles import AngleTerms, substitute_angles
-
-if TYPE_CHECKING:
-    from dynident.robot.loops import Closure
+from dynident.robot.loop_equations import LoopEquations
 
 _POSTURES, _TURNS = 3, 8
 _EXACT, _CONSTANT, _SAME_BRANCH = 1e-12, 1e-13, 1e-8
@@ -53,12 +50,12 @@ class _PlaneVector:
         return self.x * self.x + self.y * self.y
 
 
-def solve_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> AngleTerms | None:
+def solve_by_triangles(closure: LoopEquations, q: FloatArray, x: FloatArray) -> AngleTerms | None:
     """Return the passive coordinates as closed-form expressions of the driven ones.
 
     Parameters
     ----------
-    closure : Closure
+    closure : LoopEquations
     q, x : (m, n), (m, p)
         Closed postures on the branch of the start; they select the branch of each triangle.
 
@@ -81,7 +78,7 @@ def solve_by_triangles(closure: Closure, q: FloatArray, x: FloatArray) -> AngleT
     return solution
 
 
-def _order_blocks(closure: Closure) -> list[tuple[list[int], list[int]]]:
+def _order_blocks(closure: LoopEquations) -> list[tuple[list[int], list[int]]]:
     """Return blocks of equations with the passive coordinates that each determines, in an order to solve them."""
     # The block triangular form of ∂φ/∂x splits the loops into the smallest systems that can be solved one by one.
     over = np.asarray(ca.DM(closure.slopes[1].sparsity(), 1.0).full() != 0)
@@ -104,7 +101,12 @@ def _order_blocks(closure: Closure) -> list[tuple[list[int], list[int]]]:
 
 
 def _solve_triangle(
-    closure: Closure, rows: list[int], unknowns: list[int], solved_before: AngleTerms, q: FloatArray, x: FloatArray
+    closure: LoopEquations,
+    rows: list[int],
+    unknowns: list[int],
+    solved_before: AngleTerms,
+    q: FloatArray,
+    x: FloatArray,
 ) -> AngleTerms | None:
     """Solve two equations for two passive coordinates; None if they do not form a triangle."""
     if len(rows) != 2 or len(unknowns) != 2:
@@ -136,7 +138,7 @@ def _iter_turnings() -> Iterator[FloatArray]:
 
 
 def _find_turning(
-    closure: Closure, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray
+    closure: LoopEquations, rows: list[int], unknowns: list[int], q: FloatArray, x: FloatArray
 ) -> FloatArray | None:
     """Return T of two equations, or None: with it they are linear in u, v and w for any angles of the two joints."""
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_TURNS, 2))
@@ -156,7 +158,7 @@ def _find_turning(
 
 
 def _extract_vectors(
-    closure: Closure, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: AngleTerms
+    closure: LoopEquations, rows: list[int], unknowns: list[int], turning: FloatArray, solved_before: AngleTerms
 ) -> list[_PlaneVector] | None:
     """Return u, v and w: the constant part of the equations, and the factors of the cosines of y₁ and y₂."""
     # Replace cosines and sines by symbols: the gaps are then polynomials in them, and v and w their coefficients.

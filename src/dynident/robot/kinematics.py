@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.robot.model import Joint, Robot
+from dynident.robot.joint import Joint
+from dynident.robot.model import Robot
 
 
 def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:

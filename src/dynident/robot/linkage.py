@@ -9,23 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.linalg
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.cut_joints import LOOP_TITLE as CLOSURE_TITLE
-from dynident.robot.cut_joints import Loop
+from dynident.robot.cut_joints import LOOP_TITLE, Loop
 from dynident.robot.json_pointer import join_names
-from dynident.robot.loops import SINGULAR, Closure
-
-if TYPE_CHECKING:
-    from dynident.robot.model import Robot
-import scipy.linalg
-
-from dynident.robot.cut_joints import LOOP_TITLE
-from dynident.robot.loops import CLOSED
+from dynident.robot.loop_equations import CLOSED
+from dynident.robot.loops import Closure
+from dynident.robot.model import Linkage, Robot, Tie
 
 _POSTURES, _NEAR, _ROUNDS = 20, 0.1, 30
 _DEPENDENT = 1e-9
@@ -100,119 +94,6 @@ def _sample_closed_postures(closure: Closure, start: FloatArray) -> FloatArray:
         if np.abs(gap).max() < _OPEN_WHEN_DROPPED:
             postures.append(posture)
     return np.array(postures)
-
-
-# One of so many recorded positions is checked: they change little from sample to sample.
-_EVERY = 20
-# A loop that is open by more (m) is not open by rounding alone.
-_OPEN = 1e-6
-
-
-@dataclass(frozen=True)
-class Tie:
-    """A joint that follows others: q = Σ ratio q_other + offset.
-
-    `where` and `line` are its place in the description, for messages.
-    """
-
-    ratios: Mapping[str, float]
-    offset: float = 0.0
-    where: str = ""
-    line: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Linkage:
-    """The tree that carries the links of a machine, and how its joints follow the driven ones.
-
-    Attributes
-    ----------
-    tree : Robot
-        The robot of all N joints.
-    driven : tuple of int
-        Indices of the n driven joints in the tree.
-    ratios, offsets : (N, n + p), (N,)
-        q = ratios [q_a; x] + offsets, with the p passive coordinates x that closed loops determine.
-    ties : mapping of joint name to Tie
-        Joints that follow others by fixed ratios.
-    closure : Closure or None
-        The closed loops, where there are any.
-    """
-
-    tree: Robot
-    driven: tuple[int, ...]
-    ratios: FloatArray
-    offsets: FloatArray
-    ties: Mapping[str, Tie] = field(default_factory=dict)
-    closure: Closure | None = None
-
-    @property
-    def passive(self) -> tuple[int, ...]:
-        """Indices of the joints in the tree that are not driven."""
-        return tuple(j for j in range(self.tree.n) if j not in self.driven)
-
-    def compute_positions(self, q: FloatArray) -> FloatArray:
-        """Return the positions of all joints (m, N) at those of the driven ones (m, n)."""
-        free = q if self.closure is None else np.hstack([q, self.closure.solve_passive(q)])
-        return np.asarray(free @ self.ratios.T + self.offsets)
-
-    def compute_jacobian(self, q: FloatArray) -> FloatArray:
-        """Return G = ∂q/∂q_a (m, N, n) at driven positions q (m, n)."""
-        if self.closure is None:
-            return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
-        n, x = q.shape[1], self.closure.solve_passive(q)
-        slopes = self.closure.compute_rates(q, x)
-        return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
-
-    def compute_motion(
-        self, q: FloatArray, dq: FloatArray, ddq: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
-        if self.closure is None:
-            return self.compute_positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
-        passive = self.closure.compute_accelerations(q, self.closure.solve_passive(q), dq, ddq)
-        speed = np.einsum("mij,mj->mi", self.compute_jacobian(q), dq)
-        return self.compute_positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
-
-    def check_closed(self, t: FloatArray, q: FloatArray) -> None:
-        """Check at some of the driven positions q (m, n), recorded at times t (m,), that the loops are closed.
-
-        Raises
-        ------
-        DynidentError
-            If a loop is open or a posture is singular: no recording of this machine can hold it.
-        """
-        if self.closure is None:
-            return
-        gaps, conditions = self.closure.compute_gaps_and_conditions(q[::_EVERY])
-        # Negated comparisons, so that positions that are not a number count as wrong.
-        wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
-        if len(wrong):
-            k = int(wrong[0])
-            raise DynidentError(
-                f"At t = {t[::_EVERY][k]:.3f} s the loops ({join_names(loop.name for loop in self.closure.loops)}) are "
-                f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
-                "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
-                "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
-                title=CLOSURE_TITLE,
-            )
-
-    def follows_one_driven_joint(self, joint: int) -> bool:
-        """Return whether a joint of the tree follows at most one driven joint, by a constant ratio."""
-        joint_ratios = self.ratios[joint]
-        return bool(
-            np.count_nonzero(joint_ratios[: len(self.driven)]) < 2 and not joint_ratios[len(self.driven) :].any()
-        )
-
-    def get_movers(self, joint: int) -> tuple[int, ...]:
-        """Return the places, among the driven joints, of those that a joint of the tree moves with."""
-        n, driven_joints = len(self.driven), set()
-        for place in np.flatnonzero(self.ratios[joint]):
-            if place < n:
-                driven_joints.add(int(place))
-            elif self.closure is not None:
-                driven_joints |= set(self.closure.get_movers(int(place) - n))
-        return tuple(sorted(driven_joints))
 
 
 def lock_followers(ties: Mapping[str, Tie], locked: Mapping[str, float]) -> dict[str, float]:
@@ -334,7 +215,7 @@ def _build_closure(
             f"No loop holds the passive joints {join_names(cuts.passive)}; drive or tie them, or close a loop "
             f"with them.",
             pointer="/loops",
-            title=CLOSURE_TITLE,
+            title=LOOP_TITLE,
         )
     free = [tree.joints[j] for j in (*driven, *loose)]
     start = np.array([cuts.starts.get(joint.name, 0.0) for joint in free])

@@ -1,11 +1,8 @@
-"""Closed loops: cut joints whose two frames coincide, and the passive joints that this determines (chapter 10).
+"""Closed loops of a machine, with the passive positions as expressions of the driven ones.
 
-With the loops cut open, the machine is a tree. Its free coordinates are those of the driven joints, q_a, and of the
-passive ones, x; φ(q_a, x) = 0 holds the cut frames together, so that ẋ = -(∂φ/∂x)⁻¹ (∂φ/∂q_a) q̇_a, and once more for ẍ.
-
-x itself is found by Newton's method from a first guess near the branch that the description starts on. The guess is a
-polynomial that is fitted to positions which were followed from the start. The results are expressions, like those of
-any other joint.
+The positions x of the passive joints are found by Newton's method from a first guess near the branch that the
+description starts on. The guess is a polynomial that is fitted to positions which were followed from the start. The
+results are expressions, like those of any other joint.
 """
 
 from __future__ import annotations
@@ -16,118 +13,25 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from dynident.array_types import BoolArray, FloatArray
+from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.expressions.angles import AngleTerms, substitute_angles
-from dynident.robot.cut_joints import (
-    LOOP_TITLE,
-    Loop,
-    build_gap,
-    make_approximation_error,
-    make_loop_error,
-    make_reach_error,
-    make_redundancy_error,
-    to_sparse_constant,
-)
+from dynident.robot.cut_joints import LOOP_TITLE, make_approximation_error
 from dynident.robot.json_pointer import join_names
-from dynident.robot.loop_numbers import Pivots, choose_pivots, compute_condition, group_equations, solve_sparse
-from dynident.robot.model import Joint
+from dynident.robot.loop_equations import CLOSED, SINGULAR, LoopEquations
+from dynident.robot.loop_numbers import compute_condition
 from dynident.robot.passive_positions import build_passive_positions
 
-CLOSED = 1e-9
-"""Largest gap of a closed loop (m, rad): rounding."""
-SINGULAR = 1e3
-"""Condition of ∂φ/∂x above which a posture counts as singular."""
-FAR_FROM_SINGULAR = 30.0
-"""Condition below which passive positions are reliable; designed trajectories stay there."""
-_FOUND, _LEAP = 1e-13, 1.0
-_STEP, _MOST_STEPS, _ROUNDS = 0.1, 80, 40
-_PIVOT_SAMPLES = 200
-# Share of random postures within the limits that have to be reached without passing a singular one.
-_LEAST_REACHED = 0.02
+# One of so many recorded positions is checked: they change little from sample to sample.
+_EVERY = 20
+# A loop that is open by more (m) is not open by rounding alone.
+_OPEN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Closure:
-    """The loops of one machine as equations φ(q_a, x) = 0 of its free coordinates.
-
-    Attributes
-    ----------
-    joints : tuple of Joint
-        Joints of the tree.
-    loops : tuple of Loop
-    ratios, offsets : (N, n + p), (N,)
-        The tree's positions are ratios [q_a; x] + offsets.
-    start : (n + p,)
-        A posture near which the loops are closed (rad, m).
-    low, high : (n,)
-        Bounds of the driven joints.
-    names : tuple of str
-        Names of the free coordinates, the driven joints first.
-    """
-
-    joints: tuple[Joint, ...]
-    loops: tuple[Loop, ...]
-    ratios: FloatArray
-    offsets: FloatArray
-    start: FloatArray
-    low: FloatArray
-    high: FloatArray
-    names: tuple[str, ...]
-
-    @property
-    def n(self) -> int:
-        """Number of driven joints."""
-        return len(self.low)
-
-    @property
-    def p(self) -> int:
-        """Number of passive coordinates."""
-        return len(self.start) - self.n
-
-    @cached_property
-    def are_angles(self) -> tuple[bool, ...]:
-        """Which of the passive coordinates are angles (p,)."""
-        kinds = {joint.name: joint.kind for joint in self.joints}
-        return tuple(kinds[name] == "revolute" for name in self.names[self.n :])
-
-    @cached_property
-    def symbols(self) -> tuple[ca.SX, ca.SX]:
-        """q_a SX (n, 1) and x SX (p, 1)."""
-        return ca.SX.sym("qa", self.n), ca.SX.sym("x", self.p)
-
-    @cached_property
-    def gaps(self) -> ca.SX:
-        """φ SX (equations, 1): m, and rad where frames coincide wholly."""
-        q = ca.mtimes(to_sparse_constant(self.ratios), ca.vertcat(*self.symbols)) + ca.DM(self.offsets)
-        return ca.sparsify(ca.vertcat(*(build_gap(loop, self.joints, q) for loop in self.loops)))
-
-    @cached_property
-    def slopes(self) -> tuple[ca.SX, ca.SX]:
-        """∂φ/∂q_a SX (equations, n) and ∂φ/∂x SX (equations, p)."""
-        driven, passive = self.symbols
-        return ca.jacobian(self.gaps, driven), ca.jacobian(self.gaps, passive)
-
-    @cached_property
-    def rates(self) -> ca.Function:
-        """(q_a, x) -> ∂x/∂q_a SX (p, n)."""
-        return ca.Function("rates", list(self.symbols), [-self.solve(self.slopes[0])])
-
-    @cached_property
-    def accelerations(self) -> ca.Function:
-        """(q_a, x, q̇_a, q̈_a) -> ẍ SX (p, 1)."""
-        driven, passive = self.symbols
-        rate, acceleration = ca.SX.sym("dqa", self.n), ca.SX.sym("ddqa", self.n)
-        moving = ca.vertcat(rate, ca.mtimes(self.rates(driven, passive), rate))
-        speed = ca.SX.sym("speed", self.n + self.p)
-        free = ca.vertcat(driven, passive)
-        gap_rate = ca.jtimes(self.gaps, free, speed)
-        # φ̈ = 0: the part of φ̈ that does not contain accelerations, evaluated at the velocities of the closed loops,
-        # plus the slopes times the accelerations. Solve that for ẍ.
-        turning = ca.substitute(ca.jtimes(gap_rate, free, speed), speed, moving)
-        value = -self.solve(turning + ca.mtimes(self.slopes[0], acceleration))
-        return ca.Function("accelerations", [driven, passive, rate, acceleration], [value])
+class Closure(LoopEquations):
+    """The loops of one machine with their solution: the passive positions at any driven ones within the limits."""
 
     @cached_property
     def solution(self) -> ca.Function:
@@ -140,19 +44,6 @@ class Closure:
     def substitute_passive(self, expression: ca.SX, driven: ca.SX) -> ca.SX:
         """Return an expression of the symbols of x as an expression of the driven positions SX (n, 1)."""
         return substitute_angles(expression, self.symbols[1], AngleTerms(*self.solution(driven)))
-
-    def solve(self, right: ca.SX) -> ca.SX:
-        """Return (∂φ/∂x)⁻¹ right, SX (p, k), for expressions SX (equations, k)."""
-        return solve_sparse(self.slopes[1], right, self._pivots)
-
-    def compute_rates(self, q: FloatArray, x: FloatArray) -> FloatArray:
-        """Return ∂x/∂q_a (m, p, n) at driven and passive positions (m, n) and (m, p)."""
-        values = self._rates(np.ascontiguousarray(q), np.ascontiguousarray(x))
-        return np.swapaxes(values.reshape(len(q), self.n, self.p), 1, 2)
-
-    def compute_accelerations(self, q: FloatArray, x: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Return ẍ (m, p) for driven motions q, dq, ddq (m, n) and passive positions x (m, p)."""
-        return self._accelerations(*(np.ascontiguousarray(signal) for signal in (q, x, dq, ddq)))
 
     def compute_log_condition(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return how near postures are to singular ones: ln of the condition of ∂φ/∂x, and its gradient.
@@ -190,127 +81,31 @@ class Closure:
         """Return the passive coordinates (m, p) at driven positions (m, n)."""
         return self._passive(np.ascontiguousarray(q, dtype=np.float64))
 
-    def get_movers(self, passive: int) -> tuple[int, ...]:
-        """Return the driven joints that a passive coordinate moves with."""
-        return next((tuple(driven) for _, unknowns, driven in self.groups if passive in unknowns), ())
-
     def compute_gaps_and_conditions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest gap (m,) in m or rad and the condition (m,) of ∂φ/∂x at driven positions (m, n)."""
         gap, slopes = self.evaluate(q, self.solve_passive(q))
         return np.abs(gap).max(axis=1), compute_condition(slopes)
 
-    def check(self) -> FloatArray:
-        """Check that the loops are well posed; return the closed posture (n + p,) near the start.
+    def check_closed(self, t: FloatArray, q: FloatArray) -> None:
+        """Check at some of the driven positions q (m, n), recorded at times t (m,), that the loops are closed.
 
         Raises
         ------
         DynidentError
-            Loops that do not close, have no driven joint, have dependent equations, leave a passive joint free, or are
-            singular at the start.
+            If a loop is open or a posture is singular: no recording of this machine can hold it.
         """
-        self._check_counts()
-        posture = self.close_start()
-        _, slopes = self.evaluate(posture[None, : self.n], posture[None, self.n :])
-        condition = float(compute_condition(slopes)[0])
-        if condition > SINGULAR:
-            self._check_rank(posture)
-            raise make_loop_error(
-                f"The loops are singular at the start (condition {condition:.3g}): the driven joints do not determine "
-                "the passive ones there. State another `start` of the joints, away from stretched postures.",
-                self.loops[0],
+        gaps, conditions = self.compute_gaps_and_conditions(q[::_EVERY])
+        # Negated comparisons, so that positions that are not a number count as wrong.
+        wrong = np.flatnonzero(~(gaps < _OPEN) | ~(conditions < SINGULAR))
+        if len(wrong):
+            k = int(wrong[0])
+            raise DynidentError(
+                f"At t = {t[::_EVERY][k]:.3f} s the loops ({join_names(loop.name for loop in self.loops)}) are "
+                f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
+                "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
+                "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
+                title=LOOP_TITLE,
             )
-        return posture
-
-    def draw_postures(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return random driven positions (count, n) within the limits, with loops closed and far from singular."""
-        accepted: list[FloatArray] = []
-        while sum(map(len, accepted)) < count:
-            q = rng.uniform(self.low, self.high, (2 * count, self.n))
-            x, fine = self.follow_branch(q)
-            fine &= compute_condition(self.evaluate(q, x)[1]) < FAR_FROM_SINGULAR
-            self._check_reach(fine)
-            accepted.append(q[fine])
-        return np.vstack(accepted)[:count]
-
-    def sample_postures(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return driven positions (m, n) and passive ones (m, p) of at most `count` closed postures in the limits.
-
-        They are far from singular; some are near the start, some at the limits.
-        """
-        rng = np.random.default_rng(0)
-        q = rng.uniform(self.low, self.high, (count, self.n))
-        # An eighth near the start and an eighth at the limits: a fit to uniform samples alone is worst at the border,
-        # which few of them come near.
-        near, edge = slice(count // 8), slice(count // 8, count // 4)
-        q[near] = self._posture[: self.n] + 0.3 * (q[near] - self._posture[: self.n])
-        at_low, at_high = rng.uniform(size=(2, *q[edge].shape)) < 0.35
-        q[edge] = np.where(at_low, self.low, np.where(at_high, self.high, q[edge]))
-        x, fine = self.follow_branch(q)
-        fine &= compute_condition(self.evaluate(q, x)[1]) < FAR_FROM_SINGULAR
-        self._check_reach(fine)
-        return q[fine], x[fine]
-
-    def follow_branch(self, q: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Follow the passive coordinates along straight lines from the start to driven positions q (m, n).
-
-        Newton's method goes on from the posture before in small steps, and so stays on the branch of the start.
-
-        Returns
-        -------
-        x : ndarray (m, p)
-        fine : bool ndarray (m,)
-            False where the path met a singular posture, left its branch, or did not close the loops.
-        """
-        posture = self._posture
-        away = q - posture[: self.n]
-        count = int(np.clip(np.ceil(np.abs(away).max(initial=0.0) / _STEP), 1, _MOST_STEPS))
-        x = np.tile(posture[self.n :], (len(q), 1))
-        fine = np.ones(len(q), dtype=bool)
-        for k in range(1, count + 1):
-            here, before = posture[: self.n] + away * (k / count), x
-            # Two steps keep up on the way; the last posture is refined to rounding.
-            for _ in range(2 if k < count else 5):
-                gap, slopes = self.evaluate(here, x)
-                good = compute_condition(slopes) < SINGULAR
-                fine &= good
-                # Lost postures get a system that can be solved and moves nothing, so that the others can go on.
-                slopes[~fine] = np.eye(self.p)
-                gap[~fine] = 0.0
-                x = x - np.linalg.solve(slopes, gap[:, :, None])[:, :, 0]
-            # A posture that leaps has gone over to another branch.
-            fine &= np.abs(x - before).max(axis=1) < _LEAP
-        gap, slopes = self.evaluate(q, x)
-        return x, fine & (np.abs(gap).max(axis=1) < _FOUND) & (compute_condition(slopes) < SINGULAR)
-
-    @cached_property
-    def largest_length(self) -> float:
-        """Largest length (m) in the loops: the scale of gaps."""
-        lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints]
-        lengths += [float(np.linalg.norm(end.frame[:3, 3])) for loop in self.loops for end in loop.ends]
-        return max(lengths, default=1.0) or 1.0
-
-    @cached_property
-    def _pivots(self) -> Pivots:
-        q, x = self.sample_postures(_PIVOT_SAMPLES)
-        return choose_pivots(self.evaluate(q, x)[1])
-
-    @cached_property
-    def _posture(self) -> FloatArray:
-        return self.check()
-
-    @cached_property
-    def _program(self) -> Program:
-        return Program(list(self.symbols), ca.densify(ca.horzcat(self.gaps, self.slopes[1])))
-
-    @cached_property
-    def _rates(self) -> Program:
-        return Program(list(self.symbols), ca.densify(self.rates(*self.symbols)))
-
-    @cached_property
-    def _accelerations(self) -> Program:
-        rate, acceleration = ca.SX.sym("dqa", self.n), ca.SX.sym("ddqa", self.n)
-        value = self.accelerations(*self.symbols, rate, acceleration)
-        return Program([*self.symbols, rate, acceleration], ca.densify(value))
 
     @cached_property
     def _slope_derivatives(self) -> Program:
@@ -324,121 +119,3 @@ class Closure:
     @cached_property
     def _passive(self) -> Program:
         return Program([self.symbols[0]], ca.densify(self.solution(self.symbols[0])[0]))
-
-    def evaluate(self, q: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return φ (m, e) and ∂φ/∂x (m, e, p) at driven and passive positions q (m, n) and x (m, p)."""
-        values = self._program(np.ascontiguousarray(q), np.ascontiguousarray(x))
-        # CasADi stores matrices by columns: φ first, then the columns of ∂φ/∂x.
-        whole = values.reshape(len(q), 1 + self.p, -1)
-        return whole[:, 0].copy(), np.swapaxes(whole[:, 1:], 1, 2).copy()
-
-    def _check_counts(self) -> None:
-        touched: set[int] = set()
-        for rows, unknowns, driven in self.groups:
-            loop = self.get_loop(rows[0])
-            touched |= set(unknowns)
-            if not unknowns:
-                self._refuse_without_passive(loop, driven)
-            passive = join_names(self.names[self.n + k] for k in unknowns)
-            if not driven:
-                detail = f"No driven joint moves loop '{loop.name}': everything in it would stand still. Drive one of "
-                raise make_loop_error(f"{detail}{passive}.", loop)
-            if len(unknowns) > len(rows):
-                raise make_loop_error(
-                    f"{len(unknowns)} passive joints ({passive}) for {len(rows)} equations of loop '{loop.name}': they "
-                    "can move while the driven joints stand. Drive or tie joints, or let more of the frames coincide.",
-                    loop,
-                )
-            if len(unknowns) < len(rows):
-                raise make_redundancy_error(loop, len(rows), len(unknowns), passive)
-        free = [self.names[self.n + k] for k in range(self.p) if k not in touched]
-        if free:
-            raise DynidentError(
-                f"No loop holds the passive joints {join_names(free)}; drive or tie them, or close a loop with them.",
-                pointer="/loops",
-                title=LOOP_TITLE,
-            )
-
-    def _refuse_without_passive(self, loop: Loop, driven: list[int]) -> None:
-        """Raise the error of an equation without a passive joint: of driven joints alone, or of no joint at all."""
-        if driven:
-            names = join_names(self.names[k] for k in driven)
-            raise make_loop_error(
-                f"No passive joint can keep loop '{loop.name}' closed when the driven joints {names} move. Make as "
-                "many of its joints passive as it has equations.",
-                loop,
-            )
-        loop_rows = set(self.get_rows(loop))
-        held = sorted({k for rows, unknowns, _ in self.groups if loop_rows & set(rows) for k in unknowns})
-        raise make_redundancy_error(loop, len(loop_rows), len(held), join_names(self.names[self.n + k] for k in held))
-
-    def _check_rank(self, posture: FloatArray) -> None:
-        """Raise if equations are dependent in all postures nearby, not only at the start."""
-        rng = np.random.default_rng(0)
-        near = posture + 0.2 * rng.uniform(-1, 1, (20, len(posture)))
-        _, slopes = self.evaluate(near[:, : self.n], near[:, self.n :])
-        for rows, unknowns, _ in self.groups:
-            part = slopes[:, rows][:, :, unknowns]
-            if np.all(np.linalg.cond(part) > SINGULAR):
-                loop = self.get_loop(rows[0])
-                raise make_loop_error(
-                    f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
-                    "any posture nearby, so that they cannot determine "
-                    f"{join_names(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
-                    "about the z axis of its first frame.",
-                    loop,
-                )
-
-    def close_start(self) -> FloatArray:
-        """Return the posture (n + p,) in which the loops are closed with the driven joints at their start.
-
-        Raises
-        ------
-        DynidentError
-            If there is none near the start; the message has the gap there and the best one.
-        """
-        posture = self.start.copy()
-        first, _ = self.evaluate(posture[None, : self.n], posture[None, self.n :])
-        for _ in range(_ROUNDS):
-            gap, slopes = self.evaluate(posture[None, : self.n], posture[None, self.n :])
-            if np.abs(gap).max() < 1e-14 * max(1.0, self.largest_length):
-                break
-            move = np.linalg.lstsq(slopes[0], -gap[0], rcond=1e-10)[0]
-            # Newton's step, cut to half a radian (or metre): far from the solution a whole one leads anywhere.
-            posture[self.n :] += move * min(1.0, 0.5 / max(float(np.abs(move).max()), 1e-300))
-        gap, _ = self.evaluate(posture[None, : self.n], posture[None, self.n :])
-        if np.abs(gap).max() > CLOSED:
-            row = int(np.argmax(np.abs(gap[0])))
-            loop = self.get_loop(row)
-            rows = self.get_rows(loop)
-            raise make_loop_error(
-                f"Loop '{loop.name}' does not close: with the driven joints at their start its frames are "
-                f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and {float(np.linalg.norm(gap[0, rows])):.3g} m "
-                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes (in "
-                "MJCF: the first <key qpos=…/>).",
-                loop,
-            )
-        return posture
-
-    @cached_property
-    def groups(self) -> list[tuple[list[int], list[int], list[int]]]:
-        """Groups of equations, passive coordinates and driven joints that are coupled with one another."""
-        over_driven, over_passive = (np.asarray(ca.DM(slope.sparsity(), 1.0).full() != 0) for slope in self.slopes)
-        return group_equations(over_driven, over_passive)
-
-    def _check_reach(self, fine: BoolArray) -> None:
-        if np.mean(fine) < _LEAST_REACHED:
-            raise make_reach_error(self.loops[0], int(np.count_nonzero(fine)), len(fine))
-
-    def get_loop(self, row: int) -> Loop:
-        """Return the loop that an equation belongs to."""
-        return next(loop for loop in self.loops if row in self.get_rows(loop))
-
-    def get_rows(self, loop: Loop) -> list[int]:
-        """Return the places of a loop's equations in φ."""
-        first = 0
-        for other in self.loops:
-            if other is loop:
-                break
-            first += other.count
-        return list(range(first, first + loop.count))

@@ -16,7 +16,7 @@ from dynident.robot.cut_joints import FrameOnJoint, Loop
 from dynident.robot.json_pointer import join_names
 from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
-from dynident.robot.loops import CLOSED
+from dynident.robot.loop_equations import CLOSED
 from dynident.robot.mjcf_equality import Equalities, read_equalities
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot

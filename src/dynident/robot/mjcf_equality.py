@@ -12,8 +12,8 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.robot.cut_joints import LoopKind
 from dynident.robot.json_pointer import join_names
-from dynident.robot.linkage import Tie
 from dynident.robot.mjcf_xml import make_mjcf_error
+from dynident.robot.model import Tie
 
 if TYPE_CHECKING:
     import mujoco

@@ -1,11 +1,10 @@
-"""The robot: joints on a tree, with their limits, drive chains and the coupling of motors (§12.3.6, chapter 9)."""
+"""The robot: joints on a tree, with drive chains, the coupling of motors (§12.3.6, chapter 9), and dependent joints."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from dynident.array_types import BoolArray, FloatArray
 from dynident.encoding import escape_surrogates
 from dynident.result_display import join_html, render_paragraph, render_table
 from dynident.robot.formats import DescriptionFormat
-from dynident.robot.limits import Drive, Limits
+from dynident.robot.joint import Joint
+from dynident.robot.limits import Drive
 
 if TYPE_CHECKING:
-    from dynident.robot.linkage import Linkage
+    from dynident.robot.loops import Closure
 
 
 def coupling_matrix(robot: Robot) -> FloatArray | None:
@@ -54,61 +54,6 @@ def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
 
 INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """The inertial parameters of a link in the order of [12.1], about the origin of the joint's own frame."""
-
-JointKind = Literal["revolute", "prismatic"]
-
-WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
-"""Widest range of positions, rad or m, that counts as a limit: the last joint of some arms makes a few turns."""
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """One joint and the link that it moves.
-
-    Attributes
-    ----------
-    name : str
-    kind : {"revolute", "prismatic"}
-    parent : int
-        Index of the antecedent joint; -1 for the base.
-    placement : ndarray (4, 4)
-        Takes coordinates of the joint's frame at q = 0 to the antecedent's frame (m).
-    axis : ndarray (3,)
-        Unit vector in the joint's own frame about which it turns or along which it slides.
-    limits : Limits
-    link : str
-        Name of the link, where the description has one.
-    """
-
-    name: str
-    kind: JointKind
-    parent: int
-    placement: FloatArray
-    axis: FloatArray
-    limits: Limits = field(default_factory=Limits)
-    link: str = ""
-
-    def __post_init__(self) -> None:
-        # Pinocchio, Arrow and matplotlib take no text that has no encoding.
-        object.__setattr__(self, "name", escape_surrogates(self.name))
-        object.__setattr__(self, "link", escape_surrogates(self.link))
-
-    @property
-    def reach(self) -> tuple[float, float] | None:
-        """Lowest and highest position in rad or m; None where no limit is known, or it is wider than any machine's."""
-        return None if self.has_limitless_range else self.limits.position
-
-    @property
-    def has_limitless_range(self) -> bool:
-        """Whether the position limits are wider than those of any machine, as some files write continuous joints."""
-        position = self.limits.position
-        # Negated, so that a range that is not a number counts as limitless.
-        return position is not None and not position[1] - position[0] <= WIDEST_RANGE[self.kind]
-
-    @property
-    def effort_unit(self) -> str:
-        """Unit of this joint's torque or force."""
-        return "N m" if self.kind == "revolute" else "N"
 
 
 @dataclass(frozen=True)
@@ -236,6 +181,101 @@ class Robot:
             chain.append(joint)
             joint = self.joints[joint].parent
         return tuple(reversed(chain))
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A joint that follows others: q = Σ ratio q_other + offset.
+
+    `where` and `line` are its place in the description, for messages.
+    """
+
+    ratios: Mapping[str, float]
+    offset: float = 0.0
+    where: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """The tree that carries the links of a machine, and how its joints follow the driven ones.
+
+    Attributes
+    ----------
+    tree : Robot
+        The robot of all N joints.
+    driven : tuple of int
+        Indices of the n driven joints in the tree.
+    ratios, offsets : (N, n + p), (N,)
+        q = ratios [q_a; x] + offsets, with the p passive coordinates x that closed loops determine.
+    ties : mapping of joint name to Tie
+        Joints that follow others by fixed ratios.
+    closure : Closure or None
+        The closed loops, where there are any.
+    """
+
+    tree: Robot
+    driven: tuple[int, ...]
+    ratios: FloatArray
+    offsets: FloatArray
+    ties: Mapping[str, Tie] = field(default_factory=dict)
+    closure: Closure | None = None
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """Indices of the joints in the tree that are not driven."""
+        return tuple(j for j in range(self.tree.n) if j not in self.driven)
+
+    def compute_positions(self, q: FloatArray) -> FloatArray:
+        """Return the positions of all joints (m, N) at those of the driven ones (m, n)."""
+        free = q if self.closure is None else np.hstack([q, self.closure.solve_passive(q)])
+        return np.asarray(free @ self.ratios.T + self.offsets)
+
+    def compute_jacobian(self, q: FloatArray) -> FloatArray:
+        """Return G = ∂q/∂q_a (m, N, n) at driven positions q (m, n)."""
+        if self.closure is None:
+            return np.broadcast_to(self.ratios, (len(q), *self.ratios.shape))
+        n, x = q.shape[1], self.closure.solve_passive(q)
+        slopes = self.closure.compute_rates(q, x)
+        return np.asarray(self.ratios[:, :n] + self.ratios[:, n:] @ slopes)
+
+    def compute_motion(
+        self, q: FloatArray, dq: FloatArray, ddq: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, velocity and acceleration of all joints (m, N) from those of the driven ones (m, n)."""
+        if self.closure is None:
+            return self.compute_positions(q), dq @ self.ratios.T, ddq @ self.ratios.T
+        passive = self.closure.compute_accelerations(q, self.closure.solve_passive(q), dq, ddq)
+        speed = np.einsum("mij,mj->mi", self.compute_jacobian(q), dq)
+        return self.compute_positions(q), speed, np.hstack([ddq, passive]) @ self.ratios.T
+
+    def check_closed(self, t: FloatArray, q: FloatArray) -> None:
+        """Check at some of the driven positions q (m, n), recorded at times t (m,), that the loops are closed.
+
+        Raises
+        ------
+        DynidentError
+            If a loop is open or a posture is singular: no recording of this machine can hold it.
+        """
+        if self.closure is not None:
+            self.closure.check_closed(t, q)
+
+    def follows_one_driven_joint(self, joint: int) -> bool:
+        """Return whether a joint of the tree follows at most one driven joint, by a constant ratio."""
+        joint_ratios = self.ratios[joint]
+        return bool(
+            np.count_nonzero(joint_ratios[: len(self.driven)]) < 2 and not joint_ratios[len(self.driven) :].any()
+        )
+
+    def get_movers(self, joint: int) -> tuple[int, ...]:
+        """Return the places, among the driven joints, of those that a joint of the tree moves with."""
+        n, driven_joints = len(self.driven), set()
+        for place in np.flatnonzero(self.ratios[joint]):
+            if place < n:
+                driven_joints.add(int(place))
+            elif self.closure is not None:
+                driven_joints |= set(self.closure.get_movers(int(place) - n))
+        return tuple(sorted(driven_joints))
 
 
 def _format_limits(joint: Joint) -> tuple[str, str, str]:

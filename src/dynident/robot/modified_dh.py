@@ -67,6 +67,7 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.cut_joints import EQUATIONS, FrameOnJoint, Loop, LoopKind
+from dynident.robot.joint import JointKind
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,
@@ -76,8 +77,8 @@ from dynident.robot.json_fields import (
 )
 from dynident.robot.json_pointer import join_names, make_pointer
 from dynident.robot.limits import Drive, Limits
-from dynident.robot.linkage import LoopCuts, Tie, link_joints, lock_followers
-from dynident.robot.model import INERTIAL_NAMES, Description, JointKind, Robot
+from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
+from dynident.robot.model import INERTIAL_NAMES, Description, Robot, Tie
 from dynident.robot.pinocchio_model import (
     DescribedJoints,
     from_dynamic_parameters,

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -19,10 +18,8 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.expressions.angles import AngleTerms, substitute_angles
 from dynident.robot.dyads import solve_by_triangles
+from dynident.robot.loop_equations import LoopEquations
 from dynident.robot.loop_numbers import list_products
-
-if TYPE_CHECKING:
-    from dynident.robot.loops import Closure
 
 # Postures to recognise triangles by, postures to fit polynomials to, and the error (rad, m) that counts as exact.
 _FEW, _SAMPLES, _EXACT = 200, 3000, 1e-12
@@ -43,7 +40,7 @@ _BEYOND = 4.0
 _Steps = tuple[int, ...]
 
 
-def build_passive_positions(closure: Closure) -> ca.Function | None:
+def build_passive_positions(closure: LoopEquations) -> ca.Function | None:
     """Return the function (q_a) -> x, cos x, sin x SX (p, 1), exact within the limits of the driven joints.
 
     It is verified on closed postures within the limits that are far from singular ones. None means that no polynomial
@@ -55,7 +52,7 @@ def build_passive_positions(closure: Closure) -> ca.Function | None:
     return None if turns is None else ca.Function("solution", [closure.symbols[0]], list(turns.parts))
 
 
-def _solve_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> AngleTerms | None:
+def _solve_by_steps(closure: LoopEquations, q: FloatArray, x: FloatArray) -> AngleTerms | None:
     steps = {order: _build_step(closure, order) for order in _ORDERS}
     guesses = {degree: _fit_guess(closure, q, x, degree) for degree in _DEGREES}
     positions_after: dict[tuple[int, _Steps], FloatArray] = {
@@ -115,7 +112,7 @@ def _evaluate(function: ca.Function, *inputs: FloatArray) -> FloatArray:
     return np.asarray(result.full().T, dtype=np.float64)
 
 
-def _build_step(closure: Closure, order: int) -> ca.Function:
+def _build_step(closure: LoopEquations, order: int) -> ca.Function:
     """Return (q_a, x, cos x, sin x) -> step by `order` terms of the series: the error goes to the power order + 1."""
     driven, x = closure.symbols
     along, further = ca.SX.sym("along", closure.p), ca.SX.sym("further", closure.p)
@@ -135,7 +132,7 @@ def _build_step(closure: Closure, order: int) -> ca.Function:
     return ca.Function("step", [driven, *current.parts], [ca.cse(substitute_angles(value, x, current))])
 
 
-def _fit_guess(closure: Closure, q: FloatArray, x: FloatArray, degree: int) -> ca.Function:
+def _fit_guess(closure: LoopEquations, q: FloatArray, x: FloatArray, degree: int) -> ca.Function:
     """Fit the guess (q_a) -> x, cos x, sin x to positions (m, n), (m, p): polynomials, for angles of tan(x/2)."""
     driven = closure.symbols[0]
     # Scale the driven positions to [-1, 1]: high powers would otherwise make the least-squares problem singular.

@@ -10,9 +10,10 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
+from dynident.robot.joint import Joint, JointKind
 from dynident.robot.json_pointer import check_name
 from dynident.robot.limits import Drive, Limits
-from dynident.robot.model import Description, Joint, JointKind, Robot
+from dynident.robot.model import Description, Robot
 from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_axis, mend_placement
 from dynident.robot.settings import Settings, check_names, merge_limits
 

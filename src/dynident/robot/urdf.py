@@ -11,8 +11,8 @@ import pinocchio as pin
 from dynident.errors import DynidentError
 from dynident.robot.json_pointer import join_names
 from dynident.robot.limits import Drive, Limits
-from dynident.robot.linkage import Tie, link_joints, lock_followers
-from dynident.robot.model import Description, Robot
+from dynident.robot.linkage import link_joints, lock_followers
+from dynident.robot.model import Description, Robot, Tie
 from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
 from dynident.robot.rounding import ROUNDING_TOLERANCE
 from dynident.robot.settings import settings_from

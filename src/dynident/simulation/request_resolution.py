@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 
 from dynident.effects import LINKS, EffectChoice, get_effect
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 from dynident.simulation.ground_truth import TrueEffect

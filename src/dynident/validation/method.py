@@ -5,16 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from dynident.identification.choices import (
-    STEPS,
-    EstimatorName,
-    IdentificationChoices,
-    ModelName,
-    PriorName,
-    StepsName,
-    StrategyName,
-)
-from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator
+from dynident.identification.choices import STEPS, EstimatorName, IdentificationChoices, PriorName, StrategyName
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, PRIORS, STRATEGIES, Estimator, StepsName
+from dynident.identification.problem_options import ModelName
 from dynident.schema.fields import declare_field
 from dynident.schema.registry import format_kind
 

@@ -13,9 +13,10 @@ from dynident.blas_threads import single_threaded
 from dynident.errors import DynidentError
 from dynident.estimation import Errors, Reduction, compute_errors, compute_moving_errors, compute_relative_change
 from dynident.identification import Identification
-from dynident.identification.choices import IdentificationChoices, ModelName
+from dynident.identification.choices import IdentificationChoices
 from dynident.identification.equations.reduce_data import Data, reduce_to_rows, reduce_torque
 from dynident.identification.problem import Problem
+from dynident.identification.problem_options import ModelName
 from dynident.identification.strategies.dispatch import solve_by_strategy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording

@@ -12,7 +12,7 @@ from dynident.array_types import BoolArray
 from dynident.diagnosis.residuals.resolution import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
-from dynident.effects.catalogue import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change
 from dynident.regressors.model import Model
 from dynident.regressors.observation import Observation
 from dynident.robot.model import Robot

@@ -12,7 +12,7 @@ from dynident.diagnosis.candidates.pool import list_change_candidates
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, ReferenceParameters, get_effect
-from dynident.effects.catalogue import build_columns_for_all_runs
+from dynident.effects.effect_columns import build_columns_for_all_runs
 from dynident.encoding import escape_surrogates
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction

@@ -13,7 +13,7 @@ from dynident.diagnosis.candidates.significance import (
 )
 from dynident.diagnosis.search.state import State
 from dynident.effects import Effect, get_effect
-from dynident.effects.catalogue import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change
 
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""

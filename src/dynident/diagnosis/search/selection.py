@@ -27,7 +27,7 @@ from dynident.diagnosis.search.acceptance import (
 )
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import get_effect
-from dynident.effects.catalogue import is_lasting_change
+from dynident.effects.effect_columns import is_lasting_change
 
 # A group is one effect as long as its joints together would not gain so many times as much, each by itself.
 _ONE_BY_ONE = 1.3

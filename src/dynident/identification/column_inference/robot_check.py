@@ -12,8 +12,7 @@ from dynident.identification.column_inference.proposal import Guess, Question
 from dynident.identification.recording_faults import check_recording_faults
 from dynident.identification.recording_faults.fault_checks import GRAVITY, SCALE
 from dynident.recordings.columns import NOT_RECORDED
-from dynident.recordings.metadata import COMMANDED
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import COMMANDED, Check
 from dynident.robot import Robot
 
 _UNEXPLAINED_LIMIT = 0.5

@@ -9,7 +9,7 @@ import numpy as np
 from dynident.effects import EffectChoice, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, PriorInformation, Reduction, build_weighted_factor
-from dynident.identification.choices import ModelName
+from dynident.identification.problem_options import ModelName
 from dynident.recordings import Recording
 from dynident.regressors.model import Model
 from dynident.robot import Robot

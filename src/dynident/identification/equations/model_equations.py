@@ -10,7 +10,7 @@ from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, Reduction
 from dynident.estimation.marginalisation import marginalise_parameters
-from dynident.identification.choices import RowOptions
+from dynident.identification.problem_options import RowOptions
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings import Preprocessing, Recording, find_motion_band
 from dynident.recordings.recording import WRENCH_NAMES

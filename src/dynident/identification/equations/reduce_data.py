@@ -11,9 +11,9 @@ from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction
-from dynident.identification.choices import RowOptions
 from dynident.identification.equations.checks import check_equations
 from dynident.identification.equations.model_equations import build_equations
+from dynident.identification.problem_options import RowOptions
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Preprocessing, Recording
 from dynident.regressors.model import Model

@@ -19,7 +19,6 @@ from dynident.errors import DynidentError
 from dynident.estimation import Reduction, Solution, compute_errors, compute_noise_levels, statistics, weighted
 from dynident.estimation.constrained_least_squares import ConstrainedSolution
 from dynident.estimation.least_squares import are_weights_settled, build_weighted_factor, compute_correlated_noise
-from dynident.identification.choices import DescriptionTrust
 from dynident.identification.estimators.feasible_problem import (
     WEAK,
     FeasibleProblem,
@@ -30,6 +29,7 @@ from dynident.identification.estimators.feasible_problem import (
 from dynident.identification.fit import Fit
 from dynident.identification.parameters.standard_parameters import StandardParameters, find_bodies
 from dynident.identification.problem import Problem
+from dynident.identification.problem_options import DescriptionTrust
 from dynident.regressors.model import Model
 
 _ROUNDS = 20

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 from dynident.schema.registry import Registry, RegistryEntry
 
 if TYPE_CHECKING:
-    from dynident.identification.choices import IdentificationChoices
     from dynident.identification.fit import Fit
     from dynident.identification.problem import Problem
+    from dynident.recordings import Preprocessing
 
+StepsName = Literal["link_by_link", "wrist_then_shoulder"]
+"""Order in which the sequential strategy takes the joints."""
 _HOME = "dynident.identification.methods"
 
 
@@ -50,6 +52,35 @@ class Estimator(RegistryEntry, ABC):
         """
 
 
+class StrategyChoices(Protocol):
+    """What strategies need of `choices.IdentificationChoices`, which names a strategy itself."""
+
+    @property
+    def model(self) -> str:
+        """Name of the equation type."""
+        ...
+
+    @property
+    def rows(self) -> EquationType:
+        """The equation type."""
+        ...
+
+    @property
+    def solver(self) -> Estimator:
+        """The estimator, with its options."""
+        ...
+
+    @property
+    def steps(self) -> StepsName:
+        """Order of the sequential strategy."""
+        ...
+
+    @property
+    def preprocessing(self) -> Preprocessing | None:
+        """The filters; None where the data decide."""
+        ...
+
+
 @dataclass(frozen=True)
 class Strategy(RegistryEntry, ABC):
     """A strategy decides which data and which parameters are solved for at a time.
@@ -63,7 +94,7 @@ class Strategy(RegistryEntry, ABC):
     friction_runs: ClassVar[bool] = False
 
     @abstractmethod
-    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
+    def solve(self, choices: StrategyChoices, problem: Problem) -> Fit:
         """Solve the problem part by part.
 
         Raises

@@ -32,8 +32,8 @@ from dynident.identification.recording_faults.gravity import (
 )
 from dynident.identification.recording_faults.held_out_fit import UnexplainedTorque
 from dynident.identification.recording_faults.torque_scale import find_torque_scales
-from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Revision
-from dynident.recordings.recording import Check, ModelChecks, Recording
+from dynident.recordings.metadata import COMMANDED, DELAY, NO_MEASUREMENT, Axis, Check, Revision
+from dynident.recordings.recording import ModelChecks, Recording
 from dynident.robot.model import Robot
 
 _CHECK: dict[FaultKind, str] = {

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from dynident.effects import EffectChoice, ShapeSpec, build_columns, get_effect
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.effects.text_format import format_constant
 from dynident.estimation import (
     CovarianceName,

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.effects import Column, EffectChoice, ReferenceParameters, ShapeSpec, Signals, build_columns, get_effect
-from dynident.effects.catalogue import check_shape_constants, find_joints
+from dynident.effects.effect_columns import check_shape_constants, find_joints
 from dynident.errors import DynidentError
 from dynident.estimation import build_weighted_factor, compute_noise_levels, ordinary
 from dynident.identification.shapes.shape_refinement import settle_shapes

@@ -17,8 +17,8 @@ from dynident.array_types import FloatArray
 from dynident.effects import ReferenceParameters, get_effect
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
-from dynident.identification.choices import IdentificationChoices
 from dynident.identification.fit import Fit
+from dynident.identification.methods.bases import StrategyChoices
 from dynident.identification.problem import Problem
 from dynident.identification.strategies.sequential import check_estimator
 from dynident.identification.strategies.sequential_steps import StepEstimates, conclude_steps, take_step
@@ -227,7 +227,7 @@ _PATIENCE = 30.0
 _OPEN = 0.1
 
 
-def solve_separate_friction(choices: IdentificationChoices, problem: Problem) -> Fit:
+def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     """Find the friction of every joint that moves alone somewhere, then all other parameters with it known.
 
     The runs are those of the recordings with the role "friction", or else any that are found in the data. Friction
@@ -237,7 +237,7 @@ def solve_separate_friction(choices: IdentificationChoices, problem: Problem) ->
 
     Parameters
     ----------
-    choices : IdentificationChoices
+    choices : StrategyChoices
     problem : Problem
 
     Returns

@@ -8,9 +8,8 @@ import numpy as np
 
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction
-from dynident.identification.choices import IdentificationChoices, StepsName
 from dynident.identification.fit import Fit
-from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator
+from dynident.identification.methods.bases import ESTIMATORS, MODELS, Estimator, StepsName, StrategyChoices
 from dynident.identification.problem import Problem
 from dynident.identification.strategies.sequential_steps import Step, StepEstimates, conclude_steps, take_step
 from dynident.robot.model import Robot
@@ -18,12 +17,12 @@ from dynident.robot.model import Robot
 _LONGEST_WRIST = 3
 
 
-def solve_sequentially(choices: IdentificationChoices, problem: Problem) -> Fit:
+def solve_sequentially(choices: StrategyChoices, problem: Problem) -> Fit:
     """Find the parameters of the terminal link from its joint's equation, then those of the links before it.
 
     Parameters
     ----------
-    choices : IdentificationChoices
+    choices : StrategyChoices
         `steps` names the order.
     problem : Problem
 
@@ -98,12 +97,12 @@ def select_joints(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
     return Reduction(reduction.n_columns, equations, reduction.spans)
 
 
-def check_stepwise(choices: IdentificationChoices) -> None:
+def check_stepwise(choices: StrategyChoices) -> None:
     """Raise where an estimator or a model cannot be taken joint by joint.
 
     Parameters
     ----------
-    choices : IdentificationChoices
+    choices : StrategyChoices
 
     Raises
     ------

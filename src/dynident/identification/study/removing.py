@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
 from dynident.effects import EffectChoice, build_columns, get_effect
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.effects.text_format import format_constant
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction

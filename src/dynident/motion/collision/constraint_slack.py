@@ -14,9 +14,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.robot.limits import Limits
-from dynident.robot.linkage import Linkage
-from dynident.robot.loops import FAR_FROM_SINGULAR
-from dynident.robot.model import Robot
+from dynident.robot.loop_equations import FAR_FROM_SINGULAR
+from dynident.robot.model import Linkage, Robot
 
 
 class Slack(Protocol):

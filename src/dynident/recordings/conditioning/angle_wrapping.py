@@ -9,7 +9,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import Window
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import Check
 
 TURN = 2.0 * pi
 

@@ -22,7 +22,7 @@ from dynident.recordings.conditioning.outliers import (
 )
 from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import Window
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import Check
 
 LEAST_SHARE = {"smooth": 2e-4, "rough": 0.015}
 """Share of a signal's span (1 % to 99 % quantile) below which nothing is called corrupted: it could do no harm."""

@@ -7,7 +7,8 @@ import numpy as np
 from dynident.array_types import FloatArray, IntArray
 from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import Window, find_run_edges
-from dynident.recordings.recording import Check, are_readings
+from dynident.recordings.metadata import Check
+from dynident.recordings.recording import are_readings
 
 LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
 """s, or rows, of missing samples that are bridged: a cubic through two positions on either side is then off by less

@@ -7,7 +7,7 @@ import numpy as np
 from dynident.recordings.conditioning.gap_bridging import bridge
 from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import MARGIN_ROWS, Window, find_run_edges
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import Check
 
 SHORTEST = 0.5
 """s for which all torques have to be 0: no log loses frames for so long, and brakes take some tenths of a second."""

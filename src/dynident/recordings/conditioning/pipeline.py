@@ -14,7 +14,8 @@ from dynident.recordings.conditioning.registers import SignedRegisters
 from dynident.recordings.conditioning.signals import Signals
 from dynident.recordings.conditioning.windows import Window, cut_into_windows
 from dynident.recordings.file_source import RawRows
-from dynident.recordings.recording import Check, JointLimits
+from dynident.recordings.metadata import Check
+from dynident.recordings.recording import JointLimits
 from dynident.recordings.timebase import TimeBase
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.conditioning.signals import ChangedRows, Signals
 from dynident.recordings.conditioning.windows import Window
-from dynident.recordings.recording import Check
+from dynident.recordings.metadata import Check
 
 _FEWEST_JUMPS = 3
 """Jumps across zero that tell a register: a corrupted sample makes two."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings.columns import Layout
-from dynident.recordings.recording import Check, JointLimits, Status
+from dynident.recordings.metadata import Check, Status
+from dynident.recordings.recording import JointLimits
 from dynident.recordings.timebase import TimeBase
 
 SHOWN_ROWS, SHOWN_COLUMNS = 8, 12

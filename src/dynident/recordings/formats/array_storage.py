@@ -14,7 +14,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.recordings.formats.arrays import StoredArray
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 _AT_ONCE = 2**20
 

@@ -14,7 +14,7 @@ from dynident.array_types import FloatArray
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 FEWEST_ROWS = 8
 """Arrays that are shorter both ways are settings, not signals."""

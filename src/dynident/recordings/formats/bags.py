@@ -14,7 +14,7 @@ from dynident.recordings.arrow import batch_from_arrays
 from dynident.recordings.file_limits import BLOCK_VALUES, TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.messages import TopicSamples, read_topic_samples
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
 
 BLOCK_SAMPLES = 8192

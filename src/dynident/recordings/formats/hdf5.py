@@ -26,7 +26,7 @@ from dynident.recordings.file_limits import (
     check_unpacked,
 )
 from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 if TYPE_CHECKING:
     import h5py

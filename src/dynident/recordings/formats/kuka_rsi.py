@@ -17,7 +17,7 @@ import pyarrow as pa
 from dynident.recordings.arrow import from_numbers
 from dynident.recordings.file_limits import TITLE, check_columns, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 _BEGIN = b"<Rob"
 START = re.compile(rb"<Rob[\s>]")

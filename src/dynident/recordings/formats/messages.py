@@ -37,7 +37,7 @@ from dynident.recordings.formats.packed_messages import (
 )
 from dynident.recordings.formats.ros1_bags import read_ros1_messages
 from dynident.recordings.formats.ros2_bags import read_ros2_messages
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict

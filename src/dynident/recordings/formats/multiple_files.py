@@ -19,7 +19,7 @@ from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, che
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent
 from dynident.recordings.list_cells import make_counted_names
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 from dynident.recordings.recording_files import MOST_FILES
 from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
 from dynident.recordings.time_parsing import is_time_name

@@ -12,8 +12,7 @@ from dynident.recordings.formats.kuka_rsi import START, open_telegrams
 from dynident.recordings.formats.multiple_files import has_arrays, open_joined_files
 from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.text_streams import TextContent
-from dynident.recordings.metadata import Format
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import Format, RecordingError
 from dynident.recordings.recording_files import split_path
 from dynident.recordings.sparse_tables import join_sparse_rows
 from dynident.recordings.time_columns import add_stated_time, join_split_stamps

@@ -19,7 +19,7 @@ import numpy as np
 from dynident.array_types import IntArray
 from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, check_columns
 from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 _ROWS_AT_ONCE = 1000
 _LONGEST_WAIT = 20.0

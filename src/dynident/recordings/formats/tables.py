@@ -19,7 +19,7 @@ from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.text_rewriting import RewrittenText
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.list_cells import expand_lists, expand_names, find_stored_name, list_columns, name_list_places
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 CSV_BLOCK_BYTES = 1 << 19
 """Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""

@@ -9,7 +9,7 @@ from typing import IO
 
 from dynident.recordings.file_limits import LARGEST_MESSAGE, TITLE
 from dynident.recordings.formats.text_streams import ProducedStream
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 _READ_BYTES = 1 << 18
 _LIST = re.compile(

@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING
 import pyarrow as pa
 
 from dynident.recordings.file_limits import MOST_TEXT, TITLE, UnpackedSize
-from dynident.recordings.recording import RecordingError
+from dynident.recordings.metadata import RecordingError
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from markupsafe import Markup
 
 from dynident.effects import EffectChoice, get_effect
-from dynident.effects.catalogue import find_joints
+from dynident.effects.effect_columns import find_joints
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification
 from dynident.identification.study.dependence import parameter_dependence

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.identification.methods.bases import Strategy
+from dynident.identification.methods.bases import Strategy, StrategyChoices
 
 if TYPE_CHECKING:
-    from dynident.identification.choices import IdentificationChoices
     from dynident.identification.fit import Fit
     from dynident.identification.problem import Problem
 
@@ -25,6 +24,6 @@ class AllAtOnce(Strategy):
     from_reduced = True
     at_once = True
 
-    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
+    def solve(self, choices: StrategyChoices, problem: Problem) -> Fit:
         """Solve for all parameters from all data."""
         return choices.solver.solve(problem)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.identification.methods.bases import Strategy
+from dynident.identification.methods.bases import Strategy, StrategyChoices
 
 if TYPE_CHECKING:
-    from dynident.identification.choices import IdentificationChoices
     from dynident.identification.fit import Fit
     from dynident.identification.problem import Problem
 
@@ -24,7 +23,7 @@ class SeparateFriction(Strategy):
     place = 3
     friction_runs = True
 
-    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
+    def solve(self, choices: StrategyChoices, problem: Problem) -> Fit:
         """Solve for friction first, then for the rest."""
         from dynident.identification.strategies.separate_friction import solve_separate_friction
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.identification.methods.bases import Strategy
+from dynident.identification.methods.bases import Strategy, StrategyChoices
 
 if TYPE_CHECKING:
-    from dynident.identification.choices import IdentificationChoices
     from dynident.identification.fit import Fit
     from dynident.identification.problem import Problem
 
@@ -24,7 +23,7 @@ class Sequential(Strategy):
     place = 2
     from_reduced = True
 
-    def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
+    def solve(self, choices: StrategyChoices, problem: Problem) -> Fit:
         """Solve joint by joint, from the end of the arm to its base."""
         from dynident.identification.strategies.sequential import solve_sequentially
 

@@ -1,0 +1,194 @@
+"""Chosen effects on a robot: the joints that they act on, their shape constants, and their columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from dynident.effects.catalogue import UnknownEffectError, get_effect
+from dynident.effects.choices import EffectChoice
+from dynident.effects.effect import Column, Effect, ShapeSpec
+from dynident.effects.signals import RunSignal, Signals
+from dynident.effects.tree_signals import TreeSignals
+from dynident.robot.model import Robot
+
+
+def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[int, ...]:
+    """Return the joints that a chosen effect acts on, as indices of the tree's joints.
+
+    Where the choice names no joints, they are the effect's default ones: of these only the driven joints, where some
+    joints follow others, unless the effect belongs to links.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+    robot : Robot
+    pointer : str
+        JSON pointer to the choice in the user's request.
+
+    Raises
+    ------
+    UnknownEffectError
+        If the choice names an unknown joint, or one on which the effect cannot act.
+    """
+    effect = get_effect(choice.effect, pointer)
+    whole, robot = robot, robot.tree
+    possible = effect.applicable(robot)
+    if not possible:
+        raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
+    if effect.scope == "robot":
+        return possible
+    if not choice.joints:
+        usual = effect.get_default_joints(robot)
+        if whole.linkage is None or effect.sits_on == "link":
+            return usual
+        # If the effect fits none of the driven joints, let it act on those of the others that it fits.
+        return tuple(j for j in usual if j in whole.linkage.driven) or usual
+    indices = []
+    for name in choice.joints:
+        if name not in robot.joint_names:
+            joint_names = ", ".join(robot.joint_names)
+            raise UnknownEffectError(
+                f"there is no joint {name!r}; {robot.name} has: {joint_names}", pointer=pointer, title="Unknown joint"
+            )
+        index = robot.joint_names.index(name)
+        if index not in possible:
+            fitting = ", ".join(robot.joint_names[j] for j in possible)
+            raise UnknownEffectError(
+                f"{choice.effect} cannot sit on {name}; it can on: {fitting}", pointer=pointer, title="Unfit joint"
+            )
+        if whole.linkage is not None and index not in whole.linkage.driven and effect.sits_on == "motor":
+            raise UnknownEffectError(
+                f"{choice.effect} is a matter of motors, and {name} has none; driven joints: "
+                f"{', '.join(whole.joint_names)}",
+                pointer=pointer,
+                title="Unfit joint",
+            )
+        indices.append(index)
+    return tuple(sorted(set(indices)))
+
+
+def is_lasting_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
+    """Return whether a choice is a lasting change of the robot: from one of the runs `since` a baseline to the last.
+
+    Events within a run, such as a contact, are no such change.
+    """
+    lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
+    return lasts and get_effect(choice.effect).may_change
+
+
+def check_shape_constants(choice: EffectChoice, pointer: str = "") -> None:
+    """Raise `UnknownEffectError` if a choice has a shape constant that its effect lacks, or an impossible value."""
+    effect = get_effect(choice.effect, pointer)
+    constants = {spec.name: spec for spec in effect.shapes}
+    for name, value in choice.shape:
+        if name not in constants:
+            raise UnknownEffectError(
+                f"{choice.effect} has no shape constant {name!r}; it has: {', '.join(constants) or 'none'}",
+                pointer=pointer,
+            )
+        if not constants[name].admits(value):
+            raise UnknownEffectError(
+                f"{name} of {choice.effect} is {value}; {_describe_expected(constants[name])}",
+                pointer=f"{pointer}/shape/{name}",
+                title="Impossible shape constant",
+            )
+
+
+def _describe_expected(spec: ShapeSpec) -> str:
+    if spec.words:
+        return f"it has to be {' or '.join(f'{value:g} ({word})' for value, word in spec.words)}"
+    return f"its {spec.description} has to be a finite number{_describe_range(spec)}"
+
+
+def _describe_range(spec: ShapeSpec) -> str:
+    if spec.signed:
+        return "" if spec.may_be_zero else " other than zero"
+    return ", zero or above" if spec.may_be_zero else " above zero"
+
+
+def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Column]:
+    """Return the columns of all chosen effects on one robot, in their order.
+
+    Parameters
+    ----------
+    choices : iterable of EffectChoice
+    signals : Signals
+        Symbols of the robot that the columns are expressions of.
+
+    Returns
+    -------
+    list of Column
+
+    Raises
+    ------
+    UnknownEffectError
+        If a choice does not fit the catalogue or the robot.
+    """
+    columns: list[Column] = []
+    for index, choice in enumerate(choices):
+        choice_columns = build_columns_for_all_runs(choice, signals, f"/effects/{index}")
+        if choice.runs or get_effect(choice.effect).in_some_runs:
+            present = signals.in_runs(RunSignal(choice.runs))
+            choice_columns = [_restrict_to_runs(column, present, choice.runs) for column in choice_columns]
+        columns += choice_columns
+    return columns
+
+
+def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
+    """Return the columns of a choice as if it were in all runs."""
+    check_shape_constants(choice, pointer)
+    joints = find_joints(choice, signals.robot, pointer)
+    effect = get_effect(choice.effect)
+    if signals.robot.linkage is None:
+        return effect.columns(signals, joints, choice.shape_values)
+    return _build_dependent_columns(effect, signals, signals.robot.linkage.driven, joints, choice)
+
+
+def _build_dependent_columns(
+    effect: Effect, signals: Signals, driven: Sequence[int], joints: Sequence[int], choice: EffectChoice
+) -> list[Column]:
+    """Return the columns on a machine some of whose joints follow others, numbered like the tree's joints.
+
+    An effect on a driven joint depends on that joint's load and motor torque; an effect on links or on another joint
+    depends on the signals of the tree.
+    """
+    shape = choice.shape_values
+    tree = TreeSignals.for_machine(signals)
+    if effect.sits_on == "link":
+        return tree.project_columns(effect.columns(tree, joints, shape))
+    columns: list[Column] = []
+    # An effect may fit a joint of the tree but not the driven robot, whose joints have other neighbours.
+    fitting = effect.applicable(signals.robot)
+    on_driven = [driven.index(j) for j in joints if j in driven and driven.index(j) in fitting]
+    if on_driven or effect.scope == "robot":
+        driven_columns = effect.columns(signals, on_driven, shape)
+        columns += [_number_column(column, signals.robot, driven) for column in driven_columns]
+    others = [j for j in joints if j not in driven or driven.index(j) not in fitting]
+    if others and effect.scope == "joint":
+        columns += tree.project_columns(effect.columns(tree, others, shape))
+    return columns
+
+
+def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Column:
+    """Return the column of a driven joint with the joint's number in the tree in its name."""
+    if column.link not in robot.joint_names:
+        return column
+    j = robot.joint_names.index(column.link)
+    if column.name != f"{column.parameter}{j + 1}":
+        return column
+    return replace(column, name=f"{column.parameter}{driven[j] + 1}")
+
+
+def _restrict_to_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
+    """Return the column multiplied by `present`, which is 1 in some runs and 0 in the others."""
+    energy, wrench = column.energy, column.wrench
+    return replace(
+        column,
+        torque=column.torque * present,
+        runs=runs,
+        energy=None if energy is None else lambda: present * energy(),
+        wrench=None if wrench is None else lambda: present * wrench(),
+    )
