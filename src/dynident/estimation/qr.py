@@ -9,6 +9,7 @@ from scipy.linalg import lapack
 
 from dynident.array_types import FloatArray
 
+# Singular values below this share of the largest count as directions that no row excites.
 _SEEN = 1e-9
 
 
@@ -34,6 +35,7 @@ def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
     is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
     if not is_excited.any():
         return None
+    # With R = U S Vᵀ the columns W V S⁻¹ have unit inner products: whitening by the SVD copes with singular R.
     rows = w @ (vt[is_excited].T / singular[is_excited])
     grams = rows.transpose(0, 2, 1) @ rows
     return WhitenedColumns(rows, float(np.sum(grams * grams)))
@@ -49,6 +51,7 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
     k = rows.shape[1]
+    # LAPACK leaves the reflectors below the diagonal. They would give Q, which nobody needs.
     return np.triu(lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k])
 
 
