@@ -22,11 +22,24 @@ from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
 
 @dataclass(frozen=True, eq=False)
 class FilteredSamples:
-    """Decimated rows of one segment: t (m,), `values` (m, k) the entries of W, tau (m, n).
+    """Decimated rows of one segment.
 
-    `at_rest` (m, r): the entries of friction where a joint is about to move, if requested. Where instants were taken
-    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
-    [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    values : (m, k)
+        Entries of W.
+    tau : (m, n)
+        Torque, N m or N.
+    segment : int
+        Number of the segment.
+    at_rest : (m, r), optional
+        Entries of friction where a joint is about to move, if requested.
+    held : (m, n), optional
+        Where instants were taken out before the filter: share of what is under the filter at which each equation held.
+    whole : tuple of (m, p_j + 1)
+        [W | Y] of every joint with its halts, for rows at rest; None for joints that no instant was taken out of.
     """
 
     t: FloatArray
@@ -121,8 +134,11 @@ def stream_filtered_samples(
     Parameters
     ----------
     observation : Observation
+        The matrix W to evaluate.
     recording : Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     at_rest : Observation, optional
@@ -313,20 +329,24 @@ def reduce_recordings(
     observation : Observation
         W, whose columns become the reduction's.
     recordings : sequence of Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
+        Hears of the share that is done.
     samples_of : function, optional
         Gives a recording's filtered samples, where they are at hand.
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     by_phase : bool
-        Whether rows where joints turn round are told apart, so that they may be weighed; with `at_rest` they are.
+        Whether rows at reversals are kept apart, so that they may be weighted; with `at_rest` they always are.
 
     Returns
     -------
     Reduction
+        One equation a joint.
     """
     keeps_rest_rows = at_rest is not None
     splits_reversals = by_phase or keeps_rest_rows
@@ -342,7 +362,7 @@ def reduce_recordings(
 class ObservationRows:
     """Makes the equations of a recording, one a joint, as `reduce_recordings` says.
 
-    `by_phase`: two a joint, the second n of the rows where joints turn round, the first of all others.
+    With `by_phase` there are two equations a joint: the first n of all rows but reversals, the second n of these.
     """
 
     observation: Observation
@@ -398,6 +418,8 @@ class RestRowBuilder:
         whole = rows if unmasked is None else unmasked
         either = []
         for positions, columns in self._entries[joint]:
+            # Friction as filtered is that of a joint that moves. It is replaced by that of a joint about to move, one
+            # way and then the other; all other columns are the same at rest.
             w = whole[standing, :-1].copy()
             w[:, self._changed[joint]] = 0.0
             if samples.at_rest is not None:

@@ -24,9 +24,9 @@ class FurtherSignals:
     dddq, ddddq : (m, n), optional
         Third and fourth derivative of q in rad/s³ and rad/s⁴, or m/s³ and m/s⁴.
     time : (m,), optional
-        s.
+        Time of the session, s.
     temperature : (m, n), optional
-        °C.
+        Temperature of every joint, °C.
     runs : (number of run signals,) or (m, number of run signals), optional
         1 where the samples' run is one of the signal's.
     period : float
@@ -50,10 +50,12 @@ class ConcatenatedPrograms:
 
     Parameters
     ----------
-    first, second : programs
-    widths : widths of the inputs of both together
-    picks : one an input
-        Which of its columns the second program reads, in its order; the first reads the leading ones.
+    first, second : Program or ConcatenatedPrograms
+        What is evaluated.
+    widths : sequence of int
+        Widths of the inputs of both together.
+    picks : sequence of (k,) or slice
+        For every input: which of its columns the second program reads, in its order; the first reads the leading ones.
     """
 
     def __init__(
@@ -95,9 +97,24 @@ _MEMORY, _RUNS = 8, 9
 class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
-    Entry k of an evaluation stands in row (of W: joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
-    hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends
-    another, that one and what was put behind it.
+    Parameters
+    ----------
+    robot : Robot
+        Robot that the columns belong to.
+    columns : tuple of Column
+        One for every parameter.
+    memory : tuple of MemorySignal
+        Hysteresis states that must be supplied, in this order.
+    runs : tuple of RunSignal
+        Run signals that must be supplied, in this order.
+    entry_rows, entry_columns : (e,)
+        Row (of W: joint) and column of each of the e entries of an evaluation.
+    n_rows : int
+        Number of rows for one sample.
+    program : Program or ConcatenatedPrograms
+        Evaluates the entries.
+    parts : tuple of two Observation, optional
+        Where it extends another one: that one, and what was put behind it.
     """
 
     robot: Robot
@@ -186,6 +203,7 @@ class Observation:
         reference : ReferenceParameters
             What the torque of the load and of the motors is predicted with.
         memory : (m, number of memory signals)
+            Hysteresis states in [-1, 1].
         further : FurtherSignals, optional
             What the columns depend on besides q, dq and ddq.
         out : (m, number of entries), optional
@@ -194,6 +212,7 @@ class Observation:
         Returns
         -------
         (m, number of entries)
+            The structural non-zeros of W at every sample.
         """
         n = self.robot.n
         # One row of zeros holds for all samples.
