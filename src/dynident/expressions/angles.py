@@ -17,10 +17,10 @@ _SMALL, _ROUNDING = 0.25, 1e-17
 class AngleTerms:
     """Joint coordinates together with their cosines and sines.
 
-    Attributes
+    Parameters
     ----------
     angles, cosines, sines : SX (k, 1)
-        Of prismatic joints nothing reads the last two.
+        Coordinates in rad or m, and their cosines and sines; of prismatic joints nothing reads the last two.
     """
 
     angles: ca.SX
