@@ -37,6 +37,7 @@ from dynident.effects.tree_signals import TreeSignals
 from dynident.errors import DynidentError
 from dynident.robot.model import Robot
 
+# In the order of the printed catalogue: what nearly every model has comes first.
 _BUILT_IN_EFFECTS: tuple[Effect, ...] = (
     RigidBody(),
     RotorInertia(),
@@ -82,12 +83,14 @@ class Catalogue(Mapping[str, Effect]):
     @cached_property
     def _effects(self) -> dict[str, Effect]:
         ours = {effect.id: effect for effect in _BUILT_IN_EFFECTS}
+        # An effect in a module of this package that is not listed above comes behind them: a new file is enough.
         ours |= {effect.id: effect for effect in list_package_effects() if effect.id not in ours}
         return ours | {effect.id: effect for effect in load_installed_effects(ours)}
 
     @contextmanager
     def add_temporarily(self, effect: Effect) -> Iterator[None]:
         """Add an effect that is not installed, or replace that of the same id, within a `with` block."""
+        # The order of effects counts too, so that afterwards all of them are put back, not one entry alone.
         before = dict(self._effects)
         self._effects[effect.id] = effect
         try:
@@ -110,7 +113,17 @@ CATALOGUE = Catalogue()
 
 
 class UnknownEffectError(DynidentError):
-    """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint."""
+    """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint.
+
+    Parameters
+    ----------
+    detail : str
+        What does not exist or fit, and what does.
+    pointer : str, optional
+        JSON pointer to the cause in the caller's request.
+    title : str, optional
+        Short name of the kind of error.
+    """
 
 
 def get_effect(identifier: str, pointer: str = "") -> Effect:
@@ -119,8 +132,14 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
     Parameters
     ----------
     identifier : str
+        Id of the effect in the catalogue.
     pointer : str
-        JSON pointer to the id in the user's request.
+        JSON pointer to the id in the caller's request.
+
+    Returns
+    -------
+    Effect
+        The one instance of the effect.
 
     Raises
     ------
@@ -141,14 +160,33 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
 def get_spec(column: Column) -> ParameterSpec | None:
     """Return the specification of a column's parameter.
 
-    None for a column that belongs to no effect, such as the offset of a sensor.
+    Parameters
+    ----------
+    column : Column
+        A column of W.
+
+    Returns
+    -------
+    ParameterSpec or None
+        None for a column that belongs to no effect, such as the offset of a sensor.
     """
     effect = CATALOGUE.get(column.effect)
     return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
 
 
 def get_role(column: Column) -> Role | None:
-    """Return the role of a column's parameter; None where it has none."""
+    """Return the role of a column's parameter.
+
+    Parameters
+    ----------
+    column : Column
+        A column of W.
+
+    Returns
+    -------
+    Role or None
+        What code outside of the effect has to know of the parameter; None where that is nothing.
+    """
     spec = get_spec(column)
     return None if spec is None else spec.role
 
@@ -162,9 +200,16 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     Parameters
     ----------
     choice : EffectChoice
+        The effect and, where any are named, its joints.
     robot : Robot
+        The robot that it acts on.
     pointer : str
-        JSON pointer to the choice in the user's request.
+        JSON pointer to the choice in the caller's request.
+
+    Returns
+    -------
+    tuple of int
+        Ascending, none twice.
 
     Raises
     ------
@@ -172,6 +217,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
         If the choice names an unknown joint, or one on which the effect cannot act.
     """
     effect = get_effect(choice.effect, pointer)
+    # Effects act on any joint of the tree, though only the driven ones have data of their own.
     whole, robot = robot, robot.tree
     possible = effect.applicable(robot)
     if not possible:
@@ -205,6 +251,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
                 title="Unfit joint",
             )
         indices.append(index)
+    # Columns follow the order of joints, in whatever order the request names them.
     return tuple(sorted(set(indices)))
 
 
@@ -212,13 +259,38 @@ def is_lasting_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
     """Return whether a choice is a lasting change of the robot: from one of the runs `since` a baseline to the last.
 
     Events within a run, such as a contact, are no such change.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The choice, with the runs that it is in.
+    since : tuple of str
+        Labels of the runs after the baseline, in the order of time.
+
+    Returns
+    -------
+    bool
+        Whether its runs are the last of `since`, and the effect may change from day to day.
     """
     lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
     return lasts and get_effect(choice.effect).may_change
 
 
 def check_shape_constants(choice: EffectChoice, pointer: str = "") -> None:
-    """Raise `UnknownEffectError` if a choice has a shape constant that its effect lacks, or an impossible value."""
+    """Raise an error if a choice has a shape constant that its effect lacks, or an impossible value.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect and its shape constants.
+    pointer : str
+        JSON pointer to the choice in the caller's request.
+
+    Raises
+    ------
+    UnknownEffectError
+        The message says which constants there are, or which values are possible.
+    """
     effect = get_effect(choice.effect, pointer)
     constants = {spec.name: spec for spec in effect.shapes}
     for name, value in choice.shape:
@@ -253,12 +325,14 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
     Parameters
     ----------
     choices : iterable of EffectChoice
+        The chosen effects, in the order of their columns.
     signals : Signals
-        Symbols of the robot that the columns are expressions of.
+        The symbols that the columns are made of.
 
     Returns
     -------
     list of Column
+        One for every parameter of every effect on every joint that it acts on.
 
     Raises
     ------
@@ -268,6 +342,7 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
     columns: list[Column] = []
     for index, choice in enumerate(choices):
         choice_columns = build_columns_for_all_runs(choice, signals, f"/effects/{index}")
+        # An effect that only some runs have, such as a payload, is in the runs that are marked so where none is named.
         if choice.runs or get_effect(choice.effect).in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
             choice_columns = [_restrict_to_runs(column, present, choice.runs) for column in choice_columns]
@@ -276,7 +351,27 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
 
 
 def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
-    """Return the columns of a choice as if it were in all runs."""
+    """Return the columns of a choice as if it were in all runs.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, its joints and its shape constants.
+    signals : Signals
+        The symbols that the columns are made of.
+    pointer : str
+        JSON pointer to the choice in the caller's request.
+
+    Returns
+    -------
+    list of Column
+        Joint by joint, parameter by parameter.
+
+    Raises
+    ------
+    UnknownEffectError
+        If the choice does not fit the catalogue or the robot.
+    """
     check_shape_constants(choice, pointer)
     joints = find_joints(choice, signals.robot, pointer)
     effect = get_effect(choice.effect)
@@ -314,6 +409,7 @@ def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Colum
     """Return the column of a driven joint with the joint's number in the tree in its name."""
     if column.link not in robot.joint_names:
         return column
+    # Effects number their columns by the robot that they were built for; elsewhere numbers are those of the tree.
     j = robot.joint_names.index(column.link)
     if column.name != f"{column.parameter}{j + 1}":
         return column
@@ -322,6 +418,7 @@ def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Colum
 
 def _restrict_to_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
     """Return the column multiplied by `present`, which is 1 in some runs and 0 in the others."""
+    # Functions, not expressions: energies and wrenches are large, and most models never ask for them.
     energy, wrench = column.energy, column.wrench
     return replace(
         column,

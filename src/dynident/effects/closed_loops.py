@@ -45,6 +45,7 @@ class OpenMotion:
         closure = self.linkage.closure
         if closure is None:
             return ratios
+        # q depends on q_a directly, by the ratios, and through x, which keeps the loops closed.
         slopes = closure.rates(self.derivatives[0], closure.symbols[1])
         return ca.sparsify(ratios[:, :n] + ca.mtimes(ratios[:, n:], slopes))
 
@@ -79,6 +80,7 @@ class OpenMotion:
 
     def _differentiate(self, order: int) -> ca.SX:
         """Return the time derivative SX (N, 1) of order + 1: acceleration for 1, jerk for 2, …."""
+        # q = ratios [q_a; x] + offsets with constant ratios: every derivative is the same combination.
         free = self.derivatives[order + 1]
         if self.linkage.closure is not None:
             free = ca.vertcat(free, self._differentiate_passive(self.linkage.closure, order))
@@ -91,6 +93,7 @@ class OpenMotion:
         state_symbols = [driven, *rates[:-1]]
         # Differentiate ẍ(q_a, x, q̇_a, q̈_a) in time by the chain rule, once for every order above the acceleration.
         value = closure.accelerations(driven, x, rates[0], rates[1])
+        # ẋ, with which a change of x enters the chain rule: x has no derivative of its own among the symbols.
         moving = ca.mtimes(closure.rates(driven, x), rates[0])
         for count in range(1, order):
             state, change = ca.vertcat(*state_symbols[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
@@ -174,6 +177,7 @@ class DependentMechanics(Mechanics):
     def rows(self) -> ca.SX:
         """SX (n, 10 N): the dynamic model's rows, Gᵀ times those of the tree."""
         motion = self._motion
+        # x stays a symbol to the end. Its expression is then put in once, for all entries together.
         rows = build_dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
         return motion.substitute_passive(motion.project_torque(rows))
 
@@ -188,6 +192,7 @@ class DependentMechanics(Mechanics):
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 N), SX (1, 10 N)): kinetic and potential energy rows."""
+        # Energies are scalars, which need no projection: the tree's motion in terms of the driven joints is enough.
         motion = self._motion
         kinetic, potential = build_energy_rows(self.robot.tree, motion.q, motion.dq, self.gravity)
         return motion.substitute_passive(kinetic), motion.substitute_passive(potential)
@@ -204,7 +209,23 @@ def build_link_torque(
 ) -> ca.SX:
     """Return the torque of the links SX (n, 1) in the space of the driven joints.
 
-    The arguments are those of `inverse_dynamics`, with inertia SX (10 N, 1) and shift SX (3, N) of the tree.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with or without joints that follow others.
+    q, dq, ddq : SX (n, 1)
+        Motion of the driven joints: rad or m, and their derivatives.
+    gravity : SX (3, 1)
+        Acceleration of gravity in the base frame, m/s².
+    inertia : SX (10 N, 1)
+        Standard inertial parameters of the tree's links, in the order of `INERTIAL_NAMES`.
+    shift : SX (3, N), optional
+        How far the origin of every joint's frame is from where the description says, in its antecedent's frame (m).
+
+    Returns
+    -------
+    SX (n, 1)
+        N m or N.
     """
     if robot.linkage is None:
         return build_inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)

@@ -43,6 +43,7 @@ def list_package_effects() -> tuple[Effect, ...]:
     instances = []
     for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
         for value in vars(importlib.import_module(f"{effects.__name__}.{module.name}")).values():
+            # Modules import each other's effects: each one counts where it is defined.
             is_defined_here = (
                 isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
             )
@@ -53,6 +54,7 @@ def list_package_effects() -> tuple[Effect, ...]:
 
 def _load_effect(point: EntryPoint) -> Effect | None:
     try:
+        # An entry point may name a class or an instance; an effect has no arguments.
         plugin = point.load()
         effect = plugin() if isinstance(plugin, type) else plugin
     except Exception as error:  # whatever somebody else's module raises
@@ -77,6 +79,7 @@ def _try_effect(effect: Effect) -> None:
     robot = robot_from_modified_dh("trial", _TRIAL)
     signals, names = Signals(robot), {spec.name for spec in effect.parameters}
     constants = {spec.name for spec in effect.shapes}
+    # Every joint, every candidate of the grid and every shape of a column: later code relies on all of them.
     for joint in effect.applicable(robot):
         for shape in effect.grid(robot, joint):
             if set(shape) != constants:
@@ -91,6 +94,7 @@ def _try_effect(effect: Effect) -> None:
                 raise ValueError(f"column {column.name} has the shape {column.torque.shape}, not ({robot.n}, 1)")
 
 
+# Three revolute joints with axes at odd angles, so that no torque vanishes by symmetry.
 _TRIAL = tuple(
     {"antecedent": k, "sigma": 0, "alpha": alpha, "d": 0.3, "theta": 0.0, "r": 0.1, "gamma": 0.0, "b": 0.0}
     for k, alpha in enumerate((0.0, 1.5, 0.4))

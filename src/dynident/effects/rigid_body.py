@@ -39,6 +39,7 @@ class RigidBody(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return ten columns for every link in `joints`."""
         rows = signals.mechanics.rows
+        # The recursion gives all links' rows at once, with structural zeros where a joint does not feel a link.
         return [
             Column(
                 effect=self.id,

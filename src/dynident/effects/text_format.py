@@ -19,7 +19,12 @@ def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Effe
     texts : sequence of str
         One or several effects each, separated by commas.
     pointer : str
-        JSON pointer to them in the user's request.
+        JSON pointer to them in the caller's request.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        In the order of the texts.
 
     Raises
     ------
@@ -37,7 +42,20 @@ def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Effe
 
 
 def format_effect(choice: EffectChoice, digits: str = ".6g") -> str:
-    """Return an effect as text that `written_effects` reads; `digits` is the format of shape constants."""
+    """Return an effect as text that `parse_effects` reads.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, its joints and its shape constants; runs are not part of the text.
+    digits : str
+        Format of shape constants.
+
+    Returns
+    -------
+    str
+        Such as "stribeck@joint2:vs=0.05".
+    """
     joints = f"@{'+'.join(choice.joints)}" if choice.joints else ""
     constants = ((name, _get_word(choice.effect, name, value) or format(value, digits)) for name, value in choice.shape)
     shape = ",".join(f"{name}={text}" for name, text in constants)
@@ -45,7 +63,22 @@ def format_effect(choice: EffectChoice, digits: str = ".6g") -> str:
 
 
 def format_constant(effect: str, name: str, value: float) -> str:
-    """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
+    """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl".
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    name : str
+        Name of the constant.
+    value : float
+        Its value.
+
+    Returns
+    -------
+    str
+        With a word for the value where the constant is a choice between kinds.
+    """
     word = _get_word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
 
@@ -78,6 +111,7 @@ def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
             pointer=pointer,
             title=_TITLE,
         )
+    # A word such as `dahl` stands for its number. Unknown effects are read too: whether they exist is checked later.
     catalogued = CATALOGUE.get(name.strip())
     words = {
         (spec.name, word): value for spec in (catalogued.shapes if catalogued else ()) for value, word in spec.words

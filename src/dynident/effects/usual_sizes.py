@@ -26,7 +26,15 @@ ROTOR_SHARE = 0.006
 
 @dataclass(frozen=True)
 class UsualSize:
-    """Usual size of an effect: parameters and shape constants by name, zero or the default where not named."""
+    """Usual size of an effect on a joint.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters by name, in their units; zero where not named.
+    shape : mapping of str to float
+        Shape constants by name, in their units; the default where not named.
+    """
 
     values: Mapping[str, float]
     shape: Mapping[str, float] = field(default_factory=dict)
@@ -34,6 +42,7 @@ class UsualSize:
 
 def get_velocity_scale(robot: Robot, joint: int) -> float:
     """Return the joint's velocity limit, or an arm's usual one; grids of velocities are relative to it."""
+    # A limit of zero or below, which some descriptions write for "none", would make a scale useless.
     limit = robot.joints[joint].limits.velocity
     return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
 
