@@ -29,7 +29,15 @@ _SHAPES = ("box", "cylinder", "sphere", "capsule")
 
 @dataclass(frozen=True, eq=False)
 class LinkShapes:
-    """Convex shapes of a link for collision checks, and the surfaces of its meshes as they are."""
+    """Shapes of a link in one frame.
+
+    Parameters
+    ----------
+    shapes : tuple of Shape
+        Convex shapes for collision checks.
+    surfaces : tuple of Surface
+        The surfaces of its meshes as they are.
+    """
 
     shapes: tuple[Shape, ...]
     surfaces: tuple[Surface, ...] = ()
@@ -131,6 +139,7 @@ def read_origin(element: Element, owner: str) -> FloatArray:
         placement[:3, 3] = _read_numbers(origin, "xyz", owner, 3)
     if "quat_xyzw" in origin.attributes:
         placement[:3, :3] = Rotation.from_quat(_read_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
+    # Roll, pitch and yaw turn about fixed axes, x first: what SciPy writes in lower case.
     elif "rpy" in origin.attributes:
         placement[:3, :3] = Rotation.from_euler("xyz", _read_numbers(origin, "rpy", owner, 3)).as_matrix()
     return placement
@@ -176,7 +185,7 @@ _SHOWN = 3
 class Body:
     """Everything that moves with one joint, as shapes in that joint's frame.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Name of the link.
@@ -198,7 +207,7 @@ class Body:
 class CollisionGeometry:
     """Collision geometry of a robot.
 
-    Attributes
+    Parameters
     ----------
     bodies : tuple of Body
         Bodies that have shapes, the base first.
@@ -224,6 +233,7 @@ def collision_geometry(
     Parameters
     ----------
     robot : Robot
+        The robot, with the description that it was read from.
     mesh_folders : sequence of Path
         Where the files of meshes are looked for.
     link_radius : float, optional
@@ -232,6 +242,7 @@ def collision_geometry(
     Returns
     -------
     CollisionGeometry
+        Bodies with their shapes, and what could not be read.
 
     Raises
     ------
@@ -244,6 +255,7 @@ def collision_geometry(
     names = {BASE: "base"}
     unread: list[str] = []
     for link, joint, parts in _iter_links(robot, mesh_folders, unread):
+        # The base is called by the first link of it that has a shape: links such as `world` have none.
         if joint == BASE and link and parts.shapes and not shapes[BASE]:
             names[BASE] = link
         shapes[joint].extend(parts.shapes)
@@ -278,6 +290,7 @@ def find_mesh_folders(robot: Robot, file: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     robot : Robot
+        The robot, with the description that it was read from.
     file : Path
         The description's file.
 
@@ -315,6 +328,7 @@ def _iter_urdf_links(
         name = link.attributes["name"]
         joint, placement = places[name]
         yield name, joint, reader.read_link(link, placement)
+    # Folders that hold none of the meshes are a mistake. Single meshes that are missing become a note.
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
             f"none of the {len(unread)} collision meshes of the URDF is in "

@@ -56,7 +56,15 @@ EQUATIONS = {"planar": 2, "point": 3, "full": 6}
 
 @dataclass(frozen=True, eq=False)
 class FrameOnJoint:
-    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and its frame (4, 4) there (m)."""
+    """One side of a cut joint.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint of the tree that carries it; -1 for the base.
+    frame : (4, 4)
+        Placement in that joint's frame, m.
+    """
 
     joint: int
     frame: FloatArray
@@ -66,15 +74,17 @@ class FrameOnJoint:
 class Loop:
     """A closed loop: two frames that coincide wherever the machine moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the loop, for messages.
     kind : {"planar", "point", "full"}
         Which part of the frames coincides: the origins in the xy plane of the first frame (a pin), the origins (a ball
         joint), or the whole frames.
-    ends : tuple of End
-    where, line
-        Place in the description, for messages.
+    ends : tuple of two FrameOnJoint
+        The frames, each on a joint of the tree.
+    where, line : str, int
+        Place in the description, for messages: a JSON pointer and the number of a line, 0 where there is none.
     equations : tuple of int, optional
         Those of its kind's equations that count; all of them by default.
     """
@@ -103,10 +113,11 @@ def build_gap(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
     Parameters
     ----------
     loop : Loop
+        The loop.
     joints : sequence of Joint
-        Those of the tree.
+        All joints of the tree.
     q : SX (N, 1)
-        Their positions.
+        Their positions, rad or m.
 
     Returns
     -------

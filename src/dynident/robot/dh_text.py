@@ -99,12 +99,21 @@ def robot_from_dh_text(
         Name of the robot.
     text : str
         The table; the module's docstring shows its form.
-    limits, drives, locked_joints, gravity, pointer
-        As for `robot_from_urdf`.
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) by default.
+    pointer : str
+        JSON pointer to the text in the caller's request.
 
     Returns
     -------
     Robot
+        One joint for every row.
 
     Raises
     ------
@@ -124,6 +133,18 @@ def robot_from_dh_text(
 
 def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     """Return the modified table, as `robot_from_modified_dh` takes it, of a pasted one.
+
+    Parameters
+    ----------
+    text : str
+        The table; the module's docstring shows its form.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    PastedTable
+        Rows in rad and m.
 
     Raises
     ------

@@ -77,6 +77,7 @@ def expect_text(value: object, at: str, title: str) -> str:
 def expect_number(value: object, at: str, title: str) -> float:
     """Return a finite number, also from texts such as "0.5", "pi/2" and "-3*pi/4"."""
     number = math.nan
+    # To Python, JSON's true and false are whole numbers.
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         number = _to_float(value)
     elif isinstance(value, str):

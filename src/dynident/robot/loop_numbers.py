@@ -38,6 +38,7 @@ def choose_pivots(matrices: FloatArray) -> Pivots:
     Returns
     -------
     tuple of (row, column)
+        The pivots in the order of elimination.
     """
     remaining = np.array(matrices)
     size = remaining.shape[1]
@@ -69,7 +70,22 @@ def choose_pivots(matrices: FloatArray) -> Pivots:
 
 
 def solve_sparse(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
-    """Return matrix⁻¹ right as SX (p, k), for expressions SX (p, p) and (p, k)."""
+    """Return matrix⁻¹ right, by elimination in a given order.
+
+    Parameters
+    ----------
+    matrix : SX (p, p)
+        The matrix, of the sparsity pattern that the pivots were chosen for.
+    right : SX (p, k)
+        Right sides.
+    pivots : tuple of (row, column)
+        Order of elimination, from `choose_pivots`.
+
+    Returns
+    -------
+    SX (p, k)
+        The solutions.
+    """
     entries = _list_entries(matrix)
     sides = _list_entries(right)
     done: set[int] = set()
@@ -152,6 +168,7 @@ def group_equations(over_driven: BoolArray, over_passive: BoolArray) -> list[tup
     Returns
     -------
     list of (rows, unknowns, driven)
+        Indices of equations, passive coordinates and driven joints, ascending.
     """
     remaining_rows = set(range(over_passive.shape[0]))
     groups = []

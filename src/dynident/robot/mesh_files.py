@@ -49,12 +49,14 @@ def _list_tails(path: Path, packaged: bool) -> list[Path]:
 
 
 def link_mesh_files(folder: Path, files: Mapping[str, Path]) -> None:
-    """Link the files of meshes into a folder, so that `mesh_file` finds them there.
+    """Link the files of meshes into a folder, so that `find_mesh_file` finds them there.
 
     Parameters
     ----------
     folder : Path
-    files : mapping of a mesh's name in the description to Path
+        The folder, which need not be empty.
+    files : mapping of str to Path
+        Files by the mesh's name in the description.
 
     Raises
     ------

@@ -58,8 +58,9 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     Parameters
     ----------
     text : str
+        The MJCF.
     pointer : str
-        Where the text is in the user's request.
+        JSON pointer to the text in the caller's request.
     locked : mapping of joint name to position
         Free and ball joints that are locked at 0 are removed: their body is held there, as in a stand.
 
@@ -134,6 +135,7 @@ def _reduce_element(element: Element) -> Element:
         attributes = {name: value for name, value in attributes.items() if name in allowed}
     if element.tag in _ALIKE:
         attributes = {name: attributes[name] for name in ("name", "joint", "tendon") if name in attributes}
+    # Free joints stay for now: they are removed where they are locked, and refused by their name elsewhere.
     tags = _KEPT.get(element.tag, ())
     children = [_reduce_element(child) for child in element.children if child.tag in tags or child.tag == "freejoint"]
     return Element("general" if element.tag in _ALIKE else element.tag, dict(attributes), element.line, children)

@@ -28,6 +28,7 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
 
     Returns
     -------
@@ -65,10 +66,12 @@ WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 class Joint:
     """One joint and the link that it moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the joint.
     kind : {"revolute", "prismatic"}
+        Whether it turns or slides.
     parent : int
         Index of the antecedent joint; -1 for the base.
     placement : ndarray (4, 4)
@@ -76,6 +79,7 @@ class Joint:
     axis : ndarray (3,)
         Unit vector in the joint's own frame about which it turns or along which it slides.
     limits : Limits
+        Its limits, as far as they are known.
     link : str
         Name of the link, where the description has one.
     """
@@ -113,7 +117,15 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """The text that a robot was read from, and its format; a table pasted as text is stored as JSON."""
+    """The text that a robot was read from, and its format.
+
+    Parameters
+    ----------
+    format : {"urdf", "mjcf", "modified_dh", "dh"}
+        Format of the text; a robot of a table that was pasted as text ("dh") has the same table as JSON.
+    content : str
+        The text.
+    """
 
     format: DescriptionFormat
     content: str = field(repr=False)
@@ -126,9 +138,10 @@ class Robot:
     Where some joints follow others, `joints` are the driven ones alone, which data, drives and limits refer to;
     `linkage` then has the tree that carries the links.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the robot.
     joints : tuple of Joint
         Every antecedent comes before its successors.
     gravity : ndarray (3,)
@@ -140,7 +153,8 @@ class Robot:
     inertias : ndarray (N, 10) or None
         Inertial parameters of the description for all N links of the tree, in the order of `INERTIAL_NAMES`; None
         where it has none.
-    locked_joints : mapping of joint name to position (rad or m)
+    locked_joints : mapping of str to float
+        Positions (rad, m) of the joints that were locked, by name.
     linkage : Linkage or None
         How dependent joints follow the driven ones.
     joints_without_torque : tuple of str

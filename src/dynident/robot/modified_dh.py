@@ -105,6 +105,11 @@ def read_loops(value: object, tree: Robot, at: str, title: str) -> tuple[Loop, .
     title : str
         Title of errors.
 
+    Returns
+    -------
+    tuple of Loop
+        In the order of the document.
+
     Raises
     ------
     DynidentError
@@ -175,7 +180,30 @@ _TABLE = ("joints", "gravity", "base_capsules", "loops", "title", "source")
 class Row:
     """One joint of a table.
 
-    `antecedent` counts rows from 0 (-1: the base); `inertia` (10,) has the order of [12.1].
+    Parameters
+    ----------
+    name : str
+        Name of the joint.
+    antecedent : int
+        Index of the row of its antecedent, from 0; -1 for the base.
+    kind : {"revolute", "prismatic"}
+        Whether it turns or slides.
+    placement : (4, 4)
+        Its frame at q = 0 in the antecedent's frame, m.
+    limits : Limits
+        Its limits, as far as they are stated.
+    inertia : (10,)
+        Inertial parameters of its link, in the order of [12.1]; zeros where none are stated.
+    link : str
+        Name of the link; empty where it has none.
+    capsules : tuple of Capsule
+        What of the link can be touched, in its frame.
+    tie : Tie, optional
+        The joints that it follows.
+    passive : bool
+        Whether closed loops determine its position.
+    start : float, optional
+        Its position (rad, m) in a posture near which the loops are closed.
     """
 
     name: str
@@ -209,14 +237,21 @@ def robot_from_modified_dh(
         Name of the robot.
     table : str, mapping or sequence of mappings
         The table as JSON text or value.
-    limits, drives, locked_joints, gravity
-        As for `robot_from_urdf`; they win over the table's.
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); the table's, or else (0, 0, -9.81), by default.
     pointer : str
-        Where the table is in the user's request.
+        JSON pointer to the table in the caller's request.
 
     Returns
     -------
     Robot
+        Joints in the order of the rows.
 
     Raises
     ------
@@ -340,6 +375,7 @@ def _read_antecedent(value: object, above: Sequence[Row], at: str) -> int:
         return -1
     if isinstance(value, str) and value in names:
         return names.index(value)
+    # Numbers count rows from 1, because 0 is the base.
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= len(above):
         return value - 1
     detail = f'The antecedent {reprlib.repr(value)} is not above this row; expected 0 or "base" for the base'
@@ -411,6 +447,7 @@ def _build_model(name: str, rows: Sequence[Row]) -> pin.Model:
     model = pin.Model()
     model.name = name
     for row in rows:
+        # Pinocchio counts joints from 1: joint 0 is the base.
         joint = pin.JointModelPZ() if row.kind == "prismatic" else pin.JointModelRZ()
         index = model.addJoint(row.antecedent + 1, joint, pin.SE3(row.placement), row.name)
         model.addJointFrame(index)  # locking joints rests on it

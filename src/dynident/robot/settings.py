@@ -22,7 +22,19 @@ TITLE = "Unusable robot settings"
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that override or complete a description, by the names of joints."""
+    """Settings that override or complete a description.
+
+    Parameters
+    ----------
+    limits : mapping of str to Limits
+        By joint.
+    drives : mapping of str to Drive
+        Drive chains by joint.
+    locked_joints : mapping of str to float
+        Positions (rad, m) to lock joints at, by name.
+    gravity : (3,)
+        Acceleration of gravity in the base frame, m/s².
+    """
 
     limits: Mapping[str, Limits] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
@@ -39,6 +51,27 @@ def settings_from(
     """Return checked settings with the defaults filled in.
 
     Only values are checked here; names are checked by `check_names` once the joints are known.
+
+    Parameters
+    ----------
+    limits : mapping of str to Limits or None
+        By joint.
+    drives : mapping of str to Drive or None
+        Drive chains by joint.
+    locked_joints : mapping of str to float or None
+        Positions (rad, m) to lock joints at, by name.
+    gravity : sequence of float or None
+        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) where it is None.
+
+    Returns
+    -------
+    Settings
+        The same, checked.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to a value that cannot be used.
     """
     for name, limit in (limits or {}).items():
         check_limits(limit, name, make_pointer("limits", name))

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 
+# Corners of the polygon that stands for a circle, and their angles.
 _RIM = 24
 _AROUND = np.arange(_RIM) * (2 * np.pi / _RIM)
 # Steps towards the centre of the smallest ball. The error falls about as fast as one over their number.
@@ -127,6 +128,7 @@ def _enclose_along(points: FloatArray, direction: FloatArray) -> Capsule:
     # A point off the axis may lie beyond an end of the segment as far as the ball around that end reaches there.
     reach = np.sqrt(np.maximum(radius**2 - off**2, 0.0))
     low, high = float((along + reach).min()), float((along - reach).max())
+    # Every point lies within the radius of all centres between the two: a ball is enough.
     if low > high:
         low = high = 0.5 * (low + high)
         radius = float(np.linalg.norm(points - centre - low * direction, axis=1).max())

@@ -21,12 +21,14 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     Parameters
     ----------
     robot : Robot
+        The robot; a machine of joints that follow others is written as its tree, with <mimic>.
     inertias : ndarray (N, 10), optional
         Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
 
     Returns
     -------
     str
+        The URDF, indented.
 
     Raises
     ------
@@ -70,6 +72,7 @@ def name_links(robot: Robot) -> list[str]:
 
 def _build_joint(joint: Joint, parent: str, child: str) -> Element:
     bounded = joint.limits.position is not None
+    # A URDF demands a range of every revolute joint; one without is called continuous.
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     element = Element("joint", {"name": joint.name, "type": kind}, 0)
     rotation, translation = joint.placement[:3, :3], joint.placement[:3, 3]

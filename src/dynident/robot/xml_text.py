@@ -41,10 +41,16 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     Parameters
     ----------
     text : str
+        The text.
     what : str
         What the text should be, for messages: "A URDF".
     pointer, title : str
         JSON pointer and title of errors.
+
+    Returns
+    -------
+    Element
+        With its children, and the lines that elements start on.
 
     Raises
     ------
@@ -53,6 +59,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         needs.
     """
     check_unicode(text, pointer, title)
+    # A declaration must be the very first thing in XML. Blank lines before it are cut off, but counted.
     first_line = 1 + text[: len(text) - len(text.lstrip())].count("\n")
     text = text.strip()
 
