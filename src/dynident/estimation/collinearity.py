@@ -22,7 +22,15 @@ _SHOWN = 0.25
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters, by number, and the correlation of their estimates."""
+    """Two parameters whose estimates correlate.
+
+    Parameters
+    ----------
+    first, second : int
+        Numbers of the parameters.
+    correlation : float
+        Correlation of their estimates, in [-1, 1].
+    """
 
     first: int
     second: int
@@ -50,7 +58,17 @@ class WeakDirection:
 
 @dataclass(frozen=True, eq=False)
 class Collinearity:
-    """Correlation (c, c) of all estimates, close pairs and poorly determined directions, worst first."""
+    """What the data determine only together, or hardly.
+
+    Parameters
+    ----------
+    correlation : (c, c)
+        Correlation of all estimates.
+    pairs : tuple of CorrelatedPair
+        Closely correlated parameters, worst first.
+    directions : tuple of WeakDirection
+        Poorly determined combinations, worst first.
+    """
 
     correlation: FloatArray
     pairs: tuple[CorrelatedPair, ...]

@@ -55,7 +55,15 @@ class MatrixBound:
 
 @dataclass(frozen=True, eq=False)
 class EqualityConstraints:
-    """Equations that parameters must satisfy exactly: factor x = right, (e, c) and (e,)."""
+    """Equations that parameters must satisfy exactly: factor x = right.
+
+    Parameters
+    ----------
+    factor : (e, c)
+        Left sides of the e equations.
+    right : (e,)
+        Right sides.
+    """
 
     factor: FloatArray
     right: FloatArray

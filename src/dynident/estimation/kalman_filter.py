@@ -82,7 +82,17 @@ def compute_recursive_statistics(rows: Reduction, values: FloatArray, start: Pri
 
 @dataclass(frozen=True, eq=False)
 class TorqueSlopes:
-    """Torque Γ (n,) and its derivatives by q, q̇, q̈ (n, n each) and by χ: W (n, c)."""
+    """Torque at one state, with its derivatives.
+
+    Parameters
+    ----------
+    torque : (n,)
+        Γ, N m or N.
+    by_position, by_velocity, by_acceleration : (n, n)
+        Derivatives of Γ by q, q̇ and q̈.
+    by_parameters : (n, c)
+        Derivative by χ: the rows of W.
+    """
 
     torque: FloatArray
     by_position: FloatArray

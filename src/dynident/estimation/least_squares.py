@@ -270,7 +270,20 @@ def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
+    """Return the residual of parameters on all rows that take part in the fit, each counting alike.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    Errors
+        Sums of squares and numbers of rows of every equation.
+    """
     squares, measured = compute_weighted_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
         own = float(equation.joint_factor[:, -1] @ equation.joint_factor[:, -1])
@@ -284,7 +297,20 @@ def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
+    """Return the squared residual of parameters in every equation, its rows as they are weighted there.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,) array
+        In the square of the unit of Y.
+    """
     rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
 
@@ -344,7 +370,22 @@ def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | Non
 
 
 def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -> None:
-    """Raise `EstimationError` where there are fewer rows, prior knowledge included, than parameters."""
+    """Raise an error where there are fewer rows, prior knowledge included, than parameters.
+
+    Parameters
+    ----------
+    n_rows : int
+        Number of rows of the data.
+    n_parameters : int
+        Number of parameters c.
+    known : PriorInformation or None
+        Prior knowledge; each of its equations counts as a row.
+
+    Raises
+    ------
+    EstimationError
+        With a remedy for whoever recorded the data.
+    """
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
@@ -451,17 +492,42 @@ def _iterate_weights(
 
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
-    """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
+    """Return whether noise has stopped changing, or is no more than rounding of exact data.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    before, after : (n,)
+        Noise of every equation before and after a round.
+
+    Returns
+    -------
+    bool
+        Whether another round would change no visible digit.
+    """
     measured = [float(np.linalg.norm(equation.joint_factor[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
 def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the noise of every equation (n,), raised by the correlation of its rows.
+    """Return the noise of every equation, raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
     outweigh prior knowledge without limit.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,) array
+        Standard deviations in the unit of Y, never zero.
     """
     factors = compute_correlation_factors(reduction, values)
     fitted = compute_fitted_errors(reduction, values)
@@ -488,9 +554,21 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
 
 
 def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
+    """Return the standard deviation of every equation's residual, [12.7], parameters shared out over the rows.
 
     Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ.
+
+    Returns
+    -------
+    (n,) array
+        Standard deviations in the unit of Y; zero where the fit is exact.
     """
     return _compute_deviation(reduction, compute_weighted_squares(reduction, values))
 

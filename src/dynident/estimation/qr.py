@@ -15,9 +15,16 @@ _SEEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class WhitenedColumns:
-    """Columns (s, m, p) of s blocks with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
+    """Columns of s blocks whose inner products over all blocks are those of unit vectors at right angles.
 
     They are combinations of the columns that they were made of; directions that no block excites are left out.
+
+    Parameters
+    ----------
+    rows : (s, m, p)
+        The columns Wₛ of every block, with Σ WₛᵀWₛ = 1.
+    spread : float
+        Σ tr((WₛᵀWₛ)²), at most p: the larger, the fewer blocks hold the information.
     """
 
     rows: FloatArray
@@ -30,7 +37,20 @@ class WhitenedColumns:
 
 
 def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
-    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where all are zero."""
+    """Whiten columns by the triangular factor of all of them.
+
+    Parameters
+    ----------
+    w : (s, m, k)
+        Columns of s blocks.
+    factor : (…, k)
+        Triangular factor of the rows of all blocks.
+
+    Returns
+    -------
+    WhitenedColumns or None
+        None where all columns are zero.
+    """
     _, singular, vt = np.linalg.svd(factor, full_matrices=False)
     is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
     if not is_excited.any():

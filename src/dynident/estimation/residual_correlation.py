@@ -41,7 +41,20 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray) ->
 
 
 def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the correlation factor of every equation (n,) at parameters χ (c,)."""
+    """Return by how much the rows of every equation overstate the information in them.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Returns
+    -------
+    (n,) array
+        Correlation factors, at least 1.
+    """
     return np.array([compute_correlation_factor(equation, values) for equation in reduction.equations])
 
 
@@ -64,7 +77,22 @@ def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray
 
 
 def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
-    """Return the correlation factor of columns (s, m, p) and residuals (s, m) that stand for `rows` rows together."""
+    """Return the correlation factor of columns and residuals, as `compute_correlation_factor` does.
+
+    Parameters
+    ----------
+    w : (s, m, p)
+        Columns of s blocks: of W, or of the instruments.
+    rests : (s, m)
+        Residuals in the same rows.
+    rows : float
+        Number of rows that they stand for together.
+
+    Returns
+    -------
+    float
+        At least 1.
+    """
     if not _is_determined(w, rows):
         return 1.0
     return _compute_overstatement_of_whitened(

@@ -82,6 +82,20 @@ class ReversalRows:
         """Build from factors (s, p + 1, p + 1) of either kind.
 
         Rows of the second kind that are zero in all blocks are dropped.
+
+        Parameters
+        ----------
+        others : (s, p + 1, p + 1)
+            Factors of the rows where no joint reverses.
+        turning : (s, p + 1, p + 1)
+            Factors of the rows at reversals.
+        counts : (s,)
+            Number of rows at reversals.
+
+        Returns
+        -------
+        ReversalRows
+            With a weight of 1.
         """
         # A block has few rows at reversals, so that most rows of its padded square factor are zero. They come last,
         # because the padding is at the bottom.
@@ -262,7 +276,15 @@ class RestRowAccumulator:
         self._partial = _append_rows(self._partial, rows)
 
     def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
-        """Add rows at rest: W (m, p) with the friction of either direction, and what was measured (m,)."""
+        """Add rows at rest.
+
+        Parameters
+        ----------
+        upper, lower : (m, p)
+            Rows of W with the friction of either direction.
+        y : (m,)
+            What was measured there.
+        """
         if len(y):
             self._parts.append((upper, lower, y))
 

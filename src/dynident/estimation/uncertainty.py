@@ -72,9 +72,21 @@ def compute_standard_deviations(rows: FloatArray, held: FloatArray | None = None
 
 
 def compute_null_space(rows: FloatArray, size: float = float(np.finfo(float).tiny)) -> FloatArray:
-    """Return orthonormal columns (c, k) that the rows (h, c) map to zero.
+    """Return orthonormal directions that rows map to zero.
 
     A singular value counts as zero when it is small compared to the largest one, or to `size` where that is larger.
+
+    Parameters
+    ----------
+    rows : (h, c)
+        The rows.
+    size : float
+        Lower bound of the scale that singular values are compared to.
+
+    Returns
+    -------
+    (c, k) array
+        One direction a column.
     """
     _, singular, vt = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), size)))
@@ -82,7 +94,20 @@ def compute_null_space(rows: FloatArray, size: float = float(np.finfo(float).tin
 
 
 def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np.bool_]:
-    """Return which parameters (c,) rest on prior knowledge rather than on the data."""
+    """Return which parameters rest on prior knowledge rather than on the data.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    solution : Solution
+        The estimate from these data.
+
+    Returns
+    -------
+    (c,) array of bool
+        True where the data alone would leave more than twice the standard deviation.
+    """
     if solution.known is None:
         return np.zeros(len(solution.values), dtype=bool)
     noise = compute_correlated_noise(reduction, solution.values)

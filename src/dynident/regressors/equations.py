@@ -56,6 +56,20 @@ def integrate_samples(samples: Iterable[Samples], form: EquationForm, period: fl
     """Integrate: S + ∫D dt, and ∫y dt, from the beginning of the segment; differences of two rows are those of [12.43].
 
     The integral over one period is that of the cubic through four samples, exact to (ωT)⁴ 11/720.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Consecutive evaluations of the form with y behind them, at the full rate.
+    form : EquationForm
+        Tells which entries belong to S and which to D.
+    period : float
+        Sampling period, s.
+
+    Yields
+    ------
+    Samples
+        Two samples shorter at the beginning of a segment, and one at its end.
     """
     total = np.zeros(0)
     for part in _add_neighbours(samples, 2, 1):

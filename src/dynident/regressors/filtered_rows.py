@@ -64,7 +64,17 @@ _BlockFunction = Callable[[SampleBlock], FloatArray]
 
 
 class SampleFunction:
-    """Evaluates an observation matrix along a recording, with hysteresis states carried from block to block."""
+    """Evaluates an observation matrix along a recording, with hysteresis states carried from block to block.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix to evaluate.
+    reference : ReferenceParameters
+        What torque is predicted with.
+    recording : Recording
+        The recording that blocks come from, in order.
+    """
 
     def __init__(self, observation: Observation, reference: ReferenceParameters, recording: Recording) -> None:
         self._observation = observation
@@ -79,7 +89,15 @@ class SampleFunction:
         return out
 
     def fill(self, block: SampleBlock, out: FloatArray) -> None:
-        """Put the entries into `out` (m, number of entries)."""
+        """Put the entries of a block of samples into an array.
+
+        Parameters
+        ----------
+        block : SampleBlock
+            The next block of filtered positions.
+        out : (m, number of entries)
+            Where to put them.
+        """
         if block.starts_segment:
             self._memory.restart()
         states = self._memory.push(self._observation.robot.positions(block.q))
@@ -111,7 +129,22 @@ class SampleFunction:
 
 
 def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
-    """Return 1 if a segment of a recording is one of the signal's runs, else 0."""
+    """Return whether a segment of a recording is one of a signal's runs, as a number.
+
+    Parameters
+    ----------
+    signal : RunSignal
+        Labels of runs, or none for recordings that are marked as carrying a payload.
+    recording : Recording
+        The recording.
+    segment : int
+        Number of the segment.
+
+    Returns
+    -------
+    float
+        1 if it is one of them, else 0.
+    """
     if not signal.runs:
         return float(recording.payload is not None)
     return float(bool({recording.name, recording.name_segment(segment)} & set(signal.runs)))
@@ -258,7 +291,21 @@ def filter_in_parallel(
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Consecutive rows of one segment at the full rate: t, `used` (m,), values (m, k)."""
+    """Consecutive rows of one segment at the full rate.
+
+    Parameters
+    ----------
+    segment : int
+        Number of the segment.
+    starts_segment : bool
+        Whether these are the first rows of the segment.
+    t : (m,)
+        Times, s.
+    used : (m,)
+        Which of the rows count.
+    values : (m, k)
+        Whatever is filtered: entries of W, or of a form, with Y.
+    """
 
     segment: int
     starts_segment: bool
@@ -291,7 +338,22 @@ def stream_samples(recording: Recording, preprocessing: Preprocessing, values: _
 def low_pass_samples(
     samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Stream samples through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
+    """Stream samples through the parallel filter; only rows that are used come out.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Consecutive rows at the full rate.
+    recording : Recording
+        The recording that the samples are of.
+    preprocessing : Preprocessing
+        Cut-off of the parallel filter, and decimation.
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+        Decimated rows of one segment.
+    """
     low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
     segment = -1
     for part in samples:
@@ -400,7 +462,15 @@ class ObservationRows:
 
 
 class RestRowBuilder:
-    """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move."""
+    """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W.
+    at_rest : Observation
+        Friction of the same columns about to move, from `build_rest_observation`.
+    """
 
     def __init__(self, observation: Observation, at_rest: Observation) -> None:
         n = observation.robot.n

@@ -129,12 +129,44 @@ class Observation:
 
     @classmethod
     def from_columns(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
-        """Build the observation matrix of columns that were made from `signals`."""
+        """Build the observation matrix of columns.
+
+        Parameters
+        ----------
+        robot : Robot
+            Robot that the columns belong to.
+        columns : sequence of Column
+            One for every parameter.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            With one row a joint.
+        """
         return cls.from_matrix(robot, columns, _build_matrix(robot, columns), signals)
 
     @classmethod
     def from_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
-        """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
+        """Build another matrix of the same columns.
+
+        Parameters
+        ----------
+        robot : Robot
+            Robot that the columns belong to.
+        columns : sequence of Column
+            One for every column of the matrix; their names and units.
+        matrix : SX (k, c)
+            Expressions in the signals; k need not be n.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            With k rows.
+        """
         memory, runs = signals.find_memory_signals(matrix), signals.find_run_signals(matrix)
         # Only structural non-zeros are evaluated and stored: most parameters do not act on most joints.
         rows, cols = matrix.sparsity().get_triplet()
@@ -150,7 +182,20 @@ class Observation:
         )
 
     def extend(self, columns: Sequence[Column], signals: Signals) -> Observation:
-        """Return the observation matrix with more columns behind the present ones; compiled programs are reused."""
+        """Return the observation matrix with more columns behind the present ones.
+
+        Parameters
+        ----------
+        columns : sequence of Column
+            The columns to add.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            It shares the compiled programs of this one.
+        """
         if not columns:
             return self
         tail = Observation.from_columns(self.robot, columns, signals)
@@ -239,7 +284,20 @@ class Observation:
         return positions[order], self.entry_columns[positions[order]]
 
     def compute_torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
-        """Return W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
+        """Return W χ from entries of W.
+
+        Parameters
+        ----------
+        entries : (m, number of entries)
+            From `evaluate`.
+        values : (c,)
+            Parameters χ.
+
+        Returns
+        -------
+        (m, n_rows) array
+            N m or N.
+        """
         weighted = entries * values[self.entry_columns]
         out = np.zeros((len(entries), self.n_rows))
         for row in range(self.n_rows):

@@ -20,7 +20,17 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 @dataclass(frozen=True, eq=False)
 class RestRows:
-    """[W | Y] of motion near a halt; W (k, p) in either direction and Y (k,) where a joint stands."""
+    """Rows near halts and at rest of one equation.
+
+    Parameters
+    ----------
+    partial : (k, p + 1)
+        [W | Y] of the motion near a halt.
+    upper, lower : (m, p)
+        W where the joint stands, with the friction of either direction.
+    y : (m,)
+        Y there.
+    """
 
     partial: FloatArray
     upper: FloatArray
@@ -132,7 +142,18 @@ def accumulate_equations(
 class EquationAccumulator:
     """Accumulates the equations of one recording; can be sent to another process if `rows_of` can.
 
-    `stretch`: length in s of the blocks of time that have a factor each.
+    Parameters
+    ----------
+    rows_of : function
+        Makes the rows of a recording.
+    columns : tuple of (p,)
+        The parameters that each equation contains.
+    n_columns : int
+        Number of all parameters.
+    stretch : float
+        Length of the blocks of time that have a factor each, s.
+    beside : bool
+        Whether rows near halts and at rest are kept as well.
     """
 
     rows_of: Callable[[Recording], Iterable[EquationRows]]

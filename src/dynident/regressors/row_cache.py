@@ -49,7 +49,20 @@ class CachedRows:
         return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
 
     def find_samples(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
-        """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
+        """Return the cached samples of a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            The recording, or another object with the same rows.
+        preprocessing : Preprocessing
+            Filters that the rows have to have passed.
+
+        Returns
+        -------
+        tuple of FilteredSamples or None
+            None if there are none, or of another preprocessing.
+        """
         if preprocessing != self.preprocessing:
             return None
         for kept_recording, samples in zip(self.recordings, self.samples, strict=True):

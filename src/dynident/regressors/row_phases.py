@@ -153,20 +153,44 @@ class RowPhases:
         return joints if self.passive is None or self.felt is None else np.asarray(joints | self.felt.any(axis=1))
 
     def find_certain_samples(self, segment: int, t: FloatArray) -> BoolArray:
-        """Return (m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
+        """Return at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
 
         With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
         itself turns round: filtered positions turn a little earlier or later. A jump is many times the noise, so that
         some milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the samples, s.
+
+        Returns
+        -------
+        (m, n) array of bool
+            False near halts of passive joints with friction, and near some reversals.
         """
         unsure = _SMEARED * self.width
         turns = (self.phases.phases_at(segment, t, unsure) == Phase.REVERSING) & self.jumping
         return np.asarray(~turns & ~self._find_follower_halts(segment, t, unsure))
 
     def find_valid_samples(self, segment: int, t: FloatArray) -> BoolArray:
-        """Return (m, n): at which samples, at the full rate, the equation of a joint with friction at its starts holds.
+        """Return at which samples, at the full rate, the equation of a joint with friction at its starts holds.
 
         At the others it stands: with them set to zero on both sides, the equation may be filtered like any other.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the samples, s.
+
+        Returns
+        -------
+        (m, n) array of bool
+            True for all other joints.
         """
         standing = self.phases.phases_at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
@@ -224,7 +248,22 @@ class RowPhases:
         return phase
 
     def find_used_rows(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
-        """Return (m, n): which rows a model is fitted to."""
+        """Return which rows a model is fitted to.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the rows, s.
+        after : float
+            Seconds that a halt is felt longer than by the filters, by a treatment with a memory.
+
+        Returns
+        -------
+        (m, n) array of bool
+            For every row and joint.
+        """
         return is_fitted(self.phases_at(segment, t, after))
 
 
@@ -294,7 +333,18 @@ def _find_joints_with_memory(observation: Observation) -> BoolArray:
 
 
 def have_same_instants(first: Observation, second: Observation) -> bool:
-    """Return whether the same instants are taken out of the equations of two observation matrices of one robot."""
+    """Return whether the same instants are taken out of the equations of two observation matrices of one robot.
+
+    Parameters
+    ----------
+    first, second : Observation
+        Matrices of one robot.
+
+    Returns
+    -------
+    bool
+        Whether rows that were filtered for one can be used for the other.
+    """
 
     def are_equal(*predicates: Callable[[Observation], BoolArray]) -> bool:
         return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
