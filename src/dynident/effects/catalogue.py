@@ -222,6 +222,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     possible = effect.applicable(robot)
     if not possible:
         raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
+    # An effect of the whole robot acts on all joints that it can act on, whatever the choice names.
     if effect.scope == "robot":
         return possible
     if not choice.joints:
@@ -230,6 +231,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
             return usual
         # If the effect fits none of the driven joints, let it act on those of the others that it fits.
         return tuple(j for j in usual if j in whole.linkage.driven) or usual
+    # Joints that the user names are taken at their word, or refused with those that would be possible.
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:

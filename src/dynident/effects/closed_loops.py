@@ -104,7 +104,15 @@ class OpenMotion:
 
 @dataclass(frozen=True, eq=False)
 class TreeMotion:
-    """Motion of all joints of the tree as functions of the driven joints' q, dq, ddq, …: SX (n, 1) each."""
+    """Motion of all joints of the tree as functions of the driven joints' motion.
+
+    Parameters
+    ----------
+    linkage : Linkage
+        The tree, and how its joints follow the driven ones.
+    derivatives : tuple of SX (n, 1)
+        Position of the driven joints and as many of its derivatives as are needed.
+    """
 
     linkage: Linkage
     derivatives: tuple[ca.SX, ...]
@@ -155,13 +163,27 @@ class TreeMotion:
 
 
 def build_all_positions(robot: Robot, q: ca.SX) -> ca.SX:
-    """Return the positions SX of the driven joints, then of those that follow: `Robot.positions` as an expression."""
+    """Return the positions of the driven joints, then of those that follow: `Robot.positions` as an expression.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : SX (n, 1)
+        Positions of the driven joints, rad or m.
+
+    Returns
+    -------
+    SX (N, 1)
+        rad or m.
+    """
     if robot.linkage is None:
         return q
     return ca.vertcat(q, TreeMotion(robot.linkage, (q,)).q[list(robot.linkage.passive)])
 
 
 def _to_sparse(matrix: FloatArray) -> ca.SX:
+    # Without its zeros, so that no instruction multiplies by them.
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 

@@ -111,6 +111,7 @@ class ExternalContact(Effect):
         start, end = constants["t0"], constants["t1"]
         # The window and half a sine wave in it: the two profiles together approximate most single pushes.
         inside = (signals.time >= start) * (signals.time <= end)
+        # A window without any length must not divide by zero.
         swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
         # Number 0 stands for the last link; motors are relieved by the torque of a push, hence the minus sign below.
         n = signals.robot.n

@@ -44,6 +44,7 @@ class DriveGainError(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the predicted motor torque of every joint."""
+        # A gain that is off by ε scales the whole torque: it adds ε times what the model predicts.
         return [self._column(signals, self.parameters[0], j, signals.predicted.motor[j]) for j in joints]
 
 

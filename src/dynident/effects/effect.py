@@ -131,7 +131,20 @@ class Refinement:
     in_octaves: bool = False
 
     def apply_steps(self, value: float, steps: float) -> float:
-        """Return the value `steps` steps further."""
+        """Return a value some steps further.
+
+        Parameters
+        ----------
+        value : float
+            Where the steps begin.
+        steps : float
+            Number of steps, of either sign.
+
+        Returns
+        -------
+        float
+            In the constant's unit.
+        """
         return value * 2.0 ** (self.step * steps) if self.in_octaves else value + self.step * steps
 
 
@@ -192,7 +205,20 @@ class ShapeSpec:
         return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
     def format_value(self, value: float, digits: str = ".3g") -> str:
-        """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl"."""
+        """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl".
+
+        Parameters
+        ----------
+        value : float
+            Value of the constant.
+        digits : str
+            Format of a number.
+
+        Returns
+        -------
+        str
+            With its unit, or with a word for a choice between kinds.
+        """
         word = self.get_word(value)
         if word is not None:
             return f"{self.name}: {word}"
@@ -377,7 +403,20 @@ class Effect(ABC):
         return self.applicable(robot)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Return shape constants worth trying on a joint, most plausible first."""
+        """Return shape constants worth trying on a joint.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        joint : int
+            Index of the joint.
+
+        Returns
+        -------
+        list of mapping of str to float
+            Constants by name, most plausible first.
+        """
         return [{spec.name: spec.default for spec in self.shapes}]
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
@@ -389,7 +428,20 @@ class Effect(ABC):
         return False
 
     def usual(self, robot: Robot, joint: int) -> UsualSize | None:
-        """Return its usual size on a joint of a real arm (any, if the scope is the robot); None if it is not known."""
+        """Return the usual size of the effect on a joint of a real arm.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        joint : int
+            Index of the joint; any, if the scope is the robot.
+
+        Returns
+        -------
+        UsualSize or None
+            None if it is not known.
+        """
         return None
 
     def fits_roles(self, roles: Collection[Role]) -> bool:
@@ -406,6 +458,7 @@ class Effect(ABC):
 
         Where several parameters have a least size, one of them has to reach its own.
         """
+        # Large enough to notice in one of its parameters, and possible in all of them.
         return self._is_noticeable(estimates) and all(
             spec.admits(estimate) for spec, estimate in self._pair_estimates(estimates)
         )
@@ -424,6 +477,7 @@ class Effect(ABC):
         return not sizes or any(sizes)
 
     def _pair_estimates(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
+        # Parameters that the data do not determine have no estimate, and are not judged.
         return [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
 
     def shape_with_defaults(self, chosen: Mapping[str, float]) -> dict[str, float]:

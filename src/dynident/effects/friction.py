@@ -355,6 +355,7 @@ class LoadDependentFriction(_OneColumnFriction):
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |τl| sign(q̇)."""
+        # The size of the load, whichever way it pulls: friction opposes the motion, not the load.
         return ca.fabs(signals.load[joint]) * signals.sign[joint]
 
 

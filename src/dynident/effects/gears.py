@@ -72,6 +72,7 @@ class Backlash(Effect):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return half a per cent and 4 % of the joint's effort limit."""
+        # A sharp and a soft change of sides; the search goes on from the better one in quarters of an octave.
         effort = get_largest_torque(robot, joint)
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 

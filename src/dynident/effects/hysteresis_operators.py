@@ -36,7 +36,20 @@ class Operator(ABC):
 
     @abstractmethod
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """Return the state (1, 1) after one displacement (1, 1)."""
+        """Return the state after one displacement, as an expression.
+
+        Parameters
+        ----------
+        state : SX (1, 1)
+            State before.
+        ratio : SX (1, 1)
+            Displacement in units of the slip.
+
+        Returns
+        -------
+        SX (1, 1)
+            In [-1, 1].
+        """
 
     @abstractmethod
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
@@ -56,7 +69,21 @@ class Operator(ABC):
         """
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ∂z'/∂z and ∂z'/∂ratio of steps, in the shape of the states `before` and `after` the steps."""
+        """Return how states after steps change with the states before and with the displacements.
+
+        Parameters
+        ----------
+        before, after : ndarray
+            States before and after each step, of one shape.
+        ratio : ndarray
+            Displacements in units of the slip, of that shape.
+
+        Returns
+        -------
+        passes, follows : ndarray
+            ∂z'/∂z and ∂z'/∂ratio, of that shape.
+        """
+        # By CasADi, which differentiates any operator; those below know their slopes in closed form.
         derivatives = _differentiate(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
         passes, follows = (
             np.asarray(ca.DM(derivative), dtype=np.float64).reshape(before.shape) for derivative in derivatives

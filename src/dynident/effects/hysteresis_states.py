@@ -17,12 +17,40 @@ from dynident.effects.signals import MemorySignal
 
 
 def step_state(signal: MemorySignal, state: float, displacement: float) -> float:
-    """Return the state after the joint has moved on by `displacement` (rad or m)."""
+    """Return a hysteresis state after its joint has moved on.
+
+    Parameters
+    ----------
+    signal : MemorySignal
+        Operator and slip of the state.
+    state : float
+        State before, in [-1, 1].
+    displacement : float
+        rad or m.
+
+    Returns
+    -------
+    float
+        State after, in [-1, 1].
+    """
     return float(signal.operator.stroke(np.array([state]), np.array([[displacement / signal.slip]]))[0, 0])
 
 
 def build_step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return the state after a displacement, as `step_state` does, as an expression SX (1, 1)."""
+    """Return the state after a displacement, as `step_state` does, as an expression SX (1, 1).
+
+    Parameters
+    ----------
+    signal : MemorySignal
+        Operator and slip of the state.
+    state, displacement : SX (1, 1)
+        State before, and displacement in rad or m.
+
+    Returns
+    -------
+    SX (1, 1)
+        State after.
+    """
     return signal.operator.step(state, displacement / signal.slip)
 
 

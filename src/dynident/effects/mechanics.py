@@ -39,7 +39,18 @@ def to_constant(vector: FloatArray) -> ca.SX:
 
 
 def cross_product(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the vector product SX (3, 1)."""
+    """Return the vector product of two vectors.
+
+    Parameters
+    ----------
+    a, b : SX (3, 1)
+        The vectors.
+
+    Returns
+    -------
+    SX (3, 1)
+        a × b.
+    """
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -56,14 +67,35 @@ def _build_rotation(joint: Joint, q: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Orientation (3, 3) and origin (3,) of a joint's frame in its antecedent's frame."""
+    """Placement of a joint's frame in its antecedent's frame.
+
+    Parameters
+    ----------
+    rotation : SX (3, 3)
+        Orientation.
+    origin : SX (3, 1)
+        Origin, m.
+    """
 
     rotation: ca.SX
     origin: ca.SX
 
 
 def build_frames(robot: Robot, q: ca.SX) -> list[Frame]:
-    """Return the frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
+    """Return the frame of every joint in its antecedent's frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        A tree of joints that all move by themselves.
+    q : SX (n, 1)
+        Positions, rad or m.
+
+    Returns
+    -------
+    list of Frame
+        In the order of the joints.
+    """
     frames = []
     for index, joint in enumerate(robot.joints):
         fixed = _to_sparse(joint.placement[:3, :3])
@@ -152,6 +184,7 @@ def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity
     alphas: list[ca.SX] = []
     accelerations: list[ca.SX] = []
     twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # row j -> its unit twist (angular, linear) at this frame
+    # Structural zeros to begin with: a joint does not feel the links that it does not move.
     rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(6 if of_base else n)]
     for i, (joint, frame) in enumerate(zip(robot.joints, build_frames(robot, q), strict=True)):
         root = joint.parent < 0
@@ -165,6 +198,7 @@ def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity
         alpha = ca.mtimes(down, alpha_p)
         lever = cross_product(alpha_p, frame.origin) + cross_product(omega_p, cross_product(omega_p, frame.origin))
         acceleration = ca.mtimes(down, acceleration_p + lever)
+        # The order matters: α needs the antecedent's ω, before the joint's own rate is added to it.
         if joint.kind == "revolute":
             alpha = alpha + axis * ddq[i] + cross_product(omega, axis * dq[i])
             omega = omega + axis * dq[i]
@@ -247,7 +281,15 @@ def build_energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tupl
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """The symbolic rigid-body model of one robot; each part is built once, when first asked for."""
+    """The symbolic rigid-body model of one robot; each part is built once, when first asked for.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq, ddq : SX (n, 1)
+        Symbols of the motion: rad or m, and their derivatives.
+    """
 
     robot: Robot
     q: ca.SX

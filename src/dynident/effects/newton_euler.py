@@ -90,6 +90,7 @@ def _propagate_motion(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, dd
         parent.omega, cross_product(parent.omega, frame.origin)
     )
     acceleration = ca.mtimes(down, parent.acceleration + lever)
+    # As in `mechanics`, α needs the antecedent's ω, before the joint's own rate is added to it.
     if joint.kind == "revolute":
         alpha = alpha + axis * ddq + cross_product(omega, axis * dq)
         return _Motion(omega + axis * dq, alpha, acceleration)

@@ -27,6 +27,7 @@ ENTRY_POINT_GROUP = "dynident.effects"
 def load_installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
     """Return the effects of all installed entry points, sorted by name, without those whose id is in use."""
     accepted: dict[str, Effect] = {}
+    # By name, so that of two effects with one id it is always the same one that is left out.
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda item: item.name):
         effect = _load_effect(point)
         if effect is None:

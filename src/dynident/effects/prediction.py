@@ -61,7 +61,20 @@ class ReferenceParameters:
 
     @classmethod
     def from_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
-        """Return parameters of links (N, 10) alone: the n motors have neither rotors nor friction."""
+        """Return parameters of links alone: motors have neither rotors nor friction.
+
+        Parameters
+        ----------
+        inertias : (N, 10)
+            Standard inertial parameters of the links.
+        n : int
+            Number of motors.
+
+        Returns
+        -------
+        ReferenceParameters
+            With zeros for the motors.
+        """
         nothing = np.zeros(n)
         return cls(inertias, nothing, nothing, nothing, nothing)
 
@@ -73,6 +86,18 @@ class ReferenceParameters:
     @classmethod
     def from_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
         """Return the parameters in a vector (10 N + 4 n,), or in one (10 N,) of links alone.
+
+        Parameters
+        ----------
+        vector : (10 N + 4 n,) or (10 N,)
+            Links first, in the order of `to_vector`.
+        robot : Robot
+            A robot of N links and n driven joints.
+
+        Returns
+        -------
+        ReferenceParameters
+            With zeros for motors where the vector has links alone.
 
         Raises
         ------
@@ -233,6 +258,7 @@ class Prediction:
     @cached_property
     def motor(self) -> ca.SX:
         """SX (n, 1): motor torque with friction."""
+        # What jumps is added last, so that the smooth part has derivatives.
         return self.smooth + self.get_drive_parameter("Fc") * self.sign
 
     def _build_torque(self, gravity: ca.SX) -> ca.SX:

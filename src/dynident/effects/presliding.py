@@ -68,6 +68,7 @@ class Presliding(Effect):
         """Return a constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
         columns = []
+        # Shape constants are numbers, so that a choice between two laws is the sign of one.
         operator = STOP if constants["law"] > 0 else DAHL
         for j in joints:
             # z tells how much of the friction is reached; equal signals have one symbol, so that both columns share it.

@@ -93,6 +93,7 @@ class Signals:
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
         """Return the sign of a velocity, smoothed if these signals are for a simulator."""
+        # A simulator's integrator needs a slope at rest. Data are evaluated sample by sample and need none.
         return ca.tanh(velocity / self._smooth_sign) if self._smooth_sign > 0 else ca.sign(velocity)
 
     @cached_property

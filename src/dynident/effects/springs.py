@@ -143,4 +143,5 @@ class CableForce(Effect):
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Return joints that have a successor in the chain."""
+        # In a tree the next joint in the list may hang on another branch.
         return tuple(j for j in range(robot.n - 1) if robot.joints[j + 1].parent == j)

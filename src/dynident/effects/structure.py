@@ -233,6 +233,7 @@ class TransmissionCoupling(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns for every joint of `joints` and the one after it, each on both rows."""
         constants = self.shape_with_defaults(shape)
+        # A choice between two kinds, as the sign of a number.
         side = 1.0 if constants["side"] >= 0 else -1.0
         columns = []
         for j in joints:

@@ -102,7 +102,25 @@ def split_effects(arguments: Sequence[str]) -> list[str]:
 
 
 def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
-    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
+    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants.
+
+    Parameters
+    ----------
+    text : str
+        One effect.
+    pointer : str
+        JSON pointer to it in the caller's request.
+
+    Returns
+    -------
+    tuple of str, tuple of str, dict of str to float
+        Id, names of joints, and shape constants by name.
+
+    Raises
+    ------
+    DynidentError
+        For a text that cannot be read. It is not checked whether the effect and its joints exist.
+    """
     head, _, constants = text.partition(":")
     name, sign, joints = head.partition("@")
     if not name.strip() or (sign and not joints.strip()):

@@ -27,6 +27,8 @@ class TreeSignals(Signals):
     def __init__(self, owner: Signals) -> None:
         linkage = owner.robot.linkage
         assert linkage is not None
+        # Symbols of its own for the motion of the tree; `to_driven` puts the motion of the driven joints in their
+        # place.
         super().__init__(linkage.tree)
         self._owner = owner
         self.time, self.period = owner.time, owner.period

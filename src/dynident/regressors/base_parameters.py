@@ -242,6 +242,7 @@ def evaluate_at_random_states(
     low, high = np.full(n, -np.pi), np.full(n, np.pi)
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
+            # Angles repeat after a turn, lengths do not: their columns grow with the range.
             low[j], high[j] = joint.reach or (-1.0, 1.0)
     # With closed loops not every joint position is possible: random ones have to close the loops.
     closure = None if robot.linkage is None else robot.linkage.closure
@@ -279,6 +280,7 @@ def evaluate_at_random_states(
 
 def _draw_times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
     """Return times (n_states,) of the session; half of them inside the windows that columns are limited to."""
+    # A window of a few seconds in an hour would be hit by no random time, and its columns would seem to have no effect.
     times = rng.uniform(0, 3600, n_states)
     windows = [dict(column.shape) for column in observation.columns if {"t0", "t1"} <= dict(column.shape).keys()]
     for k, state in enumerate(range(0, n_states, 2) if windows else ()):

@@ -144,6 +144,7 @@ def build_power_form(robot: Robot, columns: Sequence[Column], signals: Signals) 
         S = e + u, with the power of columns without an energy in D; of one equation.
     """
     with_energy = _have_energy(columns)
+    # Power of a column is its torque times the velocities, where it is not the rate of an energy.
     others = [
         ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
     ]
@@ -173,6 +174,7 @@ def build_wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals)
     ValueError
         For a column that has no wrench.
     """
+    # Nothing is differentiated, so that S is empty and all of the equation is D.
     reactions = []
     for column in columns:
         if column.wrench is None:

@@ -98,6 +98,7 @@ class SampleFunction:
         out : (m, number of entries)
             Where to put them.
         """
+        # What path led to the beginning of a segment is not known: hysteresis begins relaxed.
         if block.starts_segment:
             self._memory.restart()
         states = self._memory.push(self._observation.robot.positions(block.q))
@@ -107,6 +108,7 @@ class SampleFunction:
         out[: part.start] = 0.0
         out[part.stop :] = 0.0
         if len(needed):
+            # Before the rows are evaluated: an open loop would give numbers, but of no machine.
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
             runs = [is_in_run(signal, self._recording, block.segment) for signal in self._observation.runs]

@@ -253,6 +253,7 @@ class Model:
         for value, k in zip(inertias_of_rotors, rotors, strict=False):
             if self.columns[k].link in names:
                 drives[0, names.index(self.columns[k].link)] = value
+        # Values of one role on a joint add up, such as those of friction in all runs and in some of them.
         for column, value in zip(self.kept, values, strict=True):
             row = _DRIVE_ROWS.get(get_role(column))
             if row is not None and column.link in names:

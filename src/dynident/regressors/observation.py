@@ -279,6 +279,7 @@ class Observation:
 
     def joint_entries(self, joint: int) -> tuple[IndexArray, IndexArray]:
         """Return the positions among the entries, and the columns (ascending), of one joint's row."""
+        # An extended matrix has the entries of its parts one behind the other, so that they have to be sorted again.
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]

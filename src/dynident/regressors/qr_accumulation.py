@@ -173,6 +173,7 @@ class EquationAccumulator:
                 # A block of time never spans two segments: between them time is missing.
                 accumulator.end_block()
                 segment = part.segment
+            # Rows at rest take no part in the fit. They are kept beside the factors, for errors over all samples.
             accumulator.push(part.t, part.rows, part.used)
             for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
                 rest_accumulator.push_partial(rows.partial)

@@ -144,6 +144,7 @@ class RowPhases:
 
     def with_friction_of(self, frictional: BoolArray) -> RowPhases:
         """Return the same if these joints (n,) have friction, which may then be of any kind."""
+        # Friction of any kind may show at starts, and then nothing is certain to jump alone.
         return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
 
     @property

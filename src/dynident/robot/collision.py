@@ -96,6 +96,7 @@ class CollisionReader:
         length = float(_read_sizes(element, "length", owner, 1)[0])
         if element.tag == "cylinder":
             return [Cylinder(placement, radius, length)]
+        # The length of a capsule is that between the centres of its round ends.
         half = 0.5 * length * placement[:3, 2]
         return [Capsule(placement[:3, 3] - half, placement[:3, 3] + half, radius)]
 
@@ -406,6 +407,7 @@ def _iter_table_links(robot: Robot) -> Iterator[tuple[str, int, LinkShapes]]:
         if row.name in robot.joint_names:
             carrier, placement = robot.joint_names.index(row.name), np.eye(4)
         else:
+            # Locked joints are not in the robot: their link belongs to the moving joint before.
             held = Joint(row.name, row.kind, BASE, row.placement, np.array([0.0, 0.0, 1.0]))
             value = np.array([robot.locked_joints.get(row.name, 0.0)])
             placement = placement @ row.placement @ joint_motion(held, value)[0]
@@ -415,5 +417,6 @@ def _iter_table_links(robot: Robot) -> Iterator[tuple[str, int, LinkShapes]]:
 
 def _connect_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:
     origin = np.zeros(3)
+    # A link that carries no other joint becomes a ball about its own joint's origin.
     ends = [other.placement[:3, 3] for other in robot.joints if other.parent == joint]
     return [Capsule(origin, end, radius) for end in ends or [origin]]

@@ -17,12 +17,40 @@ LOOP_TITLE = "Unusable closed loop"
 
 
 def make_loop_error(detail: str, loop: Loop) -> DynidentError:
-    """Return an error that names a loop's place."""
+    """Return an error that names a loop's place.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    loop : Loop
+        The loop, with its place in the description.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=LOOP_TITLE)
 
 
 def make_redundancy_error(loop: Loop, equations: int, unknowns: int, passive: str) -> DynidentError:
-    """Return the error of a loop with more equations than passive joints."""
+    """Return the error of a loop with more equations than passive joints.
+
+    Parameters
+    ----------
+    loop : Loop
+        The loop, with its place in the description.
+    equations, unknowns : int
+        Number of its equations and of its passive joints.
+    passive : str
+        Names of these joints.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return make_loop_error(
         f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
         f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
@@ -32,7 +60,20 @@ def make_redundancy_error(loop: Loop, equations: int, unknowns: int, passive: st
 
 
 def make_reach_error(loop: Loop, reached: int, sampled: int) -> DynidentError:
-    """Return the error of loops that meet singular postures almost wherever their driven joints go."""
+    """Return the error of loops that meet singular postures almost wherever their driven joints go.
+
+    Parameters
+    ----------
+    loop : Loop
+        One of the loops, with its place in the description.
+    reached, sampled : int
+        Number of postures that were reached, and of those that were tried.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return make_loop_error(
         "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
         f"{reached} of {sampled} postures are reached. State limits of the driven joints, or another start.",

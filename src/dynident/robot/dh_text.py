@@ -48,7 +48,9 @@ _CONVENTIONS: dict[str, Convention] = {
     "kleinfinger": "khalil",
 }
 _COLUMNS = {"a": "a", "alpha": "alpha", "α": "alpha", "d": "d", "theta": "theta", "θ": "theta", "r": "r", "q": "theta"}
+# Heads of columns that name or count the rows: no names of joints.
 _LABELS = {"joint", "link", "i", "j", "name", "axis", "row", "no", "nr"}
+# The joint variable as papers write it, with its sign: q2, θ_2, q_{2}, d3, or a star.
 _VARIABLE = re.compile(r"(?:[+-]\s*)?(?:q|θ|theta|d|r|t)_?\{?(?:\d+|i|j)\}?\*?|(?:[+-]\s*)?[*]")
 _COMMENT = ("#", "%", "//")
 
@@ -190,6 +192,7 @@ def _split_lines(text: str, pointer: str) -> tuple[Convention | None, list[_Line
         line = raw.strip()
         words = re.findall(r"[a-zA-Z]+", line.casefold())
         line_convention = next((_CONVENTIONS[word] for word in words if word in _CONVENTIONS), None)
+        # The first convention that is named holds for the whole table.
         convention = convention or line_convention
         if (
             not line
@@ -215,6 +218,7 @@ def _split_cells(line: str) -> tuple[str, ...]:
 
 
 def _is_header(line: _Line) -> bool:
+    # Three names of columns make a head. A row of numbers has none, and titles hardly ever have so many.
     return sum(_parse_column_name(cell)[0] is not None for cell in line.cells) >= 3
 
 
@@ -275,6 +279,7 @@ def _read_row(
 
 def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
     """Return the constant of a cell in rad or m, and whether the cell has the joint variable in it."""
+    # Cells that were pasted from a PDF or LaTeX have typographic minus signs, dollars and backslashes.
     text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
     variable = _VARIABLE.search(text) if column in ("theta", "d", "r") else None
     if variable is not None:
@@ -285,6 +290,7 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
         text = (text[: variable.start()] + text[variable.end() :]).strip()
     in_degrees = degrees or "°" in text or text.endswith("deg")
     text = re.sub(r"\s+|°|deg$", "", text).lstrip("+") or "0"
+    # The reader of numbers expects a sign between a factor and π: 2pi becomes 2*pi.
     text = re.sub(r"^(-?)(\d+(?:\.\d*)?)(pi|π)", r"\1\2*\3", text)
     try:
         value = expect_number(text, pointer, TITLE)

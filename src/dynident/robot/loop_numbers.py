@@ -148,7 +148,20 @@ def compute_condition(slopes: FloatArray) -> FloatArray:
 
 
 def list_products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
-    """Return all products of up to `degree` factors, each computed from one of a degree less."""
+    """Return all products of up to `degree` factors, each computed from one of a degree less.
+
+    Parameters
+    ----------
+    factors : sequence
+        Arrays or expressions.
+    degree : int
+        Largest number of factors of a product.
+
+    Returns
+    -------
+    list
+        Without the empty product; products of fewer factors first.
+    """
     products_by_places: dict[tuple[int, ...], FactorT] = {}
     for count in range(1, degree + 1):
         for places in combinations_with_replacement(range(len(factors)), count):

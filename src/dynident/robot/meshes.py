@@ -22,7 +22,15 @@ _COARSER = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles (k, 3), as indices of points (m, 3) in m."""
+    """A surface of triangles.
+
+    Parameters
+    ----------
+    points : (m, 3)
+        Corners, m.
+    triangles : (k, 3)
+        Indices of corners.
+    """
 
     points: FloatArray
     triangles: NDArray[np.intp]

@@ -15,6 +15,7 @@ _BODY = ("body", "frame", "joint", "inertial", "geom", "site")
 _DRIVES = ("motor", "general", "position", "velocity", "intvelocity", "damper")
 _ALIKE = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
 """Actuators of which only the joint or tendon that they act on is read."""
+# Children that are kept of these elements; all other children, and those of other elements, are dropped.
 _KEPT = {
     "mujoco": ("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "keyframe"),
     "default": ("default", "joint", "geom", "site", *_DRIVES),
@@ -40,13 +41,29 @@ _ATTRIBUTES = {
     **dict.fromkeys(_DRIVES, (*_DRIVE, "ctrlrange", "ctrllimited")),
 }
 """Attributes that are kept of these elements; other elements keep all of theirs."""
+# Elements that MuJoCo expands: from other files, or by repetition.
 _MAKES_MORE = ("include", "replicate", "composite", "flexcomp", "attach")
 
 _Fail = Callable[[str, int], DynidentError]
 
 
 def make_mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Return an error that names the line."""
+    """Return an error that names the line.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    line : int or None
+        Line of the text, where it is known.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
@@ -142,6 +159,7 @@ def _reduce_element(element: Element) -> Element:
 
 
 def _name_all(root: Element) -> None:
+    # Names tie everything together later: messages, locked joints, lines of equalities.
     used_names = {element.attributes["name"] for element in _iter_descendants(root) if "name" in element.attributes}
 
     def name(element: Element, base_name: str) -> str:
@@ -212,6 +230,7 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
             )
             _check_bodies(child, turns, from_shapes, fail)
         elif child.tag == "frame":
+            # Shapes in a frame belong to the body around it, which drops them itself where they do not count.
             _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
     has_inertial = element.tag == "body" and any(
         element_of_body.tag == "inertial" for element_of_body in _iter_body_elements(element)
@@ -252,4 +271,5 @@ def _check_meshes(reduced: Element, fail: _Fail) -> None:
                     "of the body.",
                     geom.line,
                 )
+            # Without mass its size has no effect on the dynamics.
             geom.attributes.update(type="sphere", size="1")

@@ -45,7 +45,20 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
 
 
 def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
-    """Return the currents (m, n) that give joint torques tau (m, n); NaN where a drive gain is not known."""
+    """Return the currents that give joint torques.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its drive chains.
+    tau : (m, n)
+        Joint torques, N m or N.
+
+    Returns
+    -------
+    (m, n) array
+        Currents; NaN where a drive gain is not known.
+    """
     gains = np.array([drive.gain or np.nan for drive in robot.drives])
     matrix = coupling_matrix(robot)
     # Γ = Cᵀ diag(g) u, solved for u.

@@ -259,6 +259,7 @@ def robot_from_modified_dh(
         With the pointer to the field that cannot be used, `pointer` first.
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
+    # The description is kept as text: a stored robot is read from that again.
     content = table if isinstance(table, str) else json.dumps(table)
     value = parse_json(content, pointer, TITLE)
     _, rows = read_capsules_and_rows(value, pointer)
@@ -287,7 +288,25 @@ def robot_from_modified_dh(
 
 
 def read_rows(value: object, at: str = "") -> tuple[Row, ...]:
-    """Check the JSON value of a table and return its rows; every antecedent comes before its successors."""
+    """Check the JSON value of a table and return its rows.
+
+    Parameters
+    ----------
+    value : object
+        A list of rows, or an object with them.
+    at : str
+        JSON pointer to the table in the caller's request.
+
+    Returns
+    -------
+    tuple of Row
+        Every antecedent comes before its successors.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used.
+    """
     if isinstance(value, Mapping):
         value, at = (
             expect_mapping(value, _TABLE, at, TITLE).get("joints"),
@@ -302,7 +321,25 @@ def read_rows(value: object, at: str = "") -> tuple[Row, ...]:
 
 
 def read_capsules_and_rows(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
-    """Return the capsules of the base and the rows, which hold their own capsules, of a table's JSON value."""
+    """Check the JSON value of a table and return what of the base can be touched, and the rows.
+
+    Parameters
+    ----------
+    value : object
+        A list of rows, or an object with them.
+    at : str
+        JSON pointer to the table in the caller's request.
+
+    Returns
+    -------
+    tuple of Capsule, tuple of Row
+        Capsules of the base; rows have their own.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used.
+    """
     rows = read_rows(value, at)
     base = value.get("base_capsules", []) if isinstance(value, Mapping) else []
     return _read_capsules(base, f"{at}/base_capsules"), rows
@@ -403,6 +440,7 @@ def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     at = f"{at}/inertia"
     entries = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
     values = np.array([expect_number(entries.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
+    # Moments without a mass belong to no body, and Pinocchio would divide by the mass.
     if values[9] < 0 or (values[9] == 0 and np.any(values)):
         raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
     return values
@@ -437,6 +475,7 @@ def _read_mass_properties(value: object, at: str) -> FloatArray:
     xx, xy, xz, yy, yz, zz = expect_numbers(properties["inertia"], 6, f"{at}/inertia", TITLE)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     try:
+        # Pinocchio raises an error where an inertia about the centre of mass has a negative eigenvalue.
         return from_dynamic_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
     except RuntimeError:
         detail = "No body has this inertia: its eigenvalues must not be negative."

@@ -102,6 +102,7 @@ def _solve_by_steps(closure: Closure, q: FloatArray, x: FloatArray) -> AngleTerm
 
 def estimate_work(function: ca.Function) -> int:
     """Return the cost of a function's code in products; a number that divides several others is inverted once."""
+    # As machine code is made of it (`llvm_translation`): what divides several numbers is inverted once.
     work, divisors = 0, set[int]()
     made_by: dict[int, int] = {}
     for k in range(function.n_instructions()):

@@ -199,7 +199,20 @@ def from_pinocchio(
 
 
 def lock_joints(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
-    """Return the model with joints locked at positions (rad, m), by their names; its frames stay."""
+    """Return a model with joints locked at positions; its frames stay.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The model.
+    values : mapping of str to float
+        Positions (rad, m) by joint.
+
+    Returns
+    -------
+    pinocchio.Model
+        The model itself where no joint is locked.
+    """
     if not values:
         return model
     configuration = pin.neutral(model)

@@ -17,7 +17,15 @@ _CENTRING = 60
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All points within `radius` of the segment from `start` to `end` (3,); a sphere where the two are the same."""
+    """All points within a radius of a segment; a sphere where its ends are the same.
+
+    Parameters
+    ----------
+    start, end : (3,)
+        Ends of the segment, m.
+    radius : float
+        m.
+    """
 
     start: FloatArray
     end: FloatArray
@@ -43,7 +51,15 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A cylinder about the z axis of `placement` (4, 4), its middle at the origin there."""
+    """A cylinder about the z axis of a frame, its middle at the origin there.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        The frame, m.
+    radius, length : float
+        m.
+    """
 
     placement: FloatArray
     radius: float
@@ -61,7 +77,15 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A box of edges `size` (3,) along the axes of `placement` (4, 4), its middle at the origin there."""
+    """A box along the axes of a frame, its middle at the origin there.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        The frame, m.
+    size : (3,)
+        Lengths of its edges, m.
+    """
 
     placement: FloatArray
     size: FloatArray

@@ -28,7 +28,22 @@ _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
 def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Return an error that names the line."""
+    """Return an error that names the line.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    line : int or None
+        Line of the text, where it is known.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
@@ -322,6 +337,7 @@ def _parse_numbers(element: Element, attribute: str, owner: str, fail: _Fail, co
         values = tuple(float(word) for word in written.split())
     except ValueError:
         values = ()
+    # Infinite numbers are allowed in limits alone: some files write them where nothing is limited.
     if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
         raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
     if any(map(math.isnan, values)):
