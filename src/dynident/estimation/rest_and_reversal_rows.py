@@ -230,7 +230,7 @@ def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: 
     Parameters
     ----------
     y, first_bound, second_bound : arrays
-        Torque and the two bounds, N m or N, all of the same shape. The bounds may be in either order.
+        Torque and the two bounds, N m or N: of any shape, the same for all three. The bounds may be in either order.
 
     Returns
     -------
