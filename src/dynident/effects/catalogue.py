@@ -119,10 +119,8 @@ class UnknownEffectError(DynidentError):
     ----------
     detail : str
         What does not exist or fit, and what does.
-    pointer : str, optional
-        JSON pointer to the cause in the caller's request.
-    title : str, optional
-        Short name of the kind of error.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """
 
 

@@ -131,20 +131,7 @@ class Refinement:
     in_octaves: bool = False
 
     def apply_steps(self, value: float, steps: float) -> float:
-        """Return a value some steps further.
-
-        Parameters
-        ----------
-        value : float
-            Where the steps begin.
-        steps : float
-            Number of steps, of either sign.
-
-        Returns
-        -------
-        float
-            In the constant's unit.
-        """
+        """Return the value `steps` steps further."""
         return value * 2.0 ** (self.step * steps) if self.in_octaves else value + self.step * steps
 
 
@@ -205,20 +192,7 @@ class ShapeSpec:
         return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
     def format_value(self, value: float, digits: str = ".3g") -> str:
-        """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl".
-
-        Parameters
-        ----------
-        value : float
-            Value of the constant.
-        digits : str
-            Format of a number.
-
-        Returns
-        -------
-        str
-            With its unit, or with a word for a choice between kinds.
-        """
+        """Return the constant as text for people: "d0 = 0.002 rad", "law: dahl"."""
         word = self.get_word(value)
         if word is not None:
             return f"{self.name}: {word}"
@@ -250,10 +224,8 @@ class Column:
 
     Parameters
     ----------
-    effect : str
-        Id of the effect; empty for a column of no effect, such as an offset of a sensor.
-    parameter : str
-        Name of the parameter in the effect ("ZZ", "Fc").
+    effect, parameter : str
+        Id of the effect, empty for a column of none, such as a sensor's offset; name in the effect ("ZZ", "Fc").
     name : str
         The parameter's name followed by the joint's number, as in [12.1] ("ZZ2", "Fc3").
     link : str
@@ -403,20 +375,7 @@ class Effect(ABC):
         return self.applicable(robot)
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
-        """Return shape constants worth trying on a joint.
-
-        Parameters
-        ----------
-        robot : Robot
-            The robot.
-        joint : int
-            Index of the joint.
-
-        Returns
-        -------
-        list of mapping of str to float
-            Constants by name, most plausible first.
-        """
+        """Return shape constants worth trying on a joint, most plausible first."""
         return [{spec.name: spec.default for spec in self.shapes}]
 
     def at_starts(self, shape: Mapping[str, float]) -> bool:
@@ -428,20 +387,7 @@ class Effect(ABC):
         return False
 
     def usual(self, robot: Robot, joint: int) -> UsualSize | None:
-        """Return the usual size of the effect on a joint of a real arm.
-
-        Parameters
-        ----------
-        robot : Robot
-            The robot.
-        joint : int
-            Index of the joint; any, if the scope is the robot.
-
-        Returns
-        -------
-        UsualSize or None
-            None if it is not known.
-        """
+        """Return its usual size on a joint of a real arm (any, if the scope is the robot); None if it is not known."""
         return None
 
     def fits_roles(self, roles: Collection[Role]) -> bool:
@@ -541,20 +487,7 @@ class Effect(ABC):
 
 
 def build_geometric_grid(first: float, last: float, factor: float) -> list[float]:
-    """Return values from `first` to at most `last`, each `factor` times the one before.
-
-    Parameters
-    ----------
-    first, last : float
-        The smallest value, and the limit of the largest.
-    factor : float
-        Ratio of neighbours, above 1.
-
-    Returns
-    -------
-    list of float
-        At least `first`.
-    """
+    """Return values from `first` to at most `last`, each `factor` (above 1) times the one before."""
     values = [first]
     # The tolerance keeps a last value that rounding has moved just beyond the end.
     while values[-1] * factor <= last * (1 + 1e-9):

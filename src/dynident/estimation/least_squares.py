@@ -16,12 +16,10 @@ from dynident.estimation.qr import compute_r_factor
 from dynident.estimation.residual_correlation import compute_correlation_factors
 
 MOST_ROUNDS = 20
-"""Largest number of rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
-"""
+"""Most rounds that estimate the noise of every equation; on sound data the third changes no visible digit."""
 
 WEIGHTS_SETTLED = 1e-6
-"""Largest relative change of any equation's noise in the last round: its effect is far below the estimates' deviations.
-"""
+"""Largest relative change of any noise in the last round: its effect is far below the estimates' deviations."""
 
 # Smallest part of a column of W that must be new against the columns before it, relative to the column's norm.
 _SINGULAR = 1e-12
@@ -36,10 +34,8 @@ class EstimationError(DynidentError):
     ----------
     detail : str
         What is wrong with this data, and what to do about it.
-    pointer : str, optional
-        JSON pointer to the cause in the caller's request.
-    title : str, optional
-        Short name of the kind of error.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """
 
 
@@ -49,10 +45,8 @@ class Solution:
 
     Parameters
     ----------
-    values : (c,)
-        Estimates χ.
-    noise : (n,)
-        Noise of every equation, by which its rows were weighted.
+    values, noise : (c,), (n,)
+        Estimates χ, and the noise of every equation, by which its rows were weighted.
     factor : (c, c)
         Triangular factor R of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ.
     known : PriorInformation, optional
@@ -136,10 +130,8 @@ def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorI
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    noise : (n,)
-        Standard deviation of every equation's residual, in the unit of Y; its rows are divided by it.
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
     known : PriorInformation, optional
         Prior knowledge of the parameters, in units of its own standard deviation.
 
@@ -188,10 +180,8 @@ def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArra
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    noise : (n,)
-        Standard deviation of every equation's residual, in the unit of Y; its rows are divided by it.
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
 
     Returns
     -------
@@ -216,10 +206,8 @@ def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
@@ -245,10 +233,8 @@ def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
@@ -270,20 +256,7 @@ def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
-    """Return the residual of parameters on all rows that take part in the fit, each counting alike.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
-
-    Returns
-    -------
-    Errors
-        Sums of squares and numbers of rows of every equation.
-    """
+    """Return the residual of parameters χ (c,) on all rows that take part in the fit, each counting alike."""
     squares, measured = compute_weighted_squares(reduction, values), []
     for k, equation in enumerate(reduction.equations):
         own = float(equation.joint_factor[:, -1] @ equation.joint_factor[:, -1])
@@ -297,20 +270,7 @@ def compute_fitted_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
 
 def compute_weighted_squares(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the squared residual of parameters in every equation, its rows as they are weighted there.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
-
-    Returns
-    -------
-    (n,) array
-        In the square of the unit of Y.
-    """
+    """Return the squared residual (n,) of parameters χ (c,) in every equation, its rows as they are weighted there."""
     rests = (e.joint_factor[:, -1] - e.joint_factor[:, :-1] @ values[e.columns] for e in reduction.equations)
     return np.array([float(rest @ rest) for rest in rests])
 
@@ -320,10 +280,8 @@ def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    change : (c,)
-        Change Δχ of the parameters.
+    reduction, change : Reduction, (c,)
+        The equations as triangular factors, and the change Δχ of the parameters.
 
     Returns
     -------
@@ -344,10 +302,8 @@ def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | Non
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    noise : (n,)
-        Standard deviation of every equation's residual, in the unit of Y; its rows are divided by it.
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
     known : PriorInformation, optional
         Prior knowledge of the parameters, in units of its own standard deviation.
 
@@ -370,22 +326,7 @@ def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | Non
 
 
 def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -> None:
-    """Raise an error where there are fewer rows, prior knowledge included, than parameters.
-
-    Parameters
-    ----------
-    n_rows : int
-        Number of rows of the data.
-    n_parameters : int
-        Number of parameters c.
-    known : PriorInformation or None
-        Prior knowledge; each of its equations counts as a row.
-
-    Raises
-    ------
-    EstimationError
-        With a remedy for whoever recorded the data.
-    """
+    """Raise `EstimationError` where there are fewer rows, prior knowledge included, than parameters."""
     if n_rows + (0 if known is None else len(known.right)) <= n_parameters:
         raise EstimationError(
             f"{n_rows} equations cannot determine {n_parameters} parameters; use a longer recording or wider windows",
@@ -397,13 +338,7 @@ def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -
 def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
     """Raise `EstimationError` where a triangular factor (c, c) of W is singular.
 
-    Parameters
-    ----------
-    factor : (c, c)
-    least : float
-        Smallest part of a column that must be independent of the columns before it.
-    of : str
-        Whose W it is, for the message.
+    `least` is the smallest part of a column that must be independent of the columns before it; `of` says whose W it is.
     """
     scales = np.linalg.norm(factor, axis=0)
     # A diagonal entry of R is the part of its column that is orthogonal to the columns before it.
@@ -492,42 +427,17 @@ def _iterate_weights(
 
 
 def are_weights_settled(reduction: Reduction, before: FloatArray, after: FloatArray) -> bool:
-    """Return whether noise has stopped changing, or is no more than rounding of exact data.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    before, after : (n,)
-        Noise of every equation before and after a round.
-
-    Returns
-    -------
-    bool
-        Whether another round would change no visible digit.
-    """
+    """Return whether noise (n,) has stopped changing, or is no more than rounding of exact data."""
     measured = [float(np.linalg.norm(equation.joint_factor[:, -1])) for equation in reduction.equations]
     rounding = _ROUNDING * np.array(measured) / np.sqrt(np.maximum(reduction.row_counts, 1.0))
     return bool(np.all(np.abs(after - before) <= np.maximum(WEIGHTS_SETTLED * before, rounding)))
 
 
 def compute_correlated_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the noise of every equation, raised by the correlation of its rows.
+    """Return the noise of every equation (n,), raised by the correlation of its rows.
 
     Prior knowledge is weighed against it. It is at least what rounding leaves of the measured values, lest exact data
     outweigh prior knowledge without limit.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
-
-    Returns
-    -------
-    (n,) array
-        Standard deviations in the unit of Y, never zero.
     """
     factors = compute_correlation_factors(reduction, values)
     fitted = compute_fitted_errors(reduction, values)
@@ -540,10 +450,8 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
@@ -554,21 +462,9 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
 
 
 def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the standard deviation of every equation's residual, [12.7], parameters shared out over the rows.
+    """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
 
     Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
-
-    Returns
-    -------
-    (n,) array
-        Standard deviations in the unit of Y; zero where the fit is exact.
     """
     return _compute_deviation(reduction, compute_weighted_squares(reduction, values))
 
@@ -578,10 +474,8 @@ def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    reduction : Reduction
-        The equations as triangular factors, by blocks of time.
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------

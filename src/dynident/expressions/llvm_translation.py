@@ -55,10 +55,8 @@ class UnsupportedOperationError(DynidentError):
     ----------
     detail : str
         Which operation it is, and which ones there are.
-    pointer : str, optional
-        JSON pointer to the cause in the caller's request.
-    title : str, optional
-        Short name of the kind of error.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
     """
 
 
