@@ -170,7 +170,7 @@ class KalmanFilter:
         self.covariance = np.array(covariance)
         self.motion = np.zeros(2 * n)
         self._motion_covariance = np.zeros((2 * n, 2 * n))
-        # How far the estimate of the motion would move for a unit change of χ (Friedland's first stage).
+        # How far the estimate of the motion would move for a unit change of χ.
         self._sensitivity = np.zeros((2 * n, len(values)))
         self._pending: tuple[FloatArray, FloatArray, FloatArray] | None = None
         # Leapfrog: v' = v + T a comes first, and q' = q + T v' then holds T² a. This matrix maps (q, v, a) to (q', v').
