@@ -75,12 +75,14 @@ class Catalogue(Mapping[str, Effect]):
     @cached_property
     def _effects(self) -> dict[str, Effect]:
         ours = {effect.id: effect for effect in _BUILT_IN_EFFECTS}
+        # An effect in a module of this package that is not listed above comes behind them: a new file is enough.
         ours |= {effect.id: effect for effect in list_package_effects() if effect.id not in ours}
         return ours | {effect.id: effect for effect in load_installed_effects(ours)}
 
     @contextmanager
     def add_temporarily(self, effect: Effect) -> Iterator[None]:
         """Add an effect that is not installed, or replace that of the same id, within a `with` block."""
+        # The order of effects counts too, so that afterwards all of them are put back, not one entry alone.
         before = dict(self._effects)
         self._effects[effect.id] = effect
         try:
@@ -103,7 +105,15 @@ CATALOGUE = Catalogue()
 
 
 class UnknownEffectError(DynidentError):
-    """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint."""
+    """Error: an effect, joint or shape constant does not exist, or an effect cannot act on a joint.
+
+    Parameters
+    ----------
+    detail : str
+        What does not exist or fit, and what does.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
+    """
 
 
 def get_effect(identifier: str, pointer: str = "") -> Effect:
@@ -112,8 +122,14 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
     Parameters
     ----------
     identifier : str
+        Id of the effect in the catalogue.
     pointer : str
-        JSON pointer to the id in the user's request.
+        JSON pointer to the id in the caller's request.
+
+    Returns
+    -------
+    Effect
+        The one instance of the effect.
 
     Raises
     ------
@@ -134,14 +150,33 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
 def get_spec(column: Column) -> ParameterSpec | None:
     """Return the specification of a column's parameter.
 
-    None for a column that belongs to no effect, such as the offset of a sensor.
+    Parameters
+    ----------
+    column : Column
+        A column of W.
+
+    Returns
+    -------
+    ParameterSpec or None
+        None for a column that belongs to no effect, such as the offset of a sensor.
     """
     effect = CATALOGUE.get(column.effect)
     return next((spec for spec in effect.parameters if spec.name == column.parameter), None) if effect else None
 
 
 def get_role(column: Column) -> Role | None:
-    """Return the role of a column's parameter; None where it has none."""
+    """Return the role of a column's parameter.
+
+    Parameters
+    ----------
+    column : Column
+        A column of W.
+
+    Returns
+    -------
+    Role or None
+        What code outside of the effect has to know of the parameter; None where that is nothing.
+    """
     spec = get_spec(column)
     return None if spec is None else spec.role
 

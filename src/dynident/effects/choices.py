@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 class EffectChoice:
     """A chosen effect.
 
-    Attributes
+    Parameters
     ----------
     effect : str
         Id in the catalogue.
@@ -65,5 +65,16 @@ JOINT_FRICTION: tuple[EffectChoice, ...] = (EffectChoice("coulomb"), EffectChoic
 
 
 def choose_payload(run: str) -> EffectChoice:
-    """Return the choice of a payload in the run with this label only."""
+    """Return the choice of a payload in one run only.
+
+    Parameters
+    ----------
+    run : str
+        Label of the run.
+
+    Returns
+    -------
+    EffectChoice
+        The effect `payload` on its default joint.
+    """
     return EffectChoice("payload", runs=(run,))

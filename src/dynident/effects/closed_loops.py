@@ -44,6 +44,7 @@ class OpenMotion:
         closure = self.linkage.closure
         if closure is None:
             return ratios
+        # q depends on q_a directly, by the ratios, and through x, which keeps the loops closed.
         slopes = closure.rates(self.derivatives[0], closure.symbols[1])
         return ca.sparsify(ratios[:, :n] + ca.mtimes(ratios[:, n:], slopes))
 
@@ -78,6 +79,7 @@ class OpenMotion:
 
     def _differentiate(self, order: int) -> ca.SX:
         """Return the time derivative SX (N, 1) of order + 1: acceleration for 1, jerk for 2, …."""
+        # q = ratios [q_a; x] + offsets with constant ratios: every derivative is the same combination.
         free = self.derivatives[order + 1]
         if self.linkage.closure is not None:
             free = ca.vertcat(free, self._differentiate_passive(self.linkage.closure, order))
@@ -90,6 +92,7 @@ class OpenMotion:
         state_symbols = [driven, *rates[:-1]]
         # Differentiate ẍ(q_a, x, q̇_a, q̈_a) in time by the chain rule, once for every order above the acceleration.
         value = closure.accelerations(driven, x, rates[0], rates[1])
+        # ẋ, with which a change of x enters the chain rule: x has no derivative of its own among the symbols.
         moving = ca.mtimes(closure.rates(driven, x), rates[0])
         for count in range(1, order):
             state, change = ca.vertcat(*state_symbols[: count + 2], x), ca.vertcat(*rates[: count + 2], moving)
@@ -100,7 +103,15 @@ class OpenMotion:
 
 @dataclass(frozen=True, eq=False)
 class TreeMotion:
-    """Motion of all joints of the tree as functions of the driven joints' q, dq, ddq, …: SX (n, 1) each."""
+    """Motion of all joints of the tree as functions of the driven joints' motion.
+
+    Parameters
+    ----------
+    linkage : Linkage
+        The tree, and how its joints follow the driven ones.
+    derivatives : tuple of SX (n, 1)
+        Position of the driven joints and as many of its derivatives as are needed.
+    """
 
     linkage: Linkage
     derivatives: tuple[ca.SX, ...]
@@ -151,13 +162,27 @@ class TreeMotion:
 
 
 def build_all_positions(robot: Robot, q: ca.SX) -> ca.SX:
-    """Return the positions SX of the driven joints, then of those that follow: `Robot.positions` as an expression."""
+    """Return the positions of the driven joints, then of those that follow: `Robot.positions` as an expression.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : SX (n, 1)
+        Positions of the driven joints, rad or m.
+
+    Returns
+    -------
+    SX (N, 1)
+        rad or m.
+    """
     if robot.linkage is None:
         return q
     return ca.vertcat(q, TreeMotion(robot.linkage, (q,)).q[list(robot.linkage.passive)])
 
 
 def _to_sparse(matrix: FloatArray) -> ca.SX:
+    # Without its zeros, so that no instruction multiplies by them.
     return ca.sparsify(ca.SX(ca.DM(matrix)))
 
 
@@ -173,6 +198,7 @@ class DependentMechanics(Mechanics):
     def rows(self) -> ca.SX:
         """SX (n, 10 N): the dynamic model's rows, Gᵀ times those of the tree."""
         motion = self._motion
+        # x stays a symbol to the end. Its expression is then put in once, for all entries together.
         rows = build_dynamic_rows(self.robot.tree, motion.q, motion.dq, motion.ddq, self.gravity)
         return motion.substitute_passive(motion.project_torque(rows))
 
@@ -187,6 +213,7 @@ class DependentMechanics(Mechanics):
     @cached_property
     def energies(self) -> tuple[ca.SX, ca.SX]:
         """(SX (1, 10 N), SX (1, 10 N)): kinetic and potential energy rows."""
+        # Energies are scalars, which need no projection: the tree's motion in terms of the driven joints is enough.
         motion = self._motion
         kinetic, potential = build_energy_rows(self.robot.tree, motion.q, motion.dq, self.gravity)
         return motion.substitute_passive(kinetic), motion.substitute_passive(potential)
@@ -203,7 +230,23 @@ def build_link_torque(
 ) -> ca.SX:
     """Return the torque of the links SX (n, 1) in the space of the driven joints.
 
-    The arguments are those of `inverse_dynamics`, with inertia SX (10 N, 1) and shift SX (3, N) of the tree.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with or without joints that follow others.
+    q, dq, ddq : SX (n, 1)
+        Motion of the driven joints: rad or m, and their derivatives.
+    gravity : SX (3, 1)
+        Acceleration of gravity in the base frame, m/s².
+    inertia : SX (10 N, 1)
+        Standard inertial parameters of the tree's links, in the order of `INERTIAL_NAMES`.
+    shift : SX (3, N), optional
+        How far the origin of every joint's frame is from where the description says, in its antecedent's frame (m).
+
+    Returns
+    -------
+    SX (n, 1)
+        N m or N.
     """
     if robot.linkage is None:
         return build_inverse_dynamics(robot, q, dq, ddq, gravity, inertia, shift)

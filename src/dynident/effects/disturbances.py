@@ -62,6 +62,7 @@ class Payload(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return ten columns for every link that carries something: those of the link itself."""
+        # A rigid load moves with its link, so that its columns are those of the link's own inertia.
         rows = signals.mechanics.rows
         return [
             replace(
@@ -110,11 +111,14 @@ class ExternalContact(Effect):
         start, end = constants["t0"], constants["t1"]
         # The window and half a sine wave in it: the two profiles together approximate most single pushes.
         inside = (signals.time >= start) * (signals.time <= end)
+        # A window without any length must not divide by zero.
         swell = inside * ca.sin(np.pi * (signals.time - start) / max(end - start, 1e-9))
+        # Number 0 stands for the last link; motors are relieved by the torque of a push, hence the minus sign below.
         n = signals.robot.n
         jacobian = build_link_jacobian(signals.robot, signals.q, min(int(constants["link"]) or n, n) - 1)
         columns = []
         for k, spec in enumerate(self.parameters):
+            # Six steady components come first, then the same six swelling.
             profile = inside if k < 6 else swell
             columns.append(self._robot_column(spec, -jacobian[k % 6, :].T * profile, constants))
         return columns
@@ -147,10 +151,12 @@ class BaseVibration(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return a cosine and a sine column for every direction of the base frame."""
         constants = self.shape_with_defaults(shape)
+        # A cosine and a sine together have any phase, and the torque stays linear in the parameters.
         angle = 2 * np.pi * constants["f"] * signals.time
         waves = (ca.cos(angle), ca.sin(angle))
         columns = []
         for k, spec in enumerate(self.parameters):
+            # On an accelerated base links feel gravity less that acceleration (d'Alembert).
             direction = np.eye(3)[k // 2]
             columns.append(
                 self._robot_column(spec, -signals.predicted.build_gravity_torque(direction) * waves[k % 2], constants)

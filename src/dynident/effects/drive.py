@@ -44,6 +44,7 @@ class DriveGainError(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the predicted motor torque of every joint."""
+        # A gain that is off by ε scales the whole torque: it adds ε times what the model predicts.
         return [self._column(signals, self.parameters[0], j, signals.predicted.motor[j]) for j in joints]
 
 
@@ -68,6 +69,7 @@ class DriveGainSaturation(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return torque times its size, of every joint."""
+        # The predicted torque, not the measured one: its noise would enter W, and be squared here.
         motor = signals.predicted.motor
         return [self._column(signals, self.parameters[0], j, motor[j] * ca.fabs(motor[j])) for j in joints]
 
@@ -99,6 +101,7 @@ class TorqueDelay(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return minus the rate and half the second derivative of the predicted torque, with Coulomb friction."""
+        # Taylor: Γ(t - δ) = Γ - δ Γ̇ + ½ δ² Γ̈. The square is a parameter of its own, so that the torque stays linear.
         predicted = signals.predicted
         # Coulomb friction jumps, so its derivatives are differences over the sampling period.
         rate = predicted.smooth_rate + predicted.get_drive_parameter("Fc") * signals.sign_rate
@@ -158,6 +161,7 @@ def _build_carried_spin(signals: Signals, joint: int) -> ca.SX:
     spin = ca.SX(1, 1)
     link = robot.joints[joint].parent
     while link >= 0:
+        # Prismatic joints turn no link, and add nothing to ω.
         if robot.joints[link].kind == "revolute":
             spin += ca.dot(axis, to_constant(robot.joints[link].axis)) * signals.dq[link]
         axis = ca.mtimes(frames[link].rotation, axis)

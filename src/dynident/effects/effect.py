@@ -18,7 +18,15 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimated parameter, with twice its standard deviation as its uncertainty (`doubt`)."""
+    """An estimated parameter with its uncertainty.
+
+    Parameters
+    ----------
+    value : float
+        Estimate, in the parameter's unit.
+    doubt : float
+        Twice its standard deviation, in the same unit.
+    """
 
     value: float
     doubt: float
@@ -58,20 +66,20 @@ paces; one motion without and with a payload; one motion cold and warm; one moti
 class ParameterSpec:
     """One parameter of an effect.
 
-    Attributes
+    Parameters
     ----------
     name, unit, description : str
-        The unit is for a revolute joint.
+        Symbol, SI unit on a revolute joint, and meaning in a few words.
     prismatic_unit : str
         Unit on a prismatic joint, where it differs.
     positive : bool
         The parameter cannot be negative in nature.
-    resists : bool
-        Its torque opposes the motion: a robot with a negative value would run away and cannot be simulated.
     least, most : float
         A size below `least` is not noticeable, one above `most` does not occur.
     most_change : float
         Largest difference between two days.
+    resists : bool
+        Its torque opposes the motion: a robot with a negative value would run away and cannot be simulated.
     role : Role, optional
         Meaning for code that writes models down or predicts torque.
     """
@@ -89,6 +97,7 @@ class ParameterSpec:
 
     def admits(self, estimate: Estimate) -> bool:
         """Return whether sign and size of an estimate are possible in nature, within its uncertainty."""
+        # Limits give way by the estimate's uncertainty: noise alone must not make a true effect impossible.
         return (
             not (self.positive and estimate.value < -estimate.doubt)
             and abs(estimate.value) <= self.most + estimate.doubt
@@ -108,7 +117,15 @@ Proposal = Literal["grid", "angle_spectrum", "time_spectrum", "burst"]
 
 @dataclass(frozen=True)
 class Refinement:
-    """Steps of the search for a shape constant around a first value: equal ratios (in octaves) or equal steps."""
+    """Steps of the search for a shape constant around a first value: equal ratios (in octaves) or equal steps.
+
+    Parameters
+    ----------
+    step : float
+        Size of a step: in octaves, or in the constant's unit.
+    in_octaves : bool
+        Whether steps multiply the value, by 2 to the power of `step`, instead of adding to it.
+    """
 
     step: float
     in_octaves: bool = False
@@ -126,9 +143,10 @@ RATIO = Refinement(0.25, in_octaves=True)
 class ShapeSpec:
     """A constant inside an effect's columns, searched for rather than solved for.
 
-    Attributes
+    Parameters
     ----------
     name, unit, description : str
+        Symbol, SI unit ("-" for a number) and meaning in a few words.
     default : float
         Used where nobody chose a value.
     proposal : {"grid", "angle_spectrum", "time_spectrum", "burst"}
@@ -170,6 +188,7 @@ class ShapeSpec:
 
     def get_word(self, value: float) -> str | None:
         """Return the meaning of a value if the constant is a choice between kinds; None if it is a number."""
+        # The nearest meaning: a value that was computed, or read from text, need not be exact.
         return min(self.words, key=lambda meaning: abs(meaning[0] - value))[1] if self.words else None
 
     def format_value(self, value: float, digits: str = ".3g") -> str:
@@ -183,6 +202,7 @@ class ShapeSpec:
         """Return the value, or the whole numbers on both sides of it where only whole numbers make sense."""
         if not self.is_whole or value > self.least:
             return (value,)
+        # A value that is whole already has itself on both sides; it is listed once.
         return tuple(dict.fromkeys((float(math.floor(value)), float(math.ceil(value)))))
 
     def can_be_refined(self, value: float) -> bool:
@@ -198,12 +218,30 @@ class ShapeSpec:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of W: the torque (n, 1) on every joint for a unit value of its parameter.
+    """One column of W: the torque on every joint for a unit value of its parameter.
 
-    `name` is the parameter's name followed by the joint's number, as in [12.1] ("ZZ2", "Fc3"). `energy` returns the row
-    (1, 1) of stored energy, where the effect stores any, and `wrench` the reaction (6, 1) of the base, where it is
-    known; only models that need them call these. A pickled column has no expressions: functions are compiled from them
-    before it is sent to another process.
+    A pickled column has no expressions: functions are compiled from them before it is sent to another process.
+
+    Parameters
+    ----------
+    effect, parameter : str
+        Id of the effect, empty for a column of none, such as a sensor's offset; name in the effect ("ZZ", "Fc").
+    name : str
+        The parameter's name followed by the joint's number, as in [12.1] ("ZZ2", "Fc3").
+    link : str
+        Name of the joint or link that the parameter belongs to; empty for one of the whole robot.
+    unit : str
+        Unit of the parameter.
+    torque : SX (n, 1)
+        Torque of every joint, N m or N for one unit of the parameter.
+    shape : tuple of (str, float)
+        Shape constants by name, sorted.
+    energy : callable, optional
+        Returns the stored energy SX (1, 1), where the effect stores any; only models that need it call it.
+    runs : tuple of str
+        Labels of the runs that the effect is in; empty for all.
+    wrench : callable, optional
+        Returns the reaction SX (6, 1) of the base, where it is known; only models that need it call it.
     """
 
     effect: str
@@ -366,6 +404,7 @@ class Effect(ABC):
 
         Where several parameters have a least size, one of them has to reach its own.
         """
+        # Large enough to notice in one of its parameters, and possible in all of them.
         return self._is_noticeable(estimates) and all(
             spec.admits(estimate) for spec, estimate in self._pair_estimates(estimates)
         )
@@ -377,12 +416,14 @@ class Effect(ABC):
         )
 
     def _is_noticeable(self, estimates: Mapping[str, Estimate]) -> bool:
+        # Parameters without a least size say nothing here: an effect that has no other ones is always noticeable.
         sizes = [
             abs(estimate.value) >= spec.least for spec, estimate in self._pair_estimates(estimates) if spec.least > 0
         ]
         return not sizes or any(sizes)
 
     def _pair_estimates(self, estimates: Mapping[str, Estimate]) -> list[tuple[ParameterSpec, Estimate]]:
+        # Parameters that the data do not determine have no estimate, and are not judged.
         return [(spec, estimates[spec.name]) for spec in self.parameters if spec.name in estimates]
 
     def shape_with_defaults(self, chosen: Mapping[str, float]) -> dict[str, float]:
@@ -399,6 +440,7 @@ class Effect(ABC):
         energy: Callable[[], ca.SX] | None = None,
     ) -> Column:
         """Return a column whose torque acts on one joint; `torque` is (1, 1)."""
+        # An empty SX holds structural zeros: the other joints' entries of W are neither stored nor evaluated.
         rows = ca.SX(signals.robot.n, 1)
         rows[joint] = torque
         return self._reaching_column(signals, parameter, joint, rows, shape, energy)
@@ -414,6 +456,7 @@ class Effect(ABC):
     ) -> Column:
         """Return a column of one joint's parameter whose torque (n, 1) may act on any joint."""
         described = signals.robot.joints[joint]
+        # Constants are sorted, so that equal ones make equal keys whatever their order.
         return Column(
             effect=self.id,
             parameter=parameter.name,
@@ -444,7 +487,7 @@ class Effect(ABC):
 
 
 def build_geometric_grid(first: float, last: float, factor: float) -> list[float]:
-    """Return values from `first` to at most `last`, each `factor` times the one before."""
+    """Return values from `first` to at most `last`, each `factor` (above 1) times the one before."""
     values = [first]
     # The tolerance keeps a last value that rounding has moved just beyond the end.
     while values[-1] * factor <= last * (1 + 1e-9):

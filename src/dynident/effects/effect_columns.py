@@ -24,9 +24,16 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     Parameters
     ----------
     choice : EffectChoice
+        The effect and, where any are named, its joints.
     robot : Robot
+        The robot that it acts on.
     pointer : str
-        JSON pointer to the choice in the user's request.
+        JSON pointer to the choice in the caller's request.
+
+    Returns
+    -------
+    tuple of int
+        Ascending, none twice.
 
     Raises
     ------
@@ -34,10 +41,12 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
         If the choice names an unknown joint, or one on which the effect cannot act.
     """
     effect = get_effect(choice.effect, pointer)
+    # Effects act on any joint of the tree, though only the driven ones have data of their own.
     whole, robot = robot, robot.tree
     possible = effect.applicable(robot)
     if not possible:
         raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
+    # An effect of the whole robot acts on all joints that it can act on, whatever the choice names.
     if effect.scope == "robot":
         return possible
     if not choice.joints:
@@ -46,6 +55,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
             return usual
         # If the effect fits none of the driven joints, let it act on those of the others that it fits.
         return tuple(j for j in usual if j in whole.linkage.driven) or usual
+    # Joints that the user names are taken at their word, or refused with those that would be possible.
     indices = []
     for name in choice.joints:
         if name not in robot.joint_names:
@@ -67,6 +77,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
                 title="Unfit joint",
             )
         indices.append(index)
+    # Columns follow the order of joints, in whatever order the request names them.
     return tuple(sorted(set(indices)))
 
 
@@ -74,13 +85,38 @@ def is_lasting_change(choice: EffectChoice, since: tuple[str, ...]) -> bool:
     """Return whether a choice is a lasting change of the robot: from one of the runs `since` a baseline to the last.
 
     Events within a run, such as a contact, are no such change.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The choice, with the runs that it is in.
+    since : tuple of str
+        Labels of the runs after the baseline, in the order of time.
+
+    Returns
+    -------
+    bool
+        Whether its runs are the last of `since`, and the effect may change from day to day.
     """
     lasts = bool(choice.runs) and choice.runs == since[-len(choice.runs) :]
     return lasts and get_effect(choice.effect).may_change
 
 
 def check_shape_constants(choice: EffectChoice, pointer: str = "") -> None:
-    """Raise `UnknownEffectError` if a choice has a shape constant that its effect lacks, or an impossible value."""
+    """Raise an error if a choice has a shape constant that its effect lacks, or an impossible value.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect and its shape constants.
+    pointer : str
+        JSON pointer to the choice in the caller's request.
+
+    Raises
+    ------
+    UnknownEffectError
+        The message says which constants there are, or which values are possible.
+    """
     effect = get_effect(choice.effect, pointer)
     constants = {spec.name: spec for spec in effect.shapes}
     for name, value in choice.shape:
@@ -115,12 +151,14 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
     Parameters
     ----------
     choices : iterable of EffectChoice
+        The chosen effects, in the order of their columns.
     signals : Signals
-        Symbols of the robot that the columns are expressions of.
+        The symbols that the columns are made of.
 
     Returns
     -------
     list of Column
+        One for every parameter of every effect on every joint that it acts on.
 
     Raises
     ------
@@ -130,6 +168,7 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
     columns: list[Column] = []
     for index, choice in enumerate(choices):
         choice_columns = build_columns_for_all_runs(choice, signals, f"/effects/{index}")
+        # An effect that only some runs have, such as a payload, is in the runs that are marked so where none is named.
         if choice.runs or get_effect(choice.effect).in_some_runs:
             present = signals.in_runs(RunSignal(choice.runs))
             choice_columns = [_restrict_to_runs(column, present, choice.runs) for column in choice_columns]
@@ -138,7 +177,27 @@ def build_columns(choices: Iterable[EffectChoice], signals: Signals) -> list[Col
 
 
 def build_columns_for_all_runs(choice: EffectChoice, signals: Signals, pointer: str = "") -> list[Column]:
-    """Return the columns of a choice as if it were in all runs."""
+    """Return the columns of a choice as if it were in all runs.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, its joints and its shape constants.
+    signals : Signals
+        The symbols that the columns are made of.
+    pointer : str
+        JSON pointer to the choice in the caller's request.
+
+    Returns
+    -------
+    list of Column
+        Joint by joint, parameter by parameter.
+
+    Raises
+    ------
+    UnknownEffectError
+        If the choice does not fit the catalogue or the robot.
+    """
     check_shape_constants(choice, pointer)
     joints = find_joints(choice, signals.robot, pointer)
     effect = get_effect(choice.effect)
@@ -176,6 +235,7 @@ def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Colum
     """Return the column of a driven joint with the joint's number in the tree in its name."""
     if column.link not in robot.joint_names:
         return column
+    # Effects number their columns by the robot that they were built for; elsewhere numbers are those of the tree.
     j = robot.joint_names.index(column.link)
     if column.name != f"{column.parameter}{j + 1}":
         return column
@@ -184,6 +244,7 @@ def _number_column(column: Column, robot: Robot, driven: Sequence[int]) -> Colum
 
 def _restrict_to_runs(column: Column, present: ca.SX, runs: tuple[str, ...]) -> Column:
     """Return the column multiplied by `present`, which is 1 in some runs and 0 in the others."""
+    # Functions, not expressions: energies and wrenches are large, and most models never ask for them.
     energy, wrench = column.energy, column.wrench
     return replace(
         column,

@@ -70,6 +70,7 @@ class TemperatureFriction(_DriftingFriction):
 
     def get_factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return T - 25 °C."""
+        # Zero at a temperature in use, so that Coulomb and viscous friction keep their meaning and their usual size.
         return signals.temperature[joint] - REFERENCE_TEMPERATURE
 
 
@@ -98,10 +99,12 @@ class WarmUpFriction(_DriftingFriction):
 
     def get_factor(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return exp(-t / Tw)."""
+        # It dies away, so that Coulomb and viscous friction are those of the warm robot.
         return ca.exp(-signals.time / shape["Tw"])
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return time constants from half a minute to two hours."""
+        # Factors of four suffice: the search goes on from the best of them in quarters of an octave.
         return [{"Tw": value} for value in build_geometric_grid(30.0, 7680.0, 4.0)]
 
 
@@ -160,6 +163,7 @@ class CoulombAsymmetric(Effect):
     )
     signature = "a constant: half the difference between the directions"
     confused_with = ("offset",)
+    # Beside Coulomb friction, half the difference between the directions is a constant torque.
     same_function = ("offset",)
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
     experiment = "slow_sweep"
@@ -174,6 +178,7 @@ class CoulombAsymmetric(Effect):
         """Return a column for each direction."""
         columns = []
         for j in joints:
+            # 1 forward and 0 backward; less 1 it is 0 forward and -1 backward.
             forward = 0.5 * (1 + signals.sign[j])
             for spec, torque in zip(self.parameters, (forward, forward - 1), strict=True):
                 columns.append(self._column(signals, spec, j, torque))
@@ -270,6 +275,7 @@ class Stribeck(_OneColumnFriction):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return Stribeck velocities from 0.4 % to 13 % of the joint's velocity limit, bell-shaped and pointed."""
+        # Factors of two suffice: the search goes on from the best of them in quarters of an octave.
         speeds = build_geometric_grid(
             0.004 * get_velocity_scale(robot, joint), 0.13 * get_velocity_scale(robot, joint), 2.0
         )
@@ -299,6 +305,7 @@ class ViscousNonlinear(_OneColumnFriction):
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |q̇|^p sign(q̇)."""
+        # The power of a negative velocity would be no number for a broken exponent: size and sign are kept apart.
         magnitude = ca.fabs(signals.dq[joint])
         return magnitude ** shape["p"] * signals.sign[joint]
 
@@ -348,6 +355,7 @@ class LoadDependentFriction(_OneColumnFriction):
 
     def expression(self, signals: Signals, joint: int, shape: Mapping[str, float]) -> ca.SX:
         """Return |τl| sign(q̇)."""
+        # The size of the load, whichever way it pulls: friction opposes the motion, not the load.
         return ca.fabs(signals.load[joint]) * signals.sign[joint]
 
 
@@ -380,6 +388,7 @@ class PositionDependentFriction(Effect):
         """Return a cosine and a sine column a joint."""
         constants = self.shape_with_defaults(shape)
         columns = []
+        # A cosine and a sine together have any phase, and the torque stays linear in the parameters.
         for j in joints:
             angle = constants["k"] * signals.q[j]
             for spec, wave in zip(self.parameters, (ca.cos(angle), ca.sin(angle)), strict=True):

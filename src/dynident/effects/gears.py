@@ -59,6 +59,8 @@ class Backlash(Effect):
             jerk = slope * predicted.load_acceleration[j] - 2 * side * slope / width * predicted.load_rate[j] ** 2
             rotor = ca.SX(signals.robot.n, 1)
             rotor[j] = -0.5 * jerk
+            # The link lags by β: it sags as in another posture, and is accelerated by β̈ through column j of the
+            # inertia matrix, on all joints. The rotor's column counts only where the position is measured at the link.
             torques = (-0.5 * predicted.load_over_position[:, j] * side, -0.5 * predicted.mass[:, j] * jerk, rotor)
             for spec, torque in zip(self.parameters, torques, strict=True):
                 columns.append(self._reaching_column(signals, spec, j, torque, constants))
@@ -70,6 +72,7 @@ class Backlash(Effect):
 
     def grid(self, robot: Robot, joint: int) -> list[Mapping[str, float]]:
         """Return half a per cent and 4 % of the joint's effort limit."""
+        # A sharp and a soft change of sides; the search goes on from the better one in quarters of an octave.
         effort = get_largest_torque(robot, joint)
         return [{"w": 0.005 * effort}, {"w": 0.04 * effort}]
 
@@ -83,6 +86,7 @@ def _are_consistent(posture: Estimate | None, links: Estimate | None, rotor: Est
     lagging = [estimate for estimate in (posture, links) if estimate is not None]
     is_significant = [estimate.value > estimate.doubt for estimate in lagging]
     rotor_seen = rotor is not None and abs(rotor.value) > rotor.doubt
+    # A rotor that shows means that the position is measured at the link: then the links may not show.
     if rotor_seen and rotor is not None:
         return rotor.value > 0 and not any(abs(estimate.value) > estimate.doubt for estimate in lagging)
     sizes = [estimate.value for estimate in lagging]
@@ -126,10 +130,12 @@ class JointElasticity(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint."""
+        # First order in the twist: slopes at the posture of the motor, times the twist of the predicted load.
         predicted = signals.predicted
         columns = []
         for j in joints:
             rotor = ca.SX(signals.robot.n, 1)
+            # The twist is τl / K, so that its acceleration is that of the load torque over K.
             rotor[j] = predicted.load_acceleration[j]
             torques = (
                 -predicted.load_over_position[:, j] * predicted.load[j],

@@ -31,6 +31,7 @@ class EncoderZeroError(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return the sensitivity of all joints' torque to the position of each."""
+        # First order of Taylor's series about the description: the error times the slope of the predicted torque.
         slope = signals.predicted.load_over_position
         return [self._reaching_column(signals, self.parameters[0], j, slope[:, j]) for j in joints]
 
@@ -64,6 +65,7 @@ class KinematicError(Effect):
 
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns a joint."""
+        # As above, with three slopes a joint: one for each axis of the antecedent's frame.
         slope = signals.predicted.load_over_origins
         return [
             self._reaching_column(signals, spec, j, slope[:, 3 * j + k])

@@ -21,8 +21,14 @@ _AT_STOP = 1.0 - 1e-12
 class Operator(ABC):
     """Update rule of a state z in [-1, 1] along one joint's path, independent of the speed; z begins at 0.
 
-    Displacements are in units of the signal's slip. `forgets_at_halts`: a standstill on the way changes the state. Two
-    operators of one class with equal attributes are equal.
+    Displacements are in units of the signal's slip. Two operators of one class with equal attributes are equal.
+
+    Attributes
+    ----------
+    name : str
+        Name of the operator, for symbols.
+    forgets_at_halts : bool
+        Whether a standstill on the way changes the state.
     """
 
     name: ClassVar[str]
@@ -30,7 +36,20 @@ class Operator(ABC):
 
     @abstractmethod
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
-        """Return the state (1, 1) after one displacement (1, 1)."""
+        """Return the state after one displacement, as an expression.
+
+        Parameters
+        ----------
+        state : SX (1, 1)
+            State before.
+        ratio : SX (1, 1)
+            Displacement in units of the slip.
+
+        Returns
+        -------
+        SX (1, 1)
+            In [-1, 1].
+        """
 
     @abstractmethod
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
@@ -46,10 +65,25 @@ class Operator(ABC):
         Returns
         -------
         ndarray (m, k)
+            States in [-1, 1].
         """
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ∂z'/∂z and ∂z'/∂ratio of steps, in the shape of the states `before` and `after` the steps."""
+        """Return how states after steps change with the states before and with the displacements.
+
+        Parameters
+        ----------
+        before, after : ndarray
+            States before and after each step, of one shape.
+        ratio : ndarray
+            Displacements in units of the slip, of that shape.
+
+        Returns
+        -------
+        passes, follows : ndarray
+            ∂z'/∂z and ∂z'/∂ratio, of that shape.
+        """
+        # By CasADi, which differentiates any operator; those below know their slopes in closed form.
         derivatives = _differentiate(self).map(before.size)(before.reshape(1, -1), ratio.reshape(1, -1))
         passes, follows = (
             np.asarray(ca.DM(derivative), dtype=np.float64).reshape(before.shape) for derivative in derivatives
@@ -60,6 +94,7 @@ class Operator(ABC):
         return type(self) is type(other) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
+        # Equal operators are of one class, which is all that a hash must respect; attributes need not be hashable.
         return hash((type(self).__module__, type(self).__qualname__))
 
 
@@ -78,6 +113,7 @@ class Stop(Operator):
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return 1 inside, and 0 at the stop, where the past is lost."""
+        # Inside, a state passes on as it is and follows the displacement one to one.
         inside = (np.abs(after) < _AT_STOP).astype(np.float64)
         return inside, inside
 
@@ -94,6 +130,7 @@ class Dahl(Operator):
 
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
         """Return the formula of `step` over the whole stroke: exponentials multiply."""
+        # Toward the stop of this direction the distance to it decays exponentially.
         direction = np.sign(ratio)
         return np.asarray(direction - (direction - begun) * np.exp(-np.abs(ratio)))
 
@@ -111,11 +148,14 @@ class Travel(Dahl):
 
     def step(self, state: ca.SX, ratio: ca.SX) -> ca.SX:
         """Return Dahl's step, without what was travelled the other way or before a standstill."""
+        # A state of the other sign, and any at a standstill, becomes zero before the step.
         direction = ca.sign(ratio)
         return super().step(direction * ca.fmax(0, direction * state), ratio)
 
     def stroke(self, begun: FloatArray, ratio: FloatArray) -> FloatArray:
         """Return Dahl's stroke, from 0 where the direction has changed."""
+        # The last displacement has the direction of the whole stroke. A standstill is a stroke of direction zero, which
+        # forgets as a reversal does.
         return super().stroke(np.where(begun * np.sign(ratio[-1]) <= 0, 0.0, begun), ratio)
 
     def slopes(self, before: FloatArray, after: FloatArray, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,12 +17,40 @@ from dynident.effects.signals import MemorySignal
 
 
 def step_state(signal: MemorySignal, state: float, displacement: float) -> float:
-    """Return the state after the joint has moved on by `displacement` (rad or m)."""
+    """Return a hysteresis state after its joint has moved on.
+
+    Parameters
+    ----------
+    signal : MemorySignal
+        Operator and slip of the state.
+    state : float
+        State before, in [-1, 1].
+    displacement : float
+        rad or m.
+
+    Returns
+    -------
+    float
+        State after, in [-1, 1].
+    """
     return float(signal.operator.stroke(np.array([state]), np.array([[displacement / signal.slip]]))[0, 0])
 
 
 def build_step_expression(signal: MemorySignal, state: ca.SX, displacement: ca.SX) -> ca.SX:
-    """Return `step` as an expression of SX (1, 1)."""
+    """Return the state after a displacement, as `step_state` does, as an expression SX (1, 1).
+
+    Parameters
+    ----------
+    signal : MemorySignal
+        Operator and slip of the state.
+    state, displacement : SX (1, 1)
+        State before, and displacement in rad or m.
+
+    Returns
+    -------
+    SX (1, 1)
+        State after.
+    """
     return signal.operator.step(state, displacement / signal.slip)
 
 
@@ -32,6 +60,7 @@ class MemoryStates:
     Parameters
     ----------
     signals : sequence of MemorySignal
+        The states to follow, in the order of the results.
     """
 
     def __init__(self, signals: Sequence[MemorySignal]) -> None:
@@ -49,6 +78,7 @@ class MemoryStates:
         out = np.empty((len(q), len(self.signals)))
         if not self.signals or not len(q):
             return out
+        # The last position of the block before, so that the first move of this one is known; a run begins with no move.
         before = q[0] if self._last is None else self._last
         for joint in self._joints:
             members = [k for k, signal in enumerate(self.signals) if signal.joint == joint]
@@ -65,6 +95,7 @@ class MemoryStates:
             (operator, [i for i, other in enumerate(operators) if other == operator])
             for operator in dict.fromkeys(operators)
         ]
+        # Operators that do not forget give the same states however a stroke is divided.
         halts = any(operator.forgets_at_halts for operator in operators)
         state = self._state[members]
         for first, last in itertools.pairwise(_find_strokes(np.sign(np.diff(path)), standstills=halts)):
@@ -84,5 +115,7 @@ def _find_strokes(moves: FloatArray, *, standstills: bool) -> list[int]:
     are strokes of their own.
     """
     counted = np.arange(len(moves)) if standstills else np.flatnonzero(moves)
+    # A pause within one direction does not end a stroke: unless standstills count, samples without movement are left
+    # out.
     turns = np.flatnonzero(np.diff(moves[counted]) != 0)
     return [0, *(int(counted[k + 1]) for k in turns), len(moves)]

@@ -19,6 +19,7 @@ from dynident.robot.model import Robot
 
 # Rounded right angles in a description leave 1e-17 where zero is meant, and each such entry costs instructions.
 _SNAP = 1e-12
+# What right angles, and angles of sixty degrees, leave in rotations and axes.
 _LANDMARKS = (0.0, 1.0, -1.0, 0.5, -0.5)
 
 
@@ -39,7 +40,18 @@ def to_constant(vector: FloatArray) -> ca.SX:
 
 
 def cross_product(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the vector product SX (3, 1)."""
+    """Return the vector product of two vectors.
+
+    Parameters
+    ----------
+    a, b : SX (3, 1)
+        The vectors.
+
+    Returns
+    -------
+    SX (3, 1)
+        a × b.
+    """
     return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -49,20 +61,42 @@ def _build_rotation(joint: Joint, q: ca.SX) -> ca.SX:
         return ca.SX.eye(3)
     x, y, z = (float(value) for value in _snap(joint.axis))
     axis = ca.SX(ca.DM([x, y, z]))
+    # Rodrigues' formula: cos q (1 - a aᵀ) + sin q [a]x + a aᵀ.
     along = ca.mtimes(axis, axis.T)
     return ca.cos(q) * (ca.SX.eye(3) - along) + ca.sin(q) * ca.skew(axis) + along
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Orientation (3, 3) and origin (3,) of a joint's frame in its antecedent's frame."""
+    """Placement of a joint's frame in its antecedent's frame.
+
+    Parameters
+    ----------
+    rotation : SX (3, 3)
+        Orientation.
+    origin : SX (3, 1)
+        Origin, m.
+    """
 
     rotation: ca.SX
     origin: ca.SX
 
 
 def build_frames(robot: Robot, q: ca.SX) -> list[Frame]:
-    """Return the frame of every joint in its antecedent's frame at positions q SX (n, 1)."""
+    """Return the frame of every joint in its antecedent's frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        A tree of joints that all move by themselves.
+    q : SX (n, 1)
+        Positions, rad or m.
+
+    Returns
+    -------
+    list of Frame
+        In the order of the joints.
+    """
     frames = []
     for index, joint in enumerate(robot.joints):
         fixed = _to_sparse(joint.placement[:3, :3])
@@ -86,6 +120,7 @@ def _build_body_regressor(omega: ca.SX, alpha: ca.SX, acceleration: ca.SX) -> tu
         ca.vertcat(w[1] * w[1] - w[2] * w[2], a[2] - w[0] * w[1], a[1] + w[0] * w[2]),
         ca.vertcat(w[1] * w[2], -w[0] * w[2], a[2]),
     )
+    # f = M a + ([α]x + [ω]x²) MS, and the first moments' part of the moment is MS x a = -[a]x MS.
     wx = ca.skew(w)
     spin = ca.skew(a) + ca.mtimes(wx, wx)
     force = ca.horzcat(ca.SX(3, 6), spin, acceleration)
@@ -99,14 +134,17 @@ def build_dynamic_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: c
     Parameters
     ----------
     robot : Robot
+        A tree of joints that all move by themselves.
     q, dq, ddq : SX (n, 1)
+        Motion: rad or m, and their derivatives.
     gravity : SX (3, 1)
-        Acceleration of gravity in the base frame.
+        Acceleration of gravity in the base frame, m/s².
 
     Returns
     -------
-    SX (n, 10 n), structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in
-    the order of `INERTIAL_NAMES`.
+    SX (n, 10 n)
+        Structurally zero where the torque of a joint cannot depend on a link. Columns are link by link in the order of
+        `INERTIAL_NAMES`.
     """
     return _build_projected_rows(robot, q, dq, ddq, gravity, of_base=False)
 
@@ -119,9 +157,11 @@ def build_wrench_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity: ca
     Parameters
     ----------
     robot : Robot
+        A tree of joints that all move by themselves.
     q, dq, ddq : SX (n, 1)
+        Motion: rad or m, and their derivatives.
     gravity : SX (3, 1)
-        Acceleration of gravity in the base frame.
+        Acceleration of gravity in the base frame, m/s².
 
     Returns
     -------
@@ -138,28 +178,33 @@ def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity
     zero = ca.SX.zeros(3, 1)
     base: dict[int, tuple[ca.SX, ca.SX]] = {}
     if of_base:
+        # Three translations, then three rotations: a wrench's products with these twists are its force and its moment.
         axes = [ca.SX(ca.DM.eye(3)[:, k]) for k in range(3)]
         base = {k: (zero, axes[k]) for k in range(3)} | {3 + k: (axes[k], zero) for k in range(3)}
     omegas: list[ca.SX] = []
     alphas: list[ca.SX] = []
     accelerations: list[ca.SX] = []
     twists: list[dict[int, tuple[ca.SX, ca.SX]]] = []  # row j -> its unit twist (angular, linear) at this frame
+    # Structural zeros to begin with: a joint does not feel the links that it does not move.
     rows = [[ca.SX(1, 10) for _ in range(n)] for _ in range(6 if of_base else n)]
     for i, (joint, frame) in enumerate(zip(robot.joints, build_frames(robot, q), strict=True)):
         root = joint.parent < 0
         down = frame.rotation.T
         omega_p = zero if root else omegas[joint.parent]
         alpha_p = zero if root else alphas[joint.parent]
+        # A base that is accelerated by -g, without gravity, needs the same torques as one at rest in gravity.
         acceleration_p = -gravity if root else accelerations[joint.parent]
         axis = to_constant(joint.axis)
         omega = ca.mtimes(down, omega_p)
         alpha = ca.mtimes(down, alpha_p)
         lever = cross_product(alpha_p, frame.origin) + cross_product(omega_p, cross_product(omega_p, frame.origin))
         acceleration = ca.mtimes(down, acceleration_p + lever)
+        # The order matters: α needs the antecedent's ω, before the joint's own rate is added to it.
         if joint.kind == "revolute":
             alpha = alpha + axis * ddq[i] + cross_product(omega, axis * dq[i])
             omega = omega + axis * dq[i]
         else:
+            # The sliding joint's own acceleration and Coriolis' one.
             acceleration = acceleration + axis * ddq[i] + 2 * cross_product(omega, axis * dq[i])
         # A joint feels the wrenches of all links that it moves: carry its unit twist along to every later link's frame,
         # where its product with the link's wrench is the torque by virtual power.
@@ -183,9 +228,21 @@ def _build_projected_rows(robot: Robot, q: ca.SX, dq: ca.SX, ddq: ca.SX, gravity
 def build_energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the rows e(q, q̇) and u(q) of [12.32]-[12.34] for the standard inertial parameters.
 
+    Parameters
+    ----------
+    robot : Robot
+        A tree of joints that all move by themselves.
+    q, dq : SX (n, 1)
+        Positions and velocities: rad or m, rad/s or m/s.
+    gravity : SX (3, 1)
+        Acceleration of gravity in the base frame, m/s².
+
     Returns
     -------
-    (SX (1, 10 n), SX (1, 10 n)) : kinetic energy E = e K and potential energy U = u K.
+    kinetic : SX (1, 10 n)
+        Kinetic energy E = e K, J.
+    potential : SX (1, 10 n)
+        Potential energy U = u K, J.
     """
     kinetic, potential = [], []
     omegas: list[ca.SX] = []
@@ -217,6 +274,7 @@ def build_energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tupl
                 0.5 * ca.dot(v, v),
             )
         )  # fmt: skip
+        # U = -gᵀ (M p + R MS): moments of inertia have no part in it.
         down_gravity = -ca.mtimes(gravity.T, rotation)
         potential.append(ca.horzcat(ca.SX(1, 6), down_gravity, -ca.dot(gravity, origin)))
     return ca.sparsify(ca.horzcat(*kinetic)), ca.sparsify(ca.horzcat(*potential))
@@ -224,7 +282,15 @@ def build_energy_rows(robot: Robot, q: ca.SX, dq: ca.SX, gravity: ca.SX) -> tupl
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """The symbolic rigid-body model of one robot; each part is built once, when first asked for."""
+    """The symbolic rigid-body model of one robot; each part is built once, when first asked for.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq, ddq : SX (n, 1)
+        Symbols of the motion: rad or m, and their derivatives.
+    """
 
     robot: Robot
     q: ca.SX

@@ -39,9 +39,11 @@ def build_inverse_dynamics(
     Parameters
     ----------
     robot : Robot
+        A tree of joints that all move by themselves.
     q, dq, ddq : SX (n, 1)
+        Motion: rad or m, and their derivatives.
     gravity : SX (3, 1)
-        Acceleration of gravity in the base frame.
+        Acceleration of gravity in the base frame, m/s².
     inertia : SX (10 n, 1)
         Standard inertial parameters, link by link in the order of `INERTIAL_NAMES`.
     shift : SX (3, n), optional
@@ -50,6 +52,7 @@ def build_inverse_dynamics(
     Returns
     -------
     SX (n, 1)
+        N m or N.
     """
     frames = build_frames(robot, q)
     if shift is not None:
@@ -69,6 +72,7 @@ def build_inverse_dynamics(
     torque = [ca.SX(1, 1) for _ in range(robot.n)]
     for i in reversed(range(robot.n)):
         joint, frame = robot.joints[i], frames[i]
+        # The motor gives the part along the joint's axis; the bearings carry the rest.
         torque[i] = ca.dot(to_constant(joint.axis), moments[i] if joint.kind == "revolute" else forces[i])
         if joint.parent >= 0:
             force = ca.mtimes(frame.rotation, forces[i])
@@ -82,13 +86,16 @@ def _propagate_motion(parent: _Motion, joint: Joint, frame: Frame, dq: ca.SX, dd
     down, axis = frame.rotation.T, to_constant(joint.axis)
     omega = ca.mtimes(down, parent.omega)
     alpha = ca.mtimes(down, parent.alpha)
+    # A point of the antecedent at `origin`: tangential and centripetal acceleration on top of that of its own origin.
     lever = cross_product(parent.alpha, frame.origin) + cross_product(
         parent.omega, cross_product(parent.omega, frame.origin)
     )
     acceleration = ca.mtimes(down, parent.acceleration + lever)
+    # As in `mechanics`, α needs the antecedent's ω, before the joint's own rate is added to it.
     if joint.kind == "revolute":
         alpha = alpha + axis * ddq + cross_product(omega, axis * dq)
         return _Motion(omega + axis * dq, alpha, acceleration)
+    # A sliding joint turns nothing; it adds its own acceleration and Coriolis' one.
     return _Motion(omega, alpha, acceleration + axis * ddq + 2 * cross_product(omega, axis * dq))
 
 
@@ -97,6 +104,7 @@ def _build_wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
     inertia = ca.vertcat(ca.horzcat(k[0], k[1], k[2]), ca.horzcat(k[1], k[3], k[4]), ca.horzcat(k[2], k[4], k[5]))
     first, mass = k[6:9], k[9]
     omega, alpha, acceleration = motion.omega, motion.alpha, motion.acceleration
+    # Newton and Euler about the frame's origin, which is not the centre of mass: hence the first moments in both.
     force = mass * acceleration + cross_product(alpha, first) + cross_product(omega, cross_product(omega, first))
     moment = (
         ca.mtimes(inertia, alpha) + cross_product(omega, ca.mtimes(inertia, omega)) + cross_product(first, acceleration)
@@ -105,7 +113,22 @@ def _build_wrench(motion: _Motion, k: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def build_link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
-    """Return the Jacobian SX (6, n) of a link's frame: linear, then angular velocity, in the base frame."""
+    """Return the Jacobian of a link's frame: linear, then angular velocity, in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+        A tree of joints that all move by themselves.
+    q : SX (n, 1)
+        Positions, rad or m.
+    tip : int
+        Index of the joint that moves the link.
+
+    Returns
+    -------
+    SX (6, n)
+        m/s and rad/s for one rad/s or m/s of each joint.
+    """
     frames = build_frames(robot, q)
     rotations: list[ca.SX] = []
     origins: list[ca.SX] = []
@@ -120,6 +143,7 @@ def build_link_jacobian(robot: Robot, q: ca.SX, tip: int) -> ca.SX:
     while link >= 0:
         joint = robot.joints[link]
         axis = ca.mtimes(rotations[link], to_constant(np.asarray(joint.axis)))
+        # Only joints between base and link move it; the others' columns stay zero.
         if joint.kind == "revolute":
             jacobian[:3, link] = cross_product(axis, origins[tip] - origins[link])
             jacobian[3:, link] = axis

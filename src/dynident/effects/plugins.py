@@ -27,6 +27,7 @@ ENTRY_POINT_GROUP = "dynident.effects"
 def load_installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
     """Return the effects of all installed entry points, sorted by name, without those whose id is in use."""
     accepted: dict[str, Effect] = {}
+    # By name, so that of two effects with one id it is always the same one that is left out.
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda item: item.name):
         effect = _load_effect(point)
         if effect is None:
@@ -43,6 +44,7 @@ def list_package_effects() -> tuple[Effect, ...]:
     instances = []
     for module in sorted(pkgutil.iter_modules(effects.__path__), key=lambda item: item.name):
         for value in vars(importlib.import_module(f"{effects.__name__}.{module.name}")).values():
+            # Modules import each other's effects: each one counts where it is defined.
             is_defined_here = (
                 isinstance(value, type) and issubclass(value, Effect) and value.__module__.endswith(f".{module.name}")
             )
@@ -53,6 +55,7 @@ def list_package_effects() -> tuple[Effect, ...]:
 
 def _load_effect(point: EntryPoint) -> Effect | None:
     try:
+        # An entry point may name a class or an instance; an effect has no arguments.
         plugin = point.load()
         effect = plugin() if isinstance(plugin, type) else plugin
     except Exception as error:  # whatever somebody else's module raises
@@ -77,6 +80,7 @@ def _try_effect(effect: Effect) -> None:
     robot = robot_from_modified_dh("trial", _TRIAL)
     signals, names = Signals(robot), {spec.name for spec in effect.parameters}
     constants = {spec.name for spec in effect.shapes}
+    # Every joint, every candidate of the grid and every shape of a column: later code relies on all of them.
     for joint in effect.applicable(robot):
         for shape in effect.grid(robot, joint):
             if set(shape) != constants:
@@ -91,6 +95,7 @@ def _try_effect(effect: Effect) -> None:
                 raise ValueError(f"column {column.name} has the shape {column.torque.shape}, not ({robot.n}, 1)")
 
 
+# Three revolute joints with axes at odd angles, so that no torque vanishes by symmetry.
 _TRIAL = tuple(
     {"antecedent": k, "sigma": 0, "alpha": alpha, "d": 0.3, "theta": 0.0, "r": 0.1, "gamma": 0.0, "b": 0.0}
     for k, alpha in enumerate((0.0, 1.5, 0.4))

@@ -24,7 +24,18 @@ DRIVE_PARAMETERS = (ROTOR_INERTIA, COULOMB, VISCOUS, OFFSET)
 
 
 def count_reference_parameters(robot: Robot) -> int:
-    """Return the length 10 N + 4 n of reference parameters: ten a link, then Ia, Fc, Fv and b of the drives."""
+    """Return the number of reference parameters of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of n driven joints and N links.
+
+    Returns
+    -------
+    int
+        10 N + 4 n: ten a link, then Ia, Fc, Fv and b of the drives.
+    """
     return 10 * robot.tree.n + len(DRIVE_PARAMETERS) * robot.n
 
 
@@ -34,12 +45,12 @@ class ReferenceParameters:
 
     As a vector (10 N + 4 n,) they follow one another, the links first.
 
-    Attributes
+    Parameters
     ----------
-    inertias : ndarray (N, 10)
-        Standard inertial parameters of the links.
-    rotors, dry, damping, constant : ndarray (n,)
-        Ia, Fc, Fv and b of the driven joints' motors.
+    inertias : (N, 10)
+        Standard inertial parameters of the links, in the order of `INERTIAL_NAMES`: kg m², kg m, kg.
+    rotors, dry, damping, constant : (n,)
+        Ia, Fc, Fv and b of the driven joints' motors: kg m², N m, N m s/rad and N m, or kg, N, N s/m and N.
     """
 
     inertias: FloatArray
@@ -50,7 +61,20 @@ class ReferenceParameters:
 
     @classmethod
     def from_links(cls, inertias: FloatArray, n: int) -> ReferenceParameters:
-        """Return parameters of links (N, 10) alone: the n motors have neither rotors nor friction."""
+        """Return parameters of links alone: motors have neither rotors nor friction.
+
+        Parameters
+        ----------
+        inertias : (N, 10)
+            Standard inertial parameters of the links.
+        n : int
+            Number of motors.
+
+        Returns
+        -------
+        ReferenceParameters
+            With zeros for the motors.
+        """
         nothing = np.zeros(n)
         return cls(inertias, nothing, nothing, nothing, nothing)
 
@@ -62,6 +86,18 @@ class ReferenceParameters:
     @classmethod
     def from_vector(cls, vector: FloatArray, robot: Robot) -> ReferenceParameters:
         """Return the parameters in a vector (10 N + 4 n,), or in one (10 N,) of links alone.
+
+        Parameters
+        ----------
+        vector : (10 N + 4 n,) or (10 N,)
+            Links first, in the order of `to_vector`.
+        robot : Robot
+            A robot of N links and n driven joints.
+
+        Returns
+        -------
+        ReferenceParameters
+            With zeros for motors where the vector has links alone.
 
         Raises
         ------
@@ -110,9 +146,16 @@ class ReferenceParameters:
 class Prediction:
     """Torque of the model so far.
 
-    q, dq, ddq, dddq, ddddq : SX (n, 1), position and its four derivatives
-    sign : SX (n, 1), sign(q̇)
-    reference : SX (10 N + 4 n, 1), standard inertial parameters and then Ia, Fc, Fv, b of all joints
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq, ddq, dddq, ddddq : SX (n, 1)
+        Position and its four derivatives.
+    sign : SX (n, 1)
+        The sign of q̇.
+    reference : SX (10 N + 4 n, 1)
+        Standard inertial parameters, then Ia, Fc, Fv and b of all joints.
     """
 
     robot: Robot
@@ -131,6 +174,7 @@ class Prediction:
 
     def get_drive_parameter(self, parameter: str) -> ca.SX:
         """Return Ia, Fc, Fv or b of every joint, SX (n, 1)."""
+        # The links' parameters, then one kind of drive parameter after the other, each for all joints.
         n = self.robot.n
         first = 10 * self.robot.tree.n + n * [name for _, name in DRIVE_PARAMETERS].index(parameter)
         return self.reference[first : first + n]
@@ -158,6 +202,7 @@ class Prediction:
     @cached_property
     def mass(self) -> ca.SX:
         """SX (n, n): the inertia matrix A of the links."""
+        # Torque is linear in accelerations, so that its slope by them is the inertia matrix in every state.
         return ca.jacobian(self.load, self.ddq)
 
     @cached_property
@@ -168,6 +213,7 @@ class Prediction:
         shifted = build_link_torque(
             self.robot, self.q, self.dq, self.ddq, to_constant(self.robot.gravity), self.inertia, shift
         )
+        # Differentiated by symbols for the shift, then evaluated where the description says: at a shift of zero.
         slope = ca.jacobian(shifted, ca.vec(shift))
         return ca.substitute(slope, shift, ca.SX.zeros(3, count))
 
@@ -212,6 +258,7 @@ class Prediction:
     @cached_property
     def motor(self) -> ca.SX:
         """SX (n, 1): motor torque with friction."""
+        # What jumps is added last, so that the smooth part has derivatives.
         return self.smooth + self.get_drive_parameter("Fc") * self.sign
 
     def _build_torque(self, gravity: ca.SX) -> ca.SX:
@@ -219,5 +266,6 @@ class Prediction:
 
     def _differentiate(self, expression: ca.SX, order: int) -> ca.SX:
         """Return the time derivative of an expression of q and its first `order` - 1 derivatives."""
+        # The chain rule as one directional derivative: the state (q, q̇, …) moves along (q̇, q̈, …).
         state: Sequence[ca.SX] = (self.q, self.dq, self.ddq, self.dddq, self.ddddq)
         return ca.jtimes(expression, ca.vertcat(*state[:order]), ca.vertcat(*state[1 : order + 1]))

@@ -68,8 +68,10 @@ class Presliding(Effect):
         """Return a constant and a load-proportional column a joint."""
         constants = self.shape_with_defaults(shape)
         columns = []
+        # Shape constants are numbers, so that a choice between two laws is the sign of one.
         operator = STOP if constants["law"] > 0 else DAHL
         for j in joints:
+            # z tells how much of the friction is reached; equal signals have one symbol, so that both columns share it.
             z = signals.memory(MemorySignal(operator, j, constants["d0"]))
             for spec, torque in zip(self.parameters, (z, ca.fabs(signals.load[j]) * z), strict=True):
                 columns.append(self._column(signals, spec, j, torque, constants))
@@ -124,6 +126,7 @@ class BreakAway(Effect):
         constants = self.shape_with_defaults(shape)
         columns = []
         for j in joints:
+            # The state grows as 1 - exp(-s / db), so that one less its size is the excess that is left.
             travelled = ca.fabs(signals.memory(MemorySignal(TRAVEL, j, constants["db"])))
             columns.append(self._column(signals, self.parameters[0], j, (1 - travelled) * signals.sign[j], constants))
         return columns

@@ -39,6 +39,7 @@ class RigidBody(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return ten columns for every link in `joints`."""
         rows = signals.mechanics.rows
+        # The recursion gives all links' rows at once, with structural zeros where a joint does not feel a link.
         return [
             Column(
                 effect=self.id,
@@ -96,12 +97,38 @@ class RotorInertia(Effect):
 
 
 def get_base_wrench(signals: Signals, index: int) -> ca.SX:
-    """Return the reaction (6, 1) of the base for one standard inertial parameter."""
+    """Return the reaction of the base for one standard inertial parameter.
+
+    Parameters
+    ----------
+    signals : Signals
+        Symbols of the robot.
+    index : int
+        Number of the parameter, ten a link.
+
+    Returns
+    -------
+    SX (6, 1)
+        Force and moment, N and N m for one unit of the parameter.
+    """
     return signals.mechanics.wrenches[:, index]
 
 
 def get_stored_energy(signals: Signals, index: int) -> ca.SX:
-    """Return the kinetic plus potential energy for one standard inertial parameter, [12.33] and [12.34]."""
+    """Return the kinetic plus potential energy for one standard inertial parameter, [12.33] and [12.34].
+
+    Parameters
+    ----------
+    signals : Signals
+        Symbols of the robot.
+    index : int
+        Number of the parameter, ten a link.
+
+    Returns
+    -------
+    SX (1, 1)
+        J for one unit of the parameter.
+    """
     kinetic, potential = signals.mechanics.energies
     return kinetic[index] + potential[index]
 

@@ -18,7 +18,14 @@ from dynident.robot.model import Robot
 class MemorySignal:
     """A hysteresis state z in [-1, 1] of one joint, which its path up to now determines.
 
-    `operator` updates it along the path, independent of the speed. `slip` is the operator's unit of distance, rad or m.
+    Parameters
+    ----------
+    operator : Operator
+        Updates the state along the path, independent of the speed.
+    joint : int
+        Index of the joint, in the order of `Robot.positions`.
+    slip : float
+        The operator's unit of distance, rad or m.
     """
 
     operator: Operator
@@ -30,8 +37,11 @@ class MemorySignal:
 class RunSignal:
     """A signal that is 1 in the runs with these labels and 0 in all others.
 
-    Without labels it is 1 in runs that are marked as carrying a payload. A run's label is its recording's name, with
-    the segment's label for a segment of it ("name#2").
+    Parameters
+    ----------
+    runs : tuple of str
+        Labels: a recording's name, or for a segment of it the name with the segment's label ("name#2"). Without any the
+        signal is 1 in runs that are marked as carrying a payload.
     """
 
     runs: tuple[str, ...] = ()
@@ -45,6 +55,7 @@ class Signals:
     Parameters
     ----------
     robot : Robot
+        The robot whose driven joints the symbols belong to.
     smooth_sign : float
         0: sign(q̇) as such, for data. Above 0: q̇ is divided by it inside a hyperbolic tangent, so that a simulator's
         friction has a slope at rest (rad/s or m/s).
@@ -82,11 +93,14 @@ class Signals:
 
     def sign_of(self, velocity: ca.SX) -> ca.SX:
         """Return the sign of a velocity, smoothed if these signals are for a simulator."""
+        # A simulator's integrator needs a slope at rest. Data are evaluated sample by sample and need none.
         return ca.tanh(velocity / self._smooth_sign) if self._smooth_sign > 0 else ca.sign(velocity)
 
     @cached_property
     def sign_rate(self) -> ca.SX:
         """SX (n, 1): the central difference of sign(q̇) over the sampling period: its time derivative, once filtered."""
+        # A jump becomes a pulse of finite height at the samples next to it. Its area is right, and the filter that all
+        # columns pass spreads it as it spreads the jump itself.
         step = self.ddq * self.period
         return (self.sign_of(self.dq + step) - self.sign_of(self.dq - step)) / (2 * self.period)
 
@@ -125,6 +139,7 @@ class Signals:
     def memory(self, signal: MemorySignal) -> ca.SX:
         """Return the symbol SX (1, 1) of a hysteresis state, the same for equal signals."""
         if signal not in self._memory:
+            # The running number keeps names apart: signals may differ in nothing but their slip.
             name = f"z_{signal.operator.name}_{signal.joint}_{len(self._memory)}"
             self._memory[signal], self._memory_named[name] = ca.SX.sym(name), signal
         return self._memory[signal]

@@ -13,7 +13,9 @@ from dynident.effects.signals import Signals
 from dynident.effects.usual_sizes import UsualSize, get_largest_torque
 from dynident.robot.model import Robot
 
+# Index of the last joint that may have such a spring: those beyond it carry too little weight.
 _FIRST_JOINTS = 3
+# Candidates of the search: directions in a turn, and short and long cranks.
 _DIRECTIONS = 12
 _CRANK_RATIOS = (0.25, 0.6)
 
@@ -62,7 +64,9 @@ class GravityCompensator(Effect):
         columns = []
         for j in joints:
             x = signals.q[j] - constants["phi"]
+            # In units of the longer arm, by the law of cosines.
             length = ca.sqrt(1 + r * r + 2 * r * ca.cos(x))
+            # Torques are slopes of the stored energies: d cos x = -sin x dx, and d(length / r) = -sin x / length dx.
             waves = (-ca.sin(x), -ca.sin(x) / length)
             stored = (partial(ca.SX, ca.cos(x)), partial(ca.SX, length / r))
             for spec, wave, energy in zip(self.parameters, waves, stored, strict=True):
@@ -103,6 +107,7 @@ class CableForce(Effect):
     formula = (
         r"\Gamma_j = \partial U / \partial q_j,\ \Gamma_{j+1} = \partial U / \partial q_{j+1},\quad U(q_j, q_{j+1})"
     )
+    # The underscore keeps the joint's number, which follows the name in a column, apart from the exponents.
     parameters = tuple(
         ParameterSpec(f"u{a}{b}_", f"N m/rad^{a + b}", f"coefficient of q_j^{a} q_(j+1)^{b} of the energy")
         for a, b in _POWERS
@@ -126,6 +131,7 @@ class CableForce(Effect):
         for j in joints:
             x, y = signals.q[j], signals.q[j + 1]
             for spec, (a, b) in zip(self.parameters, _POWERS, strict=True):
+                # One parameter for the torques on both joints: the slopes of one monomial of the energy.
                 energy = x**a * y**b
                 rows = ca.SX(signals.robot.n, 1)
                 if a:
@@ -137,4 +143,5 @@ class CableForce(Effect):
 
     def applicable(self, robot: Robot) -> tuple[int, ...]:
         """Return joints that have a successor in the chain."""
+        # In a tree the next joint in the list may hang on another branch.
         return tuple(j for j in range(robot.n - 1) if robot.joints[j + 1].parent == j)

@@ -80,6 +80,7 @@ class JointSpring(Effect):
         """Return the position and a constant: the rest position is part of the effect."""
         columns = []
         for j in joints:
+            # k (q - q0) is linear in k and in -k q0, but not in q0 itself.
             q = signals.q[j]
             columns.append(self._column(signals, self.parameters[0], j, q, energy=partial(_build_half_square, q)))
             columns.append(self._column(signals, self.parameters[1], j, ca.SX(1.0), energy=partial(ca.SX, q)))
@@ -132,6 +133,7 @@ class TorqueRipple(Effect):
         for j in joints:
             k = constants["k"]
             cosine, sine = ca.cos(k * signals.q[j]), ca.sin(k * signals.q[j])
+            # Torque that is a function of position alone has an energy: its integral over the position.
             stored = (partial(ca.SX, sine / k), partial(ca.SX, -cosine / k))
             for spec, wave, energy in zip(self.parameters, (cosine, sine), stored, strict=True):
                 columns.append(self._column(signals, spec, j, wave, constants, energy))
@@ -173,6 +175,7 @@ class BaseTilt(Effect):
         About an upright first axis the first link has no gravity torque on a level base, so that the place of its mass
         is not identified. Two columns of their own stand for its torque on a tilted base.
         """
+        # To first order a small tilt turns gravity, and adds a component across it: two directions are enough.
         directions = get_horizontal_directions(signals.robot.gravity)
         torques = [signals.predicted.build_gravity_torque(direction) for direction in directions]
         for wave in (ca.cos(signals.q[0]), ca.sin(signals.q[0])):
@@ -230,13 +233,16 @@ class TransmissionCoupling(Effect):
     def columns(self, signals: Signals, joints: Sequence[int], shape: Mapping[str, float]) -> list[Column]:
         """Return three columns for every joint of `joints` and the one after it, each on both rows."""
         constants = self.shape_with_defaults(shape)
+        # A choice between two kinds, as the sign of a number.
         side = 1.0 if constants["side"] >= 0 else -1.0
         columns = []
         for j in joints:
             velocity = signals.dq[j] + side * signals.dq[j + 1]
             acceleration = signals.ddq[j] + side * signals.ddq[j + 1]
+            # The friction of a shared motor has the sign of its own velocity, not of either joint's.
             direction = signals.sign_of(velocity)
             for spec, torque in zip(self.parameters, (acceleration, velocity, direction), strict=True):
+                # By virtual work the shared motor acts on the second joint with the sign of its share in v_j ± v_{j+1}.
                 rows = ca.SX(signals.robot.n, 1)
                 rows[j] = torque
                 rows[j + 1] = side * torque

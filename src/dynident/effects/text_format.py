@@ -19,7 +19,12 @@ def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Effe
     texts : sequence of str
         One or several effects each, separated by commas.
     pointer : str
-        JSON pointer to them in the user's request.
+        JSON pointer to them in the caller's request.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        In the order of the texts.
 
     Raises
     ------
@@ -37,12 +42,40 @@ def parse_effects(texts: Sequence[str], pointer: str = "/effects") -> tuple[Effe
 
 
 def format_effect(choice: EffectChoice, digits: str = ".6g") -> str:
-    """Return an effect as text that `parse_effects` reads; `digits` is the format of shape constants."""
+    """Return an effect as text that `parse_effects` reads.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, its joints and its shape constants; runs are not part of the text.
+    digits : str
+        Format of shape constants.
+
+    Returns
+    -------
+    str
+        Such as "stribeck@joint2:vs=0.05".
+    """
     return choice.to_text(digits)
 
 
 def format_constant(effect: str, name: str, value: float) -> str:
-    """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl"."""
+    """Return a shape constant of an effect without its unit: "vs = 0.05", "law: dahl".
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    name : str
+        Name of the constant.
+    value : float
+        Its value.
+
+    Returns
+    -------
+    str
+        With a word for the value where the constant is a choice between kinds.
+    """
     word = get_constant_word(effect, name, value)
     return f"{name} = {value:g}" if word is None else f"{name}: {word}"
 
@@ -60,7 +93,25 @@ def split_effects(arguments: Sequence[str]) -> list[str]:
 
 
 def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[str, float]]:
-    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants."""
+    """Take `effect@joint+joint:constant=value` apart: id, joints, shape constants.
+
+    Parameters
+    ----------
+    text : str
+        One effect.
+    pointer : str
+        JSON pointer to it in the caller's request.
+
+    Returns
+    -------
+    tuple of str, tuple of str, dict of str to float
+        Id, names of joints, and shape constants by name.
+
+    Raises
+    ------
+    DynidentError
+        For a text that cannot be read. It is not checked whether the effect and its joints exist.
+    """
     head, _, constants = text.partition(":")
     name, sign, joints = head.partition("@")
     if not name.strip() or (sign and not joints.strip()):
@@ -69,6 +120,7 @@ def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
             pointer=pointer,
             title=_TITLE,
         )
+    # A word such as `dahl` stands for its number. Unknown effects are read too: whether they exist is checked later.
     catalogued = CATALOGUE.get(name.strip())
     words = {
         (spec.name, word): value for spec in (catalogued.shapes if catalogued else ()) for value, word in spec.words

@@ -27,10 +27,13 @@ class TreeSignals(Signals):
     def __init__(self, owner: Signals) -> None:
         linkage = owner.robot.linkage
         assert linkage is not None
+        # Symbols of its own for the motion of the tree; `to_driven` puts the motion of the driven joints in their
+        # place.
         super().__init__(linkage.tree)
         self._owner = owner
         self.time, self.period = owner.time, owner.period
         count = linkage.tree.n
+        # Temperatures are recorded for driven joints. Any other joint takes that of the first one that moves it.
         movers = [min(linkage.get_movers(j), default=0) for j in range(count)]
         self.temperature = owner.temperature[movers]
         prediction = owner.predicted
@@ -64,6 +67,7 @@ class TreeSignals(Signals):
             expression = substitute_angles(expression, self.q, self.motion.turns)
         if not symbols:
             return expression
+        # Only derivatives that occur are substituted: the others, up to the fourth, need not even be built.
         value: ca.SX = ca.substitute(
             [expression], symbols, [ca.densify(getattr(self.motion, name)) for name in used_names]
         )[0]
@@ -79,6 +83,7 @@ class TreeSignals(Signals):
 
     def memory(self, signal: MemorySignal) -> ca.SX:
         """Return the symbol SX (1, 1) of a hysteresis state."""
+        # The state of a path does not depend on who asks: it is kept by the machine's own signals.
         return self._owner.memory(replace(signal, joint=self._place[signal.joint]))
 
     def project_columns(self, tree_columns: Sequence[Column]) -> list[Column]:

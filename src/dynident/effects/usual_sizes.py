@@ -26,14 +26,36 @@ ROTOR_SHARE = 0.006
 
 @dataclass(frozen=True)
 class UsualSize:
-    """Usual size of an effect: parameters and shape constants by name, zero or the default where not named."""
+    """Usual size of an effect on a joint.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Parameters by name, in their units; zero where not named.
+    shape : mapping of str to float
+        Shape constants by name, in their units; the default where not named.
+    """
 
     values: Mapping[str, float]
     shape: Mapping[str, float] = field(default_factory=dict)
 
 
 def get_velocity_scale(robot: Robot, joint: int) -> float:
-    """Return the joint's velocity limit, or an arm's usual one; grids of velocities are relative to it."""
+    """Return the joint's velocity limit, or an arm's usual one; grids of velocities are relative to it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    float
+        rad/s or m/s.
+    """
+    # A limit of zero or below, which some descriptions write for "none", would make a scale useless.
     limit = robot.joints[joint].limits.velocity
     return limit if limit is not None and limit > 0 else _VELOCITY_WHERE_UNKNOWN
 
@@ -44,17 +66,56 @@ def get_slowest_velocity(robot: Robot) -> float:
 
 
 def get_largest_torque(robot: Robot, joint: int) -> float:
-    """Return the effort limit of a joint, or an arm's usual one where none is known (N m or N)."""
+    """Return the effort limit of a joint, or an arm's usual one where none is known.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    float
+        N m or N.
+    """
     return robot.joints[joint].limits.effort or _EFFORT_WHERE_UNKNOWN
 
 
 def get_usual_coulomb(robot: Robot, joint: int) -> float:
-    """Return Coulomb friction of a joint (N m or N)."""
+    """Return the usual Coulomb friction of a joint.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    float
+        N m or N.
+    """
     return COULOMB_SHARE * get_largest_torque(robot, joint)
 
 
 def get_usual_viscous(robot: Robot, joint: int) -> float:
-    """Return viscous friction of a joint (N m s/rad or N s/m)."""
+    """Return the usual viscous friction of a joint.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    float
+        N m s/rad or N s/m.
+    """
     return VISCOUS_SHARE * get_largest_torque(robot, joint) / get_velocity_scale(robot, joint)
 
 

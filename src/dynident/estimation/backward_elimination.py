@@ -66,6 +66,7 @@ class EliminationPath:
     Parameters
     ----------
     eliminations : tuple of Elimination
+        The steps that were taken, first to last.
     stop : {"ratio", "test", "last"}
         "ratio" where the rule of ten is met, "test" where the next step would remove more than noise, "last" where one
         parameter is left.
@@ -110,6 +111,7 @@ def eliminate_parameters(
     Returns
     -------
     EliminationPath
+        The steps in their order, and why they end.
     """
     c = reduction.n_columns
     r = build_weighted_factor(reduction, solution.noise, solution.known)
@@ -123,6 +125,8 @@ def eliminate_parameters(
     eliminations: list[Elimination] = []
     while True:
         relative = _compute_relative_deviations(values, covariance)
+        # The rule of ten: a parameter whose relative deviation is ten times the smallest one is poorly identified
+        # [§12.7].
         spread = _compute_deviation_ratio(relative)
         if spread < ratio:
             return EliminationPath(tuple(eliminations), "ratio", spread, None)
@@ -152,6 +156,7 @@ def eliminate_parameters(
 
 def _fit_subset(r: FloatArray, remaining: IndexArray, meat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the values (k,) of the remaining parameters alone, and their covariance (k, k)."""
+    # Columns taken out of the full factor: its QR decomposition solves the smaller model without the data.
     small = compute_r_factor(r[:, [*remaining, r.shape[1] - 1]])
     k = len(remaining)
     bread = invert_information(small[:k, :k])

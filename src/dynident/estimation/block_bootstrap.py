@@ -26,7 +26,9 @@ FEWEST_BLOCKS_FOR_PAIRS = 30
 
 DRAWS = 999
 
+# Sizes of Webb's six weights, which come with either sign: mean zero and variance one.
 _WEBB = np.sqrt([0.5, 1.0, 1.5])
+# Rounds of estimates and weights in a draw: it begins at the weights of the estimate, which are nearly right.
 _ROUNDS = 3
 _LOST = 0.02
 """Share of what is known in some direction that a draw has to keep."""
@@ -41,6 +43,7 @@ class Bootstrap:
     deviations : (c,)
         Standard deviation of each parameter over the draws that determined all of them.
     kind : {"wild", "pairs"}
+        How blocks were drawn: random weights of their residuals, or whole blocks with replacement.
     draws : int
         Number of draws.
     lost : int
@@ -73,13 +76,14 @@ def bootstrap_estimates(
     draws : int
         Number of draws.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     reweigh : bool
         Whether the noise of every equation is estimated again in each draw.
 
     Returns
     -------
     Bootstrap
+        Standard deviations over the draws, and how many draws were lost.
 
     Notes
     -----
@@ -91,6 +95,7 @@ def bootstrap_estimates(
     rng = np.random.default_rng(seed)
     draw_change = parts.draw_wild if kind == "wild" else parts.draw_pairs
     changes = [draw_change(rng, reweigh) for _ in range(draws)]
+    # Draws that do not determine all parameters are left out of the deviations, and counted as lost.
     determined = np.array([d for d in changes if d is not None]).reshape(-1, solution.root.shape[1])
     estimate_changes = determined @ solution.root.T
     deviations = estimate_changes.std(axis=0, ddof=1) if len(determined) > 1 else np.full(len(solution.values), np.nan)
@@ -146,6 +151,7 @@ class _BlockSums:
 
     def draw_wild(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
         """Return the change d (f,) in one draw of random weights for the residuals of all blocks."""
+        # One weight for a block across all equations, so that the correlation between joints is kept.
         v = rng.choice(np.concatenate([-_WEBB, _WEBB]), size=len(self.squares))
         squares = v**2 @ self.straight_squares
         usual = self.straight_squares.sum(axis=0)
@@ -158,6 +164,7 @@ class _BlockSums:
     def draw_pairs(self, rng: np.random.Generator, reweigh: bool) -> FloatArray | None:
         """Return the change d (f,) in one draw of blocks with replacement; None where it does not determine all."""
         s = len(self.squares)
+        # Drawing blocks with replacement is the same as weighting each block by the number of times it was drawn.
         m = np.bincount(rng.integers(s, size=s), minlength=s).astype(np.float64)
         usual = self.squares.sum(axis=0) * (m @ self.counts) / np.maximum(self.counts.sum(axis=0), 1.0)
         prior = self.known.T @ (self.off + rng.standard_normal(len(self.known)))

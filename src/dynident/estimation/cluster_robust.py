@@ -25,6 +25,7 @@ _ALONE = 0.95
 how far off that block is, and the direction is taken to be as uncertain as the others are on average.
 """
 
+# Largest number of degrees of freedom: as good as infinite to Student's t.
 _SURE = 1e6
 
 
@@ -35,6 +36,7 @@ class ClusterCovariance:
     Parameters
     ----------
     covariance : (c, c)
+        Covariance of the estimation error.
     freedom : (c,)
         Degrees of freedom with which the variance of each estimate is known.
     """
@@ -58,7 +60,8 @@ def estimate_cluster_covariance(
 
     Returns
     -------
-    Spread
+    ClusterCovariance
+        Covariance of the estimates, and how many degrees of freedom it is known with.
 
     Notes
     -----
@@ -77,7 +80,6 @@ def estimate_cluster_covariance(
     amplified, dominated = _leave_out_blocks(informations)
     steps = np.einsum("sij,sj->si", amplified, scores)
     inner = (count - 1) / count * steps.T @ steps
-    # Whatever one stretch alone tells of: as the other directions are on average, no less than for independent rows.
     # Directions that only one block determines get the average variance of the others, but no less than independent
     # rows would have.
     average_variance = float(np.trace(inner)) / max(size - float(np.trace(dominated)), 1.0)
@@ -87,10 +89,11 @@ def estimate_cluster_covariance(
         rows = solution.known.factor @ root
         known = rows.T @ rows
     covariance = root @ (inner + assumed + known) @ root.T
+    # In these coordinates a parameter is a linear form. Forms of unit length give variances of about one, whatever the
+    # parameter's unit; their ratio alone matters for the degrees of freedom.
     directions = root / np.maximum(np.linalg.norm(root, axis=1), np.finfo(float).tiny)[:, None]
     variances = [np.einsum("ki,ij,kj->k", directions, part, directions) for part in (inner, assumed, known)]
     from_steps, from_assumption, from_knowledge = (np.maximum(part, 0.0) for part in variances)
-    # In these coordinates a parameter is a linear form; normalise it so that the three variances can be compared.
     # Of a sum of variances (Welch): what was known is certain, what is guessed as uncertain as can be.
     doubt = (
         from_steps**2 / np.maximum(_compute_satterthwaite_freedom(informations, amplified, directions), 1.0)

@@ -22,7 +22,15 @@ _SHOWN = 0.25
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters, by number, and the correlation of their estimates."""
+    """Two parameters whose estimates correlate.
+
+    Parameters
+    ----------
+    first, second : int
+        Numbers of the parameters.
+    correlation : float
+        Correlation of their estimates, in [-1, 1].
+    """
 
     first: int
     second: int
@@ -50,7 +58,17 @@ class WeakDirection:
 
 @dataclass(frozen=True, eq=False)
 class Collinearity:
-    """Correlation (c, c) of all estimates, close pairs and poorly determined directions, worst first."""
+    """What the data determine only together, or hardly.
+
+    Parameters
+    ----------
+    correlation : (c, c)
+        Correlation of all estimates.
+    pairs : tuple of CorrelatedPair
+        Closely correlated parameters, worst first.
+    directions : tuple of WeakDirection
+        Poorly determined combinations, worst first.
+    """
 
     correlation: FloatArray
     pairs: tuple[CorrelatedPair, ...]
@@ -63,6 +81,7 @@ def find_collinearity(solution: Solution, uncertainty: Statistics, most: int = 1
     Parameters
     ----------
     solution : Solution
+        Estimates, with the factor of the weighted W that they were solved from.
     uncertainty : Statistics
         Covariance of the same estimates.
     most : int
@@ -70,7 +89,8 @@ def find_collinearity(solution: Solution, uncertainty: Statistics, most: int = 1
 
     Returns
     -------
-    Dependence
+    Collinearity
+        Correlations, close pairs and poorly determined directions.
     """
     correlation = compute_correlations(uncertainty.covariance)
     # A parameter that is fixed has no correlation with anything.
@@ -93,7 +113,8 @@ def _find_weak_directions(solution: Solution, uncertainty: Statistics, most: int
     scales = solution.scales
     if len(scales) == 0 or np.any(scales <= 0):
         return ()
-    # Scaled columns make the ratio independent of the parameters' units.
+    # A singular value is the norm of the torque that a unit step along its direction causes. Scaled columns make the
+    # ratio independent of the parameters' units.
     _, singular, vt = np.linalg.svd(solution.factor / scales)
     weak_directions: list[WeakDirection] = []
     for size, direction in zip(singular[::-1], vt[::-1], strict=True):

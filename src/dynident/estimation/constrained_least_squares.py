@@ -17,8 +17,10 @@ from dynident.errors import DynidentError
 
 _SOLVED = ("Solved", "AlmostSolved")
 _INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
-# What is aimed at, one after the other until it is reached, and what is accepted where rounding stops the progress.
+# Tolerances: those aimed at, one after the other until one is reached, and the one accepted where rounding stops
+# the progress.
 _TOLERANCES, _ACCEPTED = (1e-11, 1e-9), 1e-7
+# Clarabel adds it to the diagonal of its linear systems, so that they can be factorised.
 _REGULARISATION = 1e-10
 # A constraint holds the solution where so little is left to it; parameters are about one.
 _HELD = 1e-6
@@ -39,6 +41,7 @@ class MatrixBound:
     parts : (k, m, m)
         What a unit of each parameter adds.
     constant : (m, m)
+        The matrix where all of these parameters are zero.
     """
 
     columns: IndexArray
@@ -52,7 +55,15 @@ class MatrixBound:
 
 @dataclass(frozen=True, eq=False)
 class EqualityConstraints:
-    """Equations that parameters must satisfy exactly: factor x = right, (e, c) and (e,)."""
+    """Equations that parameters must satisfy exactly: factor x = right.
+
+    Parameters
+    ----------
+    factor : (e, c)
+        Left sides of the e equations.
+    right : (e,)
+        Right sides.
+    """
 
     factor: FloatArray
     right: FloatArray
@@ -65,10 +76,10 @@ class ConstrainedSolution:
     Parameters
     ----------
     values : (c,)
+        The solution x.
     held : (h, c)
         Directions in which an active constraint holds the solution back, one per row; a small change dx that keeps
-        these
-        constraints active satisfies held dx = 0.
+        these constraints active satisfies held dx = 0.
     zeros : tuple of int
         Parameters that are held at zero.
     edges : tuple of int
@@ -95,19 +106,25 @@ def solve_constrained(
     Parameters
     ----------
     factor, right : (r, c), (r,)
+        Weighted rows of the least-squares problem.
     matrices : sequence of MatrixBound
-    not_negative : indices of parameters
-    equations : Equations, optional
+        Symmetric matrices that must have no negative eigenvalue.
+    not_negative : sequence of int
+        Numbers of parameters that must not be negative.
+    equations : EqualityConstraints, optional
+        Equations that must hold exactly.
 
     Returns
     -------
-    Constrained
+    ConstrainedSolution
+        The minimiser, and the constraints that are active in it.
 
     Raises
     ------
     InfeasibleError
         Where no parameters satisfy all constraints, or none could be found.
     """
+    # A common factor on all rows changes no minimiser, but the solver's tolerances are absolute as well as relative.
     scale = float(np.abs(factor).max(initial=0.0)) or 1.0
     at_least = np.asarray(not_negative, dtype=np.intp)
     problem = _Problem(factor / scale, right / scale, tuple(matrices), at_least, equations)
@@ -177,6 +194,7 @@ class _Problem:
         """Return the solution with the constraints that are active in it."""
         c = len(values)
         zeros = tuple(int(index) for index in self.at_least if values[index] < _HELD)
+        # An equation always holds the solution; a bound only where it is met.
         rows = ([] if self.equations is None else list(self.equations.factor)) + list(np.eye(c)[list(zeros)])
         edges = []
         for place, bound in enumerate(self.matrices):
@@ -189,6 +207,7 @@ class _Problem:
 def _build_settings(tolerance: float) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    # The problems are small: more threads would cost more than they save.
     settings.max_threads = 1
     settings.static_regularization_constant = _REGULARISATION
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
@@ -199,6 +218,7 @@ def _build_settings(tolerance: float) -> clarabel.DefaultSettings:
 def _find_held_directions(bound: MatrixBound, values: FloatArray) -> list[FloatArray]:
     """Return the directions that would change the matrix on its null space: rows of vᵢᵀ dJ vⱼ = 0, V spanning it."""
     eigenvalues, vectors = np.linalg.eigh(bound.evaluate(values))
+    # The null space V of J ⪰ 0: to first order J + dJ stays singular along V where Vᵀ dJ V = 0.
     zero = vectors[:, eigenvalues < _HELD * max(float(np.abs(eigenvalues).max()), 1.0)]
     directions = []
     for i in range(zero.shape[1]):
@@ -216,5 +236,6 @@ def _pack_triangle(matrix: FloatArray) -> FloatArray:
 
 
 def _index_triangle(size: int) -> tuple[IndexArray, IndexArray]:
+    # The lower triangle row by row has the order of the upper one column by column.
     columns, rows = np.tril_indices(size)
     return rows, columns

@@ -19,6 +19,7 @@ from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr import compute_r_factor
 from dynident.estimation.uncertainty import CovarianceName, Statistics, statistics
 
+# As in `least_squares`: smallest part of a column that must be independent of the columns before it.
 _SINGULAR = 1e-12
 
 
@@ -81,7 +82,8 @@ def linearise_constants(
 
     Returns
     -------
-    Linearised
+    LinearisedSolution
+        Estimates after the step, with the covariance of parameters and constants together.
 
     Raises
     ------
@@ -95,6 +97,7 @@ def linearise_constants(
     free = _build_free_directions(solution, c)
     rows = build_weighted_factor(reduction, noise, known)
     rest = rows[:, c] - rows[:, :c] @ start
+    # The free directions mix the columns, so that the product is no longer triangular.
     r = compute_r_factor(np.column_stack([rows[:, :c] @ free, rest]))
     check_rank(r[:-1, :-1], _SINGULAR)
     values = start + free @ np.linalg.solve(r[:-1, :-1], r[:-1, -1])
@@ -107,6 +110,8 @@ def _build_prior_and_noise(
 ) -> tuple[PriorInformation, FloatArray]:
     """Return prior knowledge with the ranges of the constants, and the noise (n,) that it is weighed against."""
     b, k = len(solution.values), len(ranges)
+    # Each range is an equation change = 0 with the range as its standard deviation: it binds only constants that the
+    # data leave open.
     range_prior = PriorInformation(np.hstack([np.zeros((k, b)), np.diag(1.0 / ranges)]), np.zeros(k))
     before = solution.known
     if before is not None:
@@ -124,6 +129,7 @@ def _build_free_directions(solution: Solution, c: int) -> FloatArray:
     b = len(solution.values)
     if solution.free is None:
         return np.eye(c)
+    # Constraints hold parameters alone. Constants may move in any case, with their ranges as prior knowledge.
     f = solution.free.shape[1]
     directions = np.zeros((c, f + c - b))
     directions[:b, :f], directions[b:, f:] = solution.free, np.eye(c - b)

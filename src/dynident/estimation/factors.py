@@ -72,6 +72,8 @@ class EquationFactors:
 
         The positions in `columns` (k,) become the new parameter numbers.
         """
+        # Columns are numbered over all parameters; an equation holds only those that act on it, so that its factor
+        # stays small.
         where = {int(column): position for position, column in enumerate(self.columns)}
         chosen = [(new, where[int(old)]) for new, old in enumerate(columns) if int(old) in where]
         picked = [position for _, position in chosen] + [len(self.columns)]
@@ -79,6 +81,8 @@ class EquationFactors:
         numbers = np.array([new for new, _ in chosen], dtype=np.intp)
         if self.reversal_rows is not None:
             return self._rebuild(numbers, self.reversal_rows.select(picked), rest_rows)
+        # Columns that are taken out of a triangular factor leave it no longer triangular: one more QR decomposition, of
+        # a few rows, restores it. No data is read again.
         factors = compute_r_factor(self.factors[:, :, picked]) if len(self.factors) else self.factors
         return EquationFactors(numbers, pad_to_square(factors), self.counts, rest_rows)
 
@@ -101,6 +105,8 @@ class EquationFactors:
             return self
         rest_rows = self.rest_rows
         if rest_rows is not None and rest_rows.turning is None:
+            # The rows at reversals stay known as a group over all blocks, so that errors can still be counted without
+            # them.
             rest_rows = replace(rest_rows, turning=self.reversal_rows.row_group)
         return EquationFactors(self.columns, self.factors, self.counts, rest_rows)
 
@@ -110,6 +116,7 @@ class EquationFactors:
 
     def combine_columns(self, weights: FloatArray) -> EquationFactors:
         """Return the same rows with combined columns; `weights` (c, c') lead from all columns to the new ones."""
+        # An equation keeps only the new columns to which one of its own contributes.
         own = weights[self.columns]
         chosen = np.flatnonzero((own != 0).any(axis=0))
         k = len(self.columns)
@@ -139,6 +146,7 @@ class EquationFactors:
     def sum_squares(self, values: FloatArray) -> FloatArray:
         """Return the sum of squared residuals of parameters χ (c,) in every block (s,)."""
         k = len(self.columns)
+        # An orthogonal transformation keeps lengths: the residual of R has the same sum of squares as that of the rows.
         rests = self.factors[:, :, k] - self.factors[:, :, :k] @ values[self.columns]
         return np.asarray((rests * rests).sum(axis=1))
 
@@ -152,6 +160,7 @@ class Reduction:
     n_columns : int
         Number of parameters c.
     equations : tuple of EquationFactors
+        One per equation (joint), all of them by the same blocks of time.
     spans : (s, 2)
         First and last time of every block, in s.
     """
@@ -218,10 +227,12 @@ def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
     Parameters
     ----------
     parts : sequence of Reduction
+        Data sets with the same equations and columns.
 
     Returns
     -------
     Reduction
+        The blocks of the first data set, then those of the second, and so on.
     """
     first = parts[0]
     equations = tuple(
@@ -233,6 +244,8 @@ def concatenate_reductions(parts: Sequence[Reduction]) -> Reduction:
 def _concatenate_equations(parts: Sequence[EquationFactors]) -> EquationFactors:
     """Concatenate one equation of several data sets; reversals stay weightable only where all of them know them."""
     weighted_rows = [part.reversal_rows for part in parts if part.reversal_rows is not None]
+    # A part that does not know its reversals has them among its other rows, where no weight can reach them. Then no
+    # part may be weighted, so that rows of one kind count alike everywhere.
     if len(weighted_rows) < len(parts):
         parts = [part.with_fixed_weights for part in parts]
     return EquationFactors(
@@ -332,6 +345,7 @@ class FactorAccumulator:
         """Close the current block of time: a recording or a segment ends here."""
         if not self._is_open:
             return
+        # Pending rows belong to the block that closes: they have to be folded before the next one begins.
         self._fold()
         for factors, factor in zip(self._factors, self._open, strict=True):
             assert factor is not None
@@ -348,6 +362,7 @@ class FactorAccumulator:
             return
         for k, pending in enumerate(self._pending):
             before = self._open[k]
+            # R of [R_before; new rows] is the R of all rows together, which never have to be in memory at once.
             stacked = np.concatenate(pending if before is None else [before, *pending])
             self._open[k] = compute_r_factor(stacked)
         self._pending = [[] for _ in self._columns]

@@ -30,6 +30,7 @@ from dynident.estimation.qr import compute_r_factor
 from dynident.estimation.residual_correlation import compute_overstatement
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom
 
+# Smallest part of a column of Z or W that must be independent of the columns before it.
 _SINGULAR = 1e-10
 WEAKEST = 0.1
 """Smallest canonical correlation of instruments and observations: below it, some direction is not determined."""
@@ -42,7 +43,9 @@ class InstrumentalSolution:
     Parameters
     ----------
     solution : Solution
+        Estimates χ, and the noise that the equations were weighted by.
     statistics : Statistics
+        Uncertainty of the estimates.
     strength : float
         Smallest canonical correlation between Z and W, in [0, 1]; 1 where they are the same.
     """
@@ -61,14 +64,15 @@ def solve_instrumental(
     ----------
     both : Reduction
         Rows [Z | W | Y]: columns 0 … c - 1 are the instruments, c … 2 c - 1 the columns of W that they stand for.
-    known : Information, optional
-        Prior knowledge of the c parameters.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
     covariance : {"by_time_and_joints", "by_joint", "independent"}
         Which correlations of the residuals are accounted for, see `statistics`.
 
     Returns
     -------
     InstrumentalSolution
+        Estimates, their uncertainty and the strength of the instruments.
 
     Raises
     ------
@@ -84,6 +88,7 @@ def solve_instrumental(
         noise = compute_noise_levels(observed, values)
         return noise if known is None else noise * np.sqrt(_compute_overstatements(both, values))
 
+    # The weights come from residuals of W χ. Before the first solution there are none, and all equations count alike.
     solved, converged = _solve_weighted(both, np.ones(len(both.equations)), twice), False
     for _ in range(MOST_ROUNDS):
         noise = compute_levels(solved.values)
@@ -113,6 +118,7 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
     r = build_weighted_factor(both, noise, twice)
     # One QR of [Z | W | Y] gives everything: its first block rows are R_z, Q_zᵀ W and Q_zᵀ Y.
     instruments, projected, right = r[:c, :c], r[:c, c : 2 * c], r[:c, 2 * c]
+    # Two blocks of rows: what W has in common with Z, and what it has besides, which is noise or not simulated.
     observed = compute_r_factor(r[: 2 * c, c : 2 * c])
     check_rank(instruments, _SINGULAR, " of the simulated motion")
     check_rank(observed, _SINGULAR, " of the measured motion")
@@ -163,6 +169,7 @@ def _compute_statistics(
         meat[np.ix_(where, where)] += (noise[j] ** 2 * counted[j] / solution.noise[j] ** 4) * (z.T @ z)
     if solution.known is not None:
         meat += solution.known.factor.T @ solution.known.factor
+    # Meat in the coordinates of Q_z, R_z⁻ᵀ M R_z⁻¹: ZᵀW, which may be ill-conditioned, is never formed.
     whitened = solve_triangular(solved.instruments, meat, trans="T")
     whitened = solve_triangular(solved.instruments, whitened.T, trans="T")
     inverse = np.linalg.inv(solved.projected)

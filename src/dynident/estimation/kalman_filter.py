@@ -41,12 +41,13 @@ def compute_recursive_statistics(rows: Reduction, values: FloatArray, start: Pri
         Equations whose noise is of size one, if it is as assumed.
     values : (c,)
         Parameters χ.
-    start : Information
+    start : PriorInformation
         Prior knowledge, taken at its word.
 
     Returns
     -------
     Statistics
+        Covariance with correlated residuals taken into account; `noise` is relative to the assumed one.
 
     Notes
     -----
@@ -81,7 +82,17 @@ def compute_recursive_statistics(rows: Reduction, values: FloatArray, start: Pri
 
 @dataclass(frozen=True, eq=False)
 class TorqueSlopes:
-    """Torque Γ (n,) and its derivatives by q, q̇, q̈ (n, n each) and by χ: W (n, c)."""
+    """Torque at one state, with its derivatives.
+
+    Parameters
+    ----------
+    torque : (n,)
+        Γ, N m or N.
+    by_position, by_velocity, by_acceleration : (n, n)
+        Derivatives of Γ by q, q̇ and q̈.
+    by_parameters : (n, c)
+        Derivative by χ: the rows of W.
+    """
 
     torque: FloatArray
     by_position: FloatArray
@@ -126,8 +137,7 @@ class KalmanSample:
         positions.
     surprise : float
         Mean square of the innovation over the joints, in units of what the filter expected; one where the assumed noise
-        is
-        right.
+        is right.
     """
 
     rows: FloatArray
@@ -140,9 +150,11 @@ class KalmanFilter:
     Parameters
     ----------
     model : TorqueModel
+        Torque of a motion, with its derivatives.
     period : float
         Sampling period T, s.
     noise : KalmanNoise
+        Standard deviations of measurements and of the rough acceleration.
     values, covariance : (c,), (c, c)
         Prior estimate of χ.
     """
@@ -158,8 +170,10 @@ class KalmanFilter:
         self.covariance = np.array(covariance)
         self.motion = np.zeros(2 * n)
         self._motion_covariance = np.zeros((2 * n, 2 * n))
+        # How far the estimate of the motion would move for a unit change of χ.
         self._sensitivity = np.zeros((2 * n, len(values)))
         self._pending: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        # Leapfrog: v' = v + T a comes first, and q' = q + T v' then holds T² a. This matrix maps (q, v, a) to (q', v').
         identity, zero = np.eye(n), np.zeros((n, n))
         self._step = np.block(
             [[identity, period * identity, period**2 * identity], [zero, identity, period * identity]]
@@ -186,6 +200,7 @@ class KalmanFilter:
             Factor on the usual torque noise of each joint at this sample; one where it is left out.
         """
         n, variance = self._n, self._noise.position**2
+        # The velocity is that of the half period before this sample: the difference of the two positions.
         self.motion = np.concatenate([q, (q - before) / self._period])
         positions, velocities = range(n), range(n, 2 * n)
         self._motion_covariance = np.zeros((2 * n, 2 * n))
@@ -226,6 +241,7 @@ class KalmanFilter:
     def _correct(self, q: FloatArray, tau: FloatArray, acceleration: FloatArray, doubt: FloatArray) -> KalmanSample:
         """Use the torque at the state's own instant and the position one period later, and move on to that."""
         n, period = self._n, self._period
+        # The rough acceleration is a third part of the state, with an error of its own that is new at every sample.
         moving = np.concatenate([self.motion, acceleration])
         covariance = np.zeros((3 * n, 3 * n))
         covariance[: 2 * n, : 2 * n] = self._motion_covariance
@@ -244,6 +260,7 @@ class KalmanFilter:
         innovation = np.concatenate([tau - slopes.torque, q - self._step[:n] @ moving])
 
         cross = covariance @ by_motion.T
+        # Covariance of the innovation if χ were known (`spread`), and with the uncertainty of χ (`expected`).
         spread = by_motion @ cross + self._measured * np.concatenate([doubt**2, np.ones(n)])
         of_values = self.covariance @ by_values.T
         expected = by_values @ of_values + spread

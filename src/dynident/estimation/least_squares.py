@@ -16,19 +16,27 @@ from dynident.estimation.qr import compute_r_factor
 from dynident.estimation.residual_correlation import compute_correlation_factors
 
 MOST_ROUNDS = 20
-"""Largest number of rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
-"""
+"""Most rounds that estimate the noise of every equation; on sound data the third changes no visible digit."""
 
 WEIGHTS_SETTLED = 1e-6
-"""Largest relative change of any equation's noise in the last round: its effect is far below the estimates' deviations.
-"""
+"""Largest relative change of any noise in the last round: its effect is far below the estimates' deviations."""
 
+# Smallest part of a column of W that must be new against the columns before it, relative to the column's norm.
 _SINGULAR = 1e-12
+# Residual of exact data relative to what was measured: below it there is only rounding, which no iteration settles.
 _ROUNDING = 1e-10
 
 
 class EstimationError(DynidentError):
-    """The equations do not determine the parameters."""
+    """Error: the equations do not determine the parameters.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong with this data, and what to do about it.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +45,11 @@ class Solution:
 
     Parameters
     ----------
-    values : (c,)
-        Estimates χ.
-    noise : (n,)
-        Noise of every equation, by which its rows were weighted.
+    values, noise : (c,), (n,)
+        Estimates χ, and the noise of every equation, by which its rows were weighted.
     factor : (c, c)
         Triangular factor R of the weighted W, so that (WᵀW)⁻¹ = R⁻¹R⁻ᵀ.
-    known : Information, optional
+    known : PriorInformation, optional
         Prior knowledge; its rows are part of R.
     free : (c, f), optional
         Directions that active constraints leave free.
@@ -124,14 +130,15 @@ def build_weighted_factor(reduction: Reduction, noise: FloatArray, known: PriorI
 
     Parameters
     ----------
-    reduction : Reduction
-    noise : (n,)
-        Each equation is divided by its noise.
-    known : Information, optional
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
 
     Returns
     -------
     (c + 1, c + 1) array
+        Upper triangular factor R with RᵀR = [W | Y]ᵀ[W | Y] of the weighted rows; Y is the last column.
     """
     c = reduction.n_columns
     parts = [np.zeros((0, c + 1)) if known is None else known.rows]
@@ -156,10 +163,12 @@ def compute_condition_number(reduction: Reduction) -> float:
     Parameters
     ----------
     reduction : Reduction
+        The equations as triangular factors, by blocks of time.
 
     Returns
     -------
     float
+        Ratio of the largest to the smallest singular value; infinite where W is singular.
     """
     return _compute_condition(
         build_weighted_factor(reduction.equally_weighted, np.ones(len(reduction.equations)))[:-1, :-1]
@@ -171,13 +180,13 @@ def compute_equilibrated_condition_number(reduction: Reduction, noise: FloatArra
 
     Parameters
     ----------
-    reduction : Reduction
-    noise : (n,)
-        Each equation is divided by its noise.
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
 
     Returns
     -------
     float
+        Ratio of the largest to the smallest singular value; infinite where W is singular.
     """
     factor = build_weighted_factor(reduction, noise)[:-1, :-1]
     scales = np.linalg.norm(factor, axis=0)
@@ -197,13 +206,13 @@ def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
     Parameters
     ----------
-    reduction : Reduction
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
     Errors
+        Sums of squares and numbers of rows of every equation, moving and at rest.
     """
     fitted = compute_fitted_errors(reduction, values)
     squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
@@ -215,6 +224,7 @@ def compute_errors(reduction: Reduction, values: FloatArray) -> Errors:
         squares[k] += rest_rows.sum_standing_squares(own) - rest_rows.partial.sum_squares(own)
         measured[k] += rest_rows.standing_measured_squares - rest_rows.partial.measured_squares
         counts[k] += rest_rows.n_standing - rest_rows.partial.count
+    # Differences of sums of squares may fall below zero by rounding.
     return Errors(np.maximum(squares, 0.0), np.maximum(measured, 0.0), counts)
 
 
@@ -223,17 +233,18 @@ def compute_moving_errors(reduction: Reduction, values: FloatArray) -> Errors:
 
     Parameters
     ----------
-    reduction : Reduction
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
     Errors
+        Sums of squares and numbers of rows of every equation, without reversals and without rows next to halts.
     """
     fitted = compute_fitted_errors(reduction, values)
     squares, measured, counts = fitted.squares.copy(), fitted.measured.copy(), fitted.counts.copy()
     for k, equation in enumerate(reduction.equations):
+        # An equation that does not keep its rows at rest counts all of its rows as moving.
         if equation.rest_rows is not None:
             for rows in (equation.rows_at_reversals, equation.rest_rows.partial):
                 if rows is None:
@@ -269,13 +280,13 @@ def compute_relative_change(reduction: Reduction, change: FloatArray) -> float:
 
     Parameters
     ----------
-    reduction : Reduction
-    change : (c,)
-        Change Δχ of the parameters.
+    reduction, change : Reduction, (c,)
+        The equations as triangular factors, and the change Δχ of the parameters.
 
     Returns
     -------
     float
+        A fraction; 0 where nothing was measured.
     """
     squares = measured = 0.0
     for equation in reduction.equally_weighted.equations:
@@ -291,14 +302,15 @@ def solve(reduction: Reduction, noise: FloatArray, known: PriorInformation | Non
 
     Parameters
     ----------
-    reduction : Reduction
-    noise : (n,)
-    known : Information, optional
-        Prior knowledge.
+    reduction, noise : Reduction, (n,)
+        The equations as triangular factors, and the standard deviation of each one's residual, by which it is divided.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
 
     Returns
     -------
     Solution
+        The estimates, with the noise as it was given.
 
     Raises
     ------
@@ -326,13 +338,7 @@ def check_rows(n_rows: int, n_parameters: int, known: PriorInformation | None) -
 def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
     """Raise `EstimationError` where a triangular factor (c, c) of W is singular.
 
-    Parameters
-    ----------
-    factor : (c, c)
-    least : float
-        Smallest part of a column that must be independent of the columns before it.
-    of : str
-        Whose W it is, for the message.
+    `least` is the smallest part of a column that must be independent of the columns before it; `of` says whose W it is.
     """
     scales = np.linalg.norm(factor, axis=0)
     # A diagonal entry of R is the part of its column that is orthogonal to the columns before it.
@@ -350,11 +356,14 @@ def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     Parameters
     ----------
     reduction : Reduction
-    known : Information, optional
+        The equations as triangular factors, by blocks of time.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
 
     Returns
     -------
     Solution
+        The estimates; `noise` is the same for all equations, and one where there is no prior knowledge.
 
     Raises
     ------
@@ -366,6 +375,7 @@ def ordinary(reduction: Reduction, known: PriorInformation | None = None) -> Sol
         return solve(reduction, alike)
     counts = reduction.row_counts
 
+    # The mean variance over all rows; equations still count alike, only prior knowledge is weighed against it.
     def compute_common_noise(values: FloatArray) -> FloatArray:
         doubt = compute_correlated_noise(reduction, values)
         return float(np.sqrt(np.sum(counts * doubt**2) / max(float(counts.sum()), 1.0))) * alike
@@ -381,17 +391,22 @@ def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     Parameters
     ----------
     reduction : Reduction
-    known : Information, optional
+        The equations as triangular factors, by blocks of time.
+    known : PriorInformation, optional
+        Prior knowledge of the parameters, in units of its own standard deviation.
 
     Returns
     -------
     Solution
+        The estimates and the noise that they were weighted by; `converged` tells whether that noise has settled.
 
     Raises
     ------
     EstimationError
         As in `solve`.
     """
+    # Among themselves equations are weighted by their residuals alone. Against prior knowledge rows count for what they
+    # are worth, which is less where they are correlated.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     first = replace(ordinary(reduction, known), converged=True)
     return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
@@ -402,6 +417,7 @@ def _iterate_weights(
 ) -> Solution:
     """Solve and estimate the noise in turn until the noise settles."""
     solution = first
+    # Iteratively reweighted least squares: the noise follows from the residuals, and the residuals from the weights.
     for _ in range(MOST_ROUNDS):
         noise = noise_of(solution.values)
         solution = solve(reduction, noise, known)
@@ -434,13 +450,13 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
 
     Parameters
     ----------
-    reduction : Reduction
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
-    (n,) array, never zero
+    (n,) array
+        Standard deviations in the unit of Y, never zero.
     """
     return floor_noise(compute_residual_noise(reduction, values))
 
@@ -448,7 +464,7 @@ def compute_noise_levels(reduction: Reduction, values: FloatArray) -> FloatArray
 def compute_residual_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
     """Return the standard deviation (n,) of every equation's residual, [12.7], parameters shared out over the rows.
 
-    Rows count as they are weighted within their equation; `noise_of_rows` has each count alike.
+    Rows count as they are weighted within their equation; `compute_row_noise` has each count alike.
     """
     return _compute_deviation(reduction, compute_weighted_squares(reduction, values))
 
@@ -458,19 +474,20 @@ def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    reduction : Reduction
-    values : (c,)
-        Parameters χ.
+    reduction, values : Reduction, (c,)
+        The equations as triangular factors, and parameters χ.
 
     Returns
     -------
     (n,) array
+        Standard deviations in the unit of Y; zero where the fit is exact.
     """
     return _compute_deviation(reduction, compute_fitted_errors(reduction, values).squares)
 
 
 def _compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
-    # The parameters are shared by all equations, so each loses degrees of freedom in proportion to its rows.
+    # The parameters are shared by all equations, so each loses degrees of freedom in proportion to its rows. The lower
+    # limit keeps the variance finite where there are hardly more rows than parameters.
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 

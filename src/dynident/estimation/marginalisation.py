@@ -9,7 +9,9 @@ from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.least_squares import build_weighted_factor, compute_noise_levels
 from dynident.estimation.qr import compute_r_factor, pad_to_square
 
+# Rounds that estimate the noise of every equation; on sound data the third changes no visible digit.
 _NOISE_ROUNDS = 3
+# Directions with a smaller singular value, in columns of unit length, count as not excited.
 _FLAT = 1e-11
 
 
@@ -24,6 +26,7 @@ def marginalise_parameters(reduction: Reduction, n_nuisance: int, *, weighted: b
     reduction : Reduction
         With c columns, the nuisance ones first.
     n_nuisance : int
+        Number of leading columns to remove.
     weighted : bool
         Weight every equation by the noise of its own residual, as weighted least squares does.
 

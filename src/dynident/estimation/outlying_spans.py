@@ -41,7 +41,9 @@ _ROUNDS = 3
 _QUIET = 1e-3
 """Share of the torque that no sensor resolves: in noiseless data a smaller residual counts as none."""
 
+# Added to the diagonal of normal equations in columns of unit length, see `_solve_products`.
 _RIDGE = 1e-9
+# Windows that are solved at once: enough for fast array operations, few enough for memory.
 _BATCH = 256
 
 
@@ -68,7 +70,15 @@ class OutlyingSpan:
 
 @dataclass(frozen=True, eq=False)
 class OutlyingSpans:
-    """Spans that stand out, the largest ratio first, and the parameters (c,) solved without them."""
+    """Spans that stand out, and the parameters that were solved without them.
+
+    Parameters
+    ----------
+    spans : tuple of OutlyingSpan
+        The largest ratio first.
+    values : (c,)
+        Parameters χ from all rows outside these spans.
+    """
 
     spans: tuple[OutlyingSpan, ...]
     values: FloatArray
@@ -94,6 +104,8 @@ def find_outlying_spans(reduction: Reduction, ratio: float = OUTLYING_RATIO) -> 
         return OutlyingSpans((), np.zeros(reduction.n_columns))
     search = _SpanSearch(reduction)
     outlying: list[OutlyingSpan] = []
+    # Greedy: a large disturbance hides smaller ones, so each span is left out before the next one is sought. A whole
+    # segment is left out as well, without being reported.
     for _ in range(_MOST_SPANS):
         best = search.find_best_window(ratio)
         if best is None:
@@ -108,8 +120,7 @@ class _SpanSearch:
     """Inner products of every equation and block, which a search for outlying spans leaves out.
 
     Products are (n, s, c + 1, c + 1), their rows (n, s), the blocks' segments (s,). `firsts` (s + 1,): the first fine
-    block
-    of every coarse one, and their number.
+    block of every coarse one, and their number.
     """
 
     def __init__(self, reduction: Reduction) -> None:
@@ -121,6 +132,7 @@ class _SpanSearch:
         products = np.zeros((len(reduction.equations), len(starts), c + 1, c + 1))
         for k, equation in enumerate(reduction.equations):
             own = np.append(equation.columns, c)
+            # Inner products instead of factors: they can be subtracted, which leaves a window out at no cost.
             squared = equation.factors.transpose(0, 2, 1) @ equation.factors
             products[k][np.ix_(np.arange(len(starts)), own, own)] = np.add.reduceat(squared, starts, axis=0)
         counts = np.array([equation.counts for equation in reduction.equations], dtype=np.float64)
@@ -130,6 +142,7 @@ class _SpanSearch:
         # Prefix sums: the products of any window are one difference, which makes hundreds of windows cheap.
         np.cumsum(products, axis=1, out=self._sums[:, 1:])
         self._out = np.zeros(len(starts), dtype=bool)
+        # The first guess of an equation's noise is all that it measured; rounds of the search replace it.
         squares = self._total[:, -1, -1] / np.maximum(self._rows, 1.0)
         self._floor = _QUIET**2 * squares + np.finfo(float).tiny
         self._noise = np.maximum(squares, self._floor)
@@ -180,6 +193,7 @@ class _SpanSearch:
             weights = 1.0 / self._noise
             total = np.tensordot(weights, self._total, 1)
             sums = np.tensordot(weights, self._sums, 1)
+            # Squared residual of all rows, then of the rows outside each window, both with the same weights.
             whole = max(float(_compute_squares(total, _solve_products(total))), 0.0)
             rest = np.concatenate(
                 [
@@ -199,6 +213,7 @@ class _SpanSearch:
                 return None
             a, b = windows[k]
             best = (a, b, float(ratios[k]))
+            # The noise for the next round comes from the rows outside the best window: its own rows would raise it.
             outside = self._total - (self._sums[:, b] - self._sums[:, a])
             values = _solve_products(np.tensordot(weights, outside, 1))
             rows_left = np.maximum(self._rows - self._counts[:, a:b].sum(axis=1), 1.0)

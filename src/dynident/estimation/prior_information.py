@@ -9,6 +9,7 @@ from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray, IndexArray
 
+# Smallest eigenvalue of a correlation matrix that is taken at its word: below it rounding decides.
 _FLAT = 1e-12
 
 
@@ -22,7 +23,9 @@ class PriorInformation:
     Parameters
     ----------
     factor : (k, c)
+        Left sides of the k equations, in the units of 1 / χ.
     right : (k,)
+        Right sides, without unit.
     """
 
     factor: FloatArray
@@ -51,7 +54,10 @@ def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray,
 
     Parameters
     ----------
-    values, covariance : (k,), (k, k)
+    values : (k,)
+        Estimates of the parameters.
+    covariance : (k, k)
+        Covariance of their errors.
     columns : (k,)
         Numbers of these parameters.
     n_columns : int
@@ -59,7 +65,8 @@ def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray,
 
     Returns
     -------
-    Information
+    PriorInformation
+        The k equations, in all c parameters.
     """
     deviation = extract_deviations(covariance)
     least = max(float(deviation.max(initial=0.0)), float(np.abs(values).max(initial=0.0)), 1.0) * 1e-9
@@ -71,6 +78,7 @@ def build_prior(values: FloatArray, covariance: FloatArray, columns: IndexArray,
     eigenvalues, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     roots = 1.0 / np.sqrt(np.maximum(eigenvalues, _FLAT))
     whiten = (vectors * roots).T / deviation
+    # With C = D P D (P the correlation matrix) and P = V Λ Vᵀ, the rows Λ^-½ Vᵀ D⁻¹ have FᵀF = C⁻¹.
     factor = np.zeros((len(values), n_columns))
     factor[:, columns] = whiten
     return PriorInformation(factor, whiten @ values)

@@ -9,14 +9,22 @@ from scipy.linalg import lapack
 
 from dynident.array_types import FloatArray
 
+# Singular values below this share of the largest count as directions that no row excites.
 _SEEN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedColumns:
-    """Columns (s, m, p) of s blocks with Σ WₛᵀWₛ = 1, and `spread` = Σ tr((WₛᵀWₛ)²), at most p.
+    """Columns of s blocks whose inner products over all blocks are those of unit vectors at right angles.
 
     They are combinations of the columns that they were made of; directions that no block excites are left out.
+
+    Parameters
+    ----------
+    rows : (s, m, p)
+        The columns Wₛ of every block, with Σ WₛᵀWₛ = 1.
+    spread : float
+        Σ tr((WₛᵀWₛ)²), at most p: the larger, the fewer blocks hold the information.
     """
 
     rows: FloatArray
@@ -29,11 +37,25 @@ class WhitenedColumns:
 
 
 def whiten_columns(w: FloatArray, factor: FloatArray) -> WhitenedColumns | None:
-    """Whiten columns w (s, m, k) with the triangular factor (…, k) of all of them; None where all are zero."""
+    """Whiten columns by the triangular factor of all of them.
+
+    Parameters
+    ----------
+    w : (s, m, k)
+        Columns of s blocks.
+    factor : (…, k)
+        Triangular factor of the rows of all blocks.
+
+    Returns
+    -------
+    WhitenedColumns or None
+        None where all columns are zero.
+    """
     _, singular, vt = np.linalg.svd(factor, full_matrices=False)
     is_excited = singular > _SEEN * singular[0] if singular[0] > 0 else np.zeros(len(singular), dtype=bool)
     if not is_excited.any():
         return None
+    # With R = U S Vᵀ the columns W V S⁻¹ have unit inner products: whitening by the SVD copes with singular R.
     rows = w @ (vt[is_excited].T / singular[is_excited])
     grams = rows.transpose(0, 2, 1) @ rows
     return WhitenedColumns(rows, float(np.sum(grams * grams)))
@@ -49,6 +71,7 @@ def compute_r_factor(rows: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(rows, mode="r"))
     # By SciPy: numpy keeps Python's lock all the while, and other threads would wait.
     k = rows.shape[1]
+    # LAPACK leaves the reflectors below the diagonal. They would give Q, which nobody needs.
     return np.triu(lapack.dgeqrf(rows, lwork=_BLOCK * k)[0][:k])
 
 

@@ -8,6 +8,7 @@ from dynident.array_types import FloatArray
 from dynident.estimation.factors import EquationFactors, Reduction
 from dynident.estimation.qr import WhitenedColumns, compute_r_factor, whiten_columns
 
+# With fewer blocks of time chance decides how large the scores are.
 _FEWEST_STRETCHES = 5
 
 
@@ -17,14 +18,21 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray) ->
     Parameters
     ----------
     equation : EquationFactors
+        The rows of one equation, by blocks of time.
     values : (c,)
         Parameters χ at which the residuals are taken.
+
+    Returns
+    -------
+    float
+        Number of rows over number of independent samples; 1 where there are too few blocks or rows to tell.
 
     Notes
     -----
     With g_s = W_sᵀρ_s the score of block s and A = WᵀW: Σ g_sᵀ A⁻¹ g_s over what it would be for independent
     residuals of the same size, σ² (p - Σ tr((A⁻¹A_s)²)); the second term is what the fit itself removes.
     """
+    # Residuals of the factors, not of the rows: Wᵀρ and ρᵀρ of a block are the same for both.
     rests = equation.factors[:, :, -1] - equation.factors[:, :, :-1] @ values[equation.columns]
     rows = float(equation.counts.sum())
     if not _is_determined(equation.factors[:, :, :-1], rows):
@@ -33,7 +41,20 @@ def compute_correlation_factor(equation: EquationFactors, values: FloatArray) ->
 
 
 def compute_correlation_factors(reduction: Reduction, values: FloatArray) -> FloatArray:
-    """Return the correlation factor of every equation (n,) at parameters χ (c,)."""
+    """Return by how much the rows of every equation overstate the information in them.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    values : (c,)
+        Parameters χ at which the residuals are taken.
+
+    Returns
+    -------
+    (n,) array
+        Correlation factors, at least 1.
+    """
     return np.array([compute_correlation_factor(equation, values) for equation in reduction.equations])
 
 
@@ -43,18 +64,35 @@ def count_effective_rows(reduction: Reduction, values: FloatArray) -> FloatArray
     Parameters
     ----------
     reduction : Reduction
+        The equations as triangular factors, by blocks of time.
     values : (c,)
         Parameters χ at which the residuals are taken.
 
     Returns
     -------
     (n,) array
+        Effective numbers of rows, at most the numbers of rows.
     """
     return reduction.row_counts / compute_correlation_factors(reduction, values)
 
 
 def compute_overstatement(w: FloatArray, rests: FloatArray, rows: float) -> float:
-    """Return the correlation factor of columns (s, m, p) and residuals (s, m) that stand for `rows` rows together."""
+    """Return the correlation factor of columns and residuals, as `compute_correlation_factor` does.
+
+    Parameters
+    ----------
+    w : (s, m, p)
+        Columns of s blocks: of W, or of the instruments.
+    rests : (s, m)
+        Residuals in the same rows.
+    rows : float
+        Number of rows that they stand for together.
+
+    Returns
+    -------
+    float
+        At least 1.
+    """
     if not _is_determined(w, rows):
         return 1.0
     return _compute_overstatement_of_whitened(

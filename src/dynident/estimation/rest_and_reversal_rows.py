@@ -46,6 +46,7 @@ class ReversalRows:
         """Factor (s, p + 1, p + 1) of all rows of every block, as they are weighted."""
         if not len(self.others):
             return self.others
+        # The weight is that of squares; rows take its root.
         return pad_to_square(compute_r_factor(np.concatenate([self.others, np.sqrt(self.weight) * self.rows], axis=1)))
 
     @property
@@ -81,7 +82,23 @@ class ReversalRows:
         """Build from factors (s, p + 1, p + 1) of either kind.
 
         Rows of the second kind that are zero in all blocks are dropped.
+
+        Parameters
+        ----------
+        others : (s, p + 1, p + 1)
+            Factors of the rows where no joint reverses.
+        turning : (s, p + 1, p + 1)
+            Factors of the rows at reversals.
+        counts : (s,)
+            Number of rows at reversals.
+
+        Returns
+        -------
+        ReversalRows
+            With a weight of 1.
         """
+        # A block has few rows at reversals, so that most rows of its padded square factor are zero. They come last,
+        # because the padding is at the bottom.
         most = int(np.count_nonzero(turning.any(axis=2).any(axis=0)))
         return cls(others, turning[:, :most], counts)
 
@@ -157,10 +174,10 @@ class RestRows:
 
     Parameters
     ----------
-    turning : Apart or None
+    turning : RowGroup or None
         Rows at reversals of the joint, which take part in the fit; None where the equation keeps them by blocks of time
-        (`Turned`).
-    partial : Apart
+        (`ReversalRows`).
+    partial : RowGroup
         Rows next to a halt, of the motion in them alone. They take part in the fit.
     upper, lower : (m, p)
         Rows of W at rest, with the friction of either direction.
@@ -200,6 +217,7 @@ class RestRows:
 
     def combine_columns(self, change: FloatArray) -> RestRows:
         """Return the same rows with combined columns: [W | Y] change (p + 1, p' + 1), where Y must stay as it is."""
+        # Rows at rest keep W and y apart, because the band needs both: only the columns of W are combined.
         column_change = change[:-1, :-1]
         turning = None if self.turning is None else self.turning.combine_columns(change)
         upper, lower = self.upper @ column_change, self.lower @ column_change
@@ -211,18 +229,20 @@ def compute_band_distance(y: FloatArray, first_bound: FloatArray, second_bound: 
 
     Parameters
     ----------
-    y, first_bound, second_bound : arrays of any shape, the same for all
-        The bounds may be in either order.
+    y, first_bound, second_bound : arrays
+        Torque and the two bounds, N m or N: of any shape, the same for all three. The bounds may be in either order.
 
     Returns
     -------
-    array of that shape, zero inside the band
+    array
+        Distance of that shape, N m or N: zero inside the band, positive above it.
     """
     return np.asarray(y - np.clip(y, np.minimum(first_bound, second_bound), np.maximum(first_bound, second_bound)))
 
 
 def join_rest_rows(parts: Sequence[RestRows | None]) -> RestRows | None:
     """Join the rows at rest and at reversals of several recordings; None where one recording does not have them."""
+    # If one recording did not collect its rows at rest, the errors at rest of all of them together are not known.
     known = [part for part in parts if part is not None]
     if len(known) < len(parts) or not known:
         return None
@@ -256,12 +276,20 @@ class RestRowAccumulator:
         self._partial = _append_rows(self._partial, rows)
 
     def push_standing(self, upper: FloatArray, lower: FloatArray, y: FloatArray) -> None:
-        """Add rows at rest: W (m, p) with the friction of either direction, and what was measured (m,)."""
+        """Add rows at rest.
+
+        Parameters
+        ----------
+        upper, lower : (m, p)
+            Rows of W with the friction of either direction.
+        y : (m,)
+            What was measured there.
+        """
         if len(y):
             self._parts.append((upper, lower, y))
 
     def finish(self) -> RestRows:
-        """Return all rows that were collected, thinned to at most `MOST` at rest."""
+        """Return all rows that were collected, thinned to at most `MOST_REST_ROWS` at rest."""
         parts = self._parts or [(np.zeros((0, self._p)), np.zeros((0, self._p)), np.zeros(0))]
         upper, lower, y = (np.concatenate(items) for items in zip(*parts, strict=True))
         # Ceiling division. The rows that stay count for the ones left out, so that sums over them keep their size.

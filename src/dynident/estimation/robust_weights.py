@@ -15,6 +15,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 
+# The usual constants, in standard deviations: an efficiency of 95 % where residuals are normal.
 _HUBER, _BISQUARE = 1.345, 4.685
 # Median absolute deviation of a normal distribution, in standard deviations.
 _MEDIAN = 0.6744897501960817

@@ -5,7 +5,7 @@ them all would promise standard deviations several times too small. There are th
 with clustered data elsewhere:
 
 by_time_and_joints
-    Blocks of time are independent, nothing within them is, across all equations (`clusters`).
+    Blocks of time are independent, nothing within them is, across all equations (`cluster_robust`).
 by_joint
     Equations are independent, too. The correlation within an equation is measured from the sums of Wᵀρ over blocks
     of time. The squares of these sums have a known size for independent residuals; the excess is the factor by
@@ -35,6 +35,8 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.prior_information import extract_deviations
 from dynident.estimation.residual_correlation import compute_correlation_factors
 
+# Singular values below this share of the largest count as zero; a parameter with more than so much of an undetermined
+# direction in it counts as undetermined.
 _NULL, _LOOSE = 1e-9, 1e-5
 # More than so many times as sure as by the data alone: three quarters of what is known come from elsewhere.
 _OWED = 2.0
@@ -52,8 +54,10 @@ def compute_standard_deviations(rows: FloatArray, held: FloatArray | None = None
 
     Returns
     -------
-    (c,) array, infinite where a parameter is left undetermined
+    (c,) array
+        Infinite where a parameter is left undetermined.
     """
+    # Columns of unit length: the threshold for singular values must not depend on the parameters' units.
     size = np.linalg.norm(rows, axis=0)
     size = np.where(size > 0, size, 1.0)
     scaled = rows / size
@@ -68,9 +72,21 @@ def compute_standard_deviations(rows: FloatArray, held: FloatArray | None = None
 
 
 def compute_null_space(rows: FloatArray, size: float = float(np.finfo(float).tiny)) -> FloatArray:
-    """Return orthonormal columns (c, k) that the rows (h, c) map to zero.
+    """Return orthonormal directions that rows map to zero.
 
     A singular value counts as zero when it is small compared to the largest one, or to `size` where that is larger.
+
+    Parameters
+    ----------
+    rows : (h, c)
+        The rows.
+    size : float
+        Lower bound of the scale that singular values are compared to.
+
+    Returns
+    -------
+    (c, k) array
+        One direction a column.
     """
     _, singular, vt = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(singular > _NULL * max(float(singular.max(initial=0.0)), size)))
@@ -78,7 +94,20 @@ def compute_null_space(rows: FloatArray, size: float = float(np.finfo(float).tin
 
 
 def find_prior_dominated(reduction: Reduction, solution: Solution) -> NDArray[np.bool_]:
-    """Return which parameters (c,) rest on prior knowledge rather than on the data."""
+    """Return which parameters rest on prior knowledge rather than on the data.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The equations as triangular factors, by blocks of time.
+    solution : Solution
+        The estimate from these data.
+
+    Returns
+    -------
+    (c,) array of bool
+        True where the data alone would leave more than twice the standard deviation.
+    """
     if solution.known is None:
         return np.zeros(len(solution.values), dtype=bool)
     noise = compute_correlated_noise(reduction, solution.values)
@@ -140,7 +169,8 @@ class Statistics:
 
         Returns
         -------
-        (c,) array of fractions; infinite for a parameter whose estimate is zero
+        (c,) array
+            Fractions; infinite for a parameter whose estimate is zero.
         """
         size = np.abs(values)
         relative = np.full(len(size), np.inf)
@@ -159,10 +189,13 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     reduction, solution : Reduction, Solution
         The data and the estimate from it.
     kind : {"by_time_and_joints", "by_joint", "independent"}
+        Which correlations of the residuals are accounted for: within blocks of time across all equations, within each
+        equation, or none.
 
     Returns
     -------
     Statistics
+        Covariance, effective numbers of rows, noise and degrees of freedom.
     """
     inflation = compute_correlation_factors(reduction, solution.values)
     noise = compute_residual_noise(reduction, solution.values)
@@ -170,6 +203,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
     if kind == "by_time_and_joints" and find_occupied_blocks(reduction).sum() >= FEWEST_CLUSTERS:
         spread = estimate_cluster_covariance(reduction, solution)
         return Statistics(spread.covariance, worth, noise, spread.freedom)
+    # "independent" takes every row at its word; "by_joint" inflates each equation's variance by its own correlation.
     counted = np.ones(len(inflation)) if kind == "independent" else inflation
     # The sandwich estimator: B (Σ σⱼ² inflationⱼ WⱼᵀWⱼ) B. It is [12.8] where the weights are the true noise.
     bread = solution.normal_inverse
@@ -184,6 +218,7 @@ def statistics(reduction: Reduction, solution: Solution, kind: CovarianceName = 
         meat += solution.known.factor.T @ solution.known.factor
     covariance = bread @ meat @ bread
     freedom = compute_row_freedom(reduction.row_counts / counted, c)
+    # Rounding leaves the product slightly asymmetric.
     return Statistics(0.5 * (covariance + covariance.T), worth, noise, freedom)
 
 
@@ -199,7 +234,8 @@ def compute_row_freedom(independent: FloatArray, n_columns: int) -> FloatArray:
 
     Returns
     -------
-    (c,) array, at least 1
+    (c,) array
+        The same number for every parameter, at least 1.
     """
     return np.full(n_columns, max(float(independent.sum()) - n_columns, 1.0))
 

@@ -17,10 +17,10 @@ _SMALL, _ROUNDING = 0.25, 1e-17
 class AngleTerms:
     """Joint coordinates together with their cosines and sines.
 
-    Attributes
+    Parameters
     ----------
     angles, cosines, sines : SX (k, 1)
-        Of prismatic joints nothing reads the last two.
+        Coordinates in rad or m, and their cosines and sines; of prismatic joints nothing reads the last two.
     """
 
     angles: ca.SX
@@ -34,7 +34,20 @@ class AngleTerms:
 
     @classmethod
     def from_half_tangents(cls, tangents: ca.SX, middle: float) -> AngleTerms:
-        """Return the angles whose half distances from `middle` (rad) have these tangents SX (k, 1)."""
+        """Return angles from the tangents of half of their distances from a middle.
+
+        Parameters
+        ----------
+        tangents : SX (k, 1)
+            Tangents.
+        middle : float
+            Middle, rad.
+
+        Returns
+        -------
+        AngleTerms
+            Within half a turn of the middle.
+        """
         # With t = tan(x / 2), cos x = (1 - t²) / (1 + t²) and sin x = 2 t / (1 + t²): no sine is evaluated.
         squares = tangents * tangents
         whole = 1 + squares
@@ -48,7 +61,20 @@ class AngleTerms:
         return self.angles, self.cosines, self.sines
 
     def add_steps(self, steps: ca.SX, longest: FloatArray) -> AngleTerms:
-        """Return the coordinates after steps SX (k, 1) of at most `longest` (k,); short series give their sines."""
+        """Return the coordinates after small steps, whose sines and cosines come from short series.
+
+        Parameters
+        ----------
+        steps : SX (k, 1)
+            Steps, rad or m.
+        longest : (k,)
+            Largest size of each step, which decides how long its series is.
+
+        Returns
+        -------
+        AngleTerms
+            Exact to rounding for steps up to these sizes.
+        """
         cosines, sines = [], []
         for k, reach in enumerate(longest):
             along, across = _expand_small_angle(steps[k], float(reach))
@@ -76,9 +102,23 @@ def _expand_small_angle(angle: ca.SX, longest: float) -> tuple[ca.SX, ca.SX]:
 
 
 def substitute_angles(expression: ca.SX, symbols: ca.SX, turns: AngleTerms) -> ca.SX:
-    """Return the expression with `turns` in place of symbols SX (k, 1), and of their sines and cosines.
+    """Return an expression with angles in place of symbols, and of their sines and cosines.
 
     CasADi's list of instructions is gone through once. Sines of sums with a symbol are those of its angle.
+
+    Parameters
+    ----------
+    expression : SX
+        Any expression.
+    symbols : SX (k, 1)
+        Symbols of coordinates in it.
+    turns : AngleTerms
+        What takes their place.
+
+    Returns
+    -------
+    SX
+        Of the same shape and sparsity.
     """
     free_symbols = ca.symvar(expression)
     places = {symbols[k].element_hash(): k for k in range(symbols.numel())}

@@ -35,6 +35,7 @@ def load_or_compile(text: str, compiled: Callable[[], bytes]) -> bytes:
     Returns
     -------
     bytes
+        An object file.
     """
     folder = code_folder()
     if folder is None:

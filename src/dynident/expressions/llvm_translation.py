@@ -49,7 +49,15 @@ LIBRARY_FUNCTIONS = frozenset(_CALLS.values())
 
 
 class UnsupportedOperationError(DynidentError):
-    """An expression, such as a column of somebody's own effect, uses an operation that has no translation here."""
+    """Error: an expression, such as a column of somebody's own effect, uses an operation that has no translation here.
+
+    Parameters
+    ----------
+    detail : str
+        Which operation it is, and which ones there are.
+    pointer, title : str, optional
+        JSON pointer to the cause in the caller's request, and short name of the kind of error.
+    """
 
 
 def _unsupported_operation_error(operation: int) -> UnsupportedOperationError:
@@ -77,14 +85,18 @@ def translate_to_llvm(function: ca.Function, widths: Sequence[int], lanes: int, 
     Parameters
     ----------
     function : casadi.Function
+        One input vector, one output vector.
     widths : sequence of int
+        Widths of the inputs that make up the input vector.
     lanes : int
+        Samples in one register.
     at_once : mapping
         Vector functions of the C library, for all lanes in one call, by the name of the function for one number.
 
     Returns
     -------
     str
+        LLVM assembly of one function, with the declarations that it needs.
 
     Raises
     ------
@@ -96,6 +108,7 @@ def translate_to_llvm(function: ca.Function, widths: Sequence[int], lanes: int, 
 
 def _find_common_divisors(function: ca.Function) -> frozenset[int]:
     """Return the numbers of the divisions whose divisor divides another number as well."""
+    # CasADi's registers are reused, so that a divisor is known by the instruction that made it, not by its register.
     made_by: dict[int, int] = {}
     divisions: dict[int, list[int]] = {}
     for k in range(function.n_instructions()):

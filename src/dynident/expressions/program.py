@@ -16,6 +16,7 @@ import numpy as np
 from dynident.array_types import FloatArray
 from dynident.expressions.machine_code import NUMBER, Compiled
 
+# Samples that are evaluated side by side: four numbers fill a register of AVX2.
 _LANES = 4
 
 
@@ -27,7 +28,8 @@ class Program:
 
     Parameters
     ----------
-    inputs : sequence of SX column vectors
+    inputs : sequence of SX (k, 1)
+        Symbols that the expression depends on, one column vector for each argument of `__call__`.
     outputs : SX
         Any shape; its structural non-zeros, column by column, are what `__call__` returns.
 
@@ -69,13 +71,15 @@ class Program:
 
         Parameters
         ----------
-        inputs : one array an input, each (m, width), or (width,) for a value that holds for all samples.
+        *inputs : (m, width) or (width,)
+            One array an input; of shape (width,) where one value holds for all samples.
         out : (m, n_outputs), optional
             Where to put the result; in place where its rows are of contiguous numbers and it is none of the inputs.
 
         Returns
         -------
-        (m, n_outputs) : the structural non-zeros of the expression, column by column.
+        (m, n_outputs)
+            The structural non-zeros of the expression, column by column.
 
         Raises
         ------

@@ -10,14 +10,14 @@ from dynident.expressions.machine_code import Compiled
 
 
 class Recurrence:
-    """x_(k+1), y_k = f(x_k, u_k, p) in machine code.
+    """Recurrence x_(k+1), y_k = f(x_k, u_k, p) in machine code.
 
     Parameters
     ----------
-    state, inputs, constants : SX column vectors
-        x (s,), u (w,) and p (c,).
-    following, sample : SX
-        x_(k+1) (s,) and y (o,).
+    state, inputs, constants : SX (s, 1), SX (w, 1), SX (c, 1)
+        Symbols of the state x, of the inputs u and of the constants p.
+    following, sample : SX (s, 1), SX (o, 1)
+        Expressions of the next state x_(k+1) and of what a step gives, y.
     """
 
     def __init__(self, state: ca.SX, inputs: ca.SX, constants: ca.SX, following: ca.SX, sample: ca.SX) -> None:
@@ -25,6 +25,7 @@ class Recurrence:
         outputs = ca.densify(ca.vertcat(following, sample))
         self._width = int(outputs.numel())
         function = ca.Function("step", [ca.vertcat(state, inputs, constants)], [ca.cse(outputs)])
+        # One lane: a step needs the result of the step before, so that none can be taken side by side.
         self._compiled = Compiled(function, self._sizes, 1)
 
     def run(self, state: FloatArray, inputs: FloatArray, constants: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -33,16 +34,18 @@ class Recurrence:
         Parameters
         ----------
         state : (s,)
-            x_0.
+            The first state x_0.
         inputs : (m, w)
+            Inputs u of every step.
         constants : (c,)
+            Constants p, the same for all steps.
 
         Returns
         -------
         state : (s,)
-            After the last step.
+            State after the last step.
         samples : (m, o)
-            y of every step.
+            What every step gives, y.
 
         Raises
         ------

@@ -22,8 +22,11 @@ from dynident.robot.model import Robot
 DEFAULT_TOLERANCE = 2e-5
 """Share of a column that may be left outside the kept ones: above what rounded right angles in a URDF leave behind."""
 
+# A column whose norm is below this share of the largest norm has no effect on the torque.
 _NULL = 1e-8
+# Coordinates below this, of columns of unit length, are rounding errors and become zero.
 _ROUNDING = 1e-9
+# Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
 
 
@@ -31,8 +34,20 @@ _STATES_PER_COLUMN = 2
 class BaseParameters:
     """Which of the columns are kept, and what the others add to them.
 
-    `kept` (b,) are indices of columns; `grouping` (b, c) has the weight of every standard parameter in every base
-    parameter, so that base = grouping @ standard; `dropped_dependent` and `without_effect` are the other columns.
+    Parameters
+    ----------
+    names : tuple of str
+        Names of all c standard parameters, in the order of the columns.
+    kept : tuple of int
+        Indices of the b columns that are kept.
+    grouping : (b, c)
+        Weight of every standard parameter in every base parameter: base = grouping @ standard.
+    written : (b, c)
+        Which weights are large enough to be part of a formula that somebody reads.
+    without_effect : tuple of int
+        Indices of the columns that are zero in all states.
+    rank : int
+        Numerical rank by QR with column pivoting, as a check of b.
     """
 
     names: tuple[str, ...]
@@ -80,6 +95,7 @@ def find_base_parameters(
     Parameters
     ----------
     robot : Robot
+        Robot that the columns belong to.
     columns : sequence of Column
         Standard parameters in the order of preference: of dependent columns the earlier one is kept.
     signals : Signals
@@ -87,13 +103,14 @@ def find_base_parameters(
     tolerance : float
         Share of a column's norm that may be left outside the kept ones for it to count as dependent.
     seed : int
-        Of the random states.
+        Seed of the random states.
     at_rest : bool
         Whether only what shows while the robot stands is kept.
 
     Returns
     -------
     BaseParameters
+        The kept columns, and how the others group into them.
     """
     observation = Observation.from_columns(robot, columns, signals)
     n_states = _STATES_PER_COLUMN * len(columns) // robot.n + 20
@@ -115,13 +132,15 @@ def find_base_parameters_among(
     column_indices : sequence of int
         Places of the columns in the model, in the order of preference.
     tolerance : float
-        As in `base_parameters`.
+        As in `find_base_parameters`.
 
     Returns
     -------
     BaseParameters
+        Of these columns alone; indices count among them.
     """
     n_states = _STATES_PER_COLUMN * len(base.names) // observation.robot.n + 20
+    # Dependent columns are combinations of the kept ones, so that W of all columns is W of the base times the grouping.
     w = evaluate_at_random_states(observation, n_states) @ base.grouping[:, list(column_indices)]
     return select_base(w, tuple(base.names[k] for k in column_indices), tolerance)
 
@@ -134,6 +153,7 @@ def select_base(
     Parameters
     ----------
     w : (r, c)
+        Observation matrix at random states.
     names : tuple of str
         One a column.
     tolerance : float
@@ -144,6 +164,7 @@ def select_base(
     Returns
     -------
     BaseParameters
+        The independent columns, and how the others group into them.
     """
     norms = np.linalg.norm(w, axis=0)
     largest = norms.max(initial=0.0)
@@ -202,8 +223,11 @@ def evaluate_at_random_states(
     Parameters
     ----------
     observation : Observation
+        The matrix W to evaluate.
     n_states : int
+        Number of states.
     seed : int
+        Seed of the random states.
     at_rest : bool
         Whether the robot stands in all states.
 
@@ -218,13 +242,14 @@ def evaluate_at_random_states(
     low, high = np.full(n, -np.pi), np.full(n, np.pi)
     for j, joint in enumerate(robot.joints):
         if joint.kind == "prismatic":
+            # Angles repeat after a turn, lengths do not: their columns grow with the range.
             low[j], high[j] = joint.reach or (-1.0, 1.0)
     # With closed loops not every joint position is possible: random ones have to close the loops.
     closure = None if robot.linkage is None else robot.linkage.closure
     q = rng.uniform(low, high, (n_states, n)) if closure is None else closure.draw_postures(rng, n_states)
     dq, ddq = rng.uniform(-2, 2, (n_states, n)), rng.uniform(-5, 5, (n_states, n))
     dddq, ddddq = rng.uniform(-20, 20, (n_states, n)), rng.uniform(-80, 80, (n_states, n))
-    # Half the states at rest: what depends on position alone must not hide behind large accelerations.
+    # A quarter of the states nearly at rest: what depends on position alone must not hide behind large accelerations.
     dq[::4] *= 0.05
     ddq[::4] = 0.0
     if at_rest:
@@ -234,6 +259,7 @@ def evaluate_at_random_states(
         q,
         dq,
         ddq,
+        # Any state in range will do, whether or not a path leads there: only independence of the columns is asked for.
         memory=rng.uniform(-1, 1, (n_states, observation.n_memory)),
         reference=ReferenceParameters.from_vector(rng.uniform(0.5, 1.5, count_reference_parameters(robot)), robot),
         further=FurtherSignals(
@@ -254,6 +280,7 @@ def evaluate_at_random_states(
 
 def _draw_times(observation: Observation, n_states: int, rng: np.random.Generator) -> FloatArray:
     """Return times (n_states,) of the session; half of them inside the windows that columns are limited to."""
+    # A window of a few seconds in an hour would be hit by no random time, and its columns would seem to have no effect.
     times = rng.uniform(0, 3600, n_states)
     windows = [dict(column.shape) for column in observation.columns if {"t0", "t1"} <= dict(column.shape).keys()]
     for k, state in enumerate(range(0, n_states, 2) if windows else ()):

@@ -19,6 +19,7 @@ from dynident.regressors.base_parameters import DEFAULT_TOLERANCE, evaluate_at_r
 from dynident.regressors.equation_forms import EquationForm, build_wrench_form
 from dynident.regressors.model import Model
 
+# Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
 # Share of a base parameter that the wrench may leave open: what rounded right angles in a description make of it.
 _LEFT_OPEN = 1e-3
@@ -28,9 +29,17 @@ _LEFT_OPEN = 1e-3
 class WrenchModel:
     """The equations of the base's wrench for one model.
 
-    `form` has the independent columns (c of them); `coordinates` (c, e + b) gives their parameters from e that only the
-    wrench shows, and behind these the model's b base parameters. `unseen`: names of base parameters that the wrench
-    does not show.
+    Parameters
+    ----------
+    form : EquationForm
+        The six equations in c independent columns.
+    coordinates : (c, e + b)
+        Gives the parameters of these columns from e that only the wrench shows and, behind these, the model's b base
+        parameters.
+    n_extra : int
+        Number e of parameters that only the wrench shows.
+    unseen : tuple of str
+        Names of base parameters that the wrench does not show.
     """
 
     form: EquationForm
@@ -47,12 +56,14 @@ def build_wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) ->
     Parameters
     ----------
     model : Model
+        The dynamic model whose base parameters are kept.
     tolerance : float
         Share of a column that may be left outside the others for it to count as dependent on them.
 
     Returns
     -------
     WrenchModel
+        The equations, and their parameters in terms of the model's base parameters.
     """
     columns = (*model.columns, *_build_constant_columns(model.robot.n))
     whole = build_wrench_form(model.robot, columns, model.signals)
@@ -60,6 +71,7 @@ def build_wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) ->
     w = evaluate_at_random_states(whole.observation, _STATES_PER_COLUMN * len(columns) // 6 + 40)
     base = select_base(w, names, tolerance)
     independent = list(base.kept)
+    # The six offsets of the sensor belong to no base parameter of the model.
     grouping = np.hstack([model.base.grouping, np.zeros((model.n_parameters, 6))])
     visible = grouping[:, independent]
     norms = np.linalg.norm(w, axis=0)
@@ -68,6 +80,7 @@ def build_wrench_model(model: Model, *, tolerance: float = DEFAULT_TOLERANCE) ->
     scaled = visible / norms[independent]
     q, _ = np.linalg.qr(scaled.T, mode="complete")
     extra = q[:, model.n_parameters :].T * norms[independent]
+    # [extra; visible] leads from the parameters of the independent columns to the coordinates; its inverse leads back.
     coordinates = np.linalg.pinv(np.vstack([extra, visible]) / norms[independent]) / norms[independent][:, None]
     form = build_wrench_form(model.robot, [columns[k] for k in independent], model.signals)
     return WrenchModel(form, coordinates, len(extra), tuple(model.base.kept_names[k] for k in unseen))

@@ -33,7 +33,14 @@ Measured = Callable[[SampleBlock], FloatArray]
 class EquationForm:
     """d/dt(S χ) + D χ = y of one set of columns.
 
-    `observation` has the rows of S, then those of D, `n_equations` each; `measured` gives y.
+    Parameters
+    ----------
+    observation : Observation
+        Rows of S, then those of D, `n_equations` each.
+    n_equations : int
+        Number of equations: one a joint, one, or six.
+    measured : function
+        Gives y (m, n_equations) of a block of m samples.
     """
 
     observation: Observation
@@ -48,6 +55,7 @@ class EquationForm:
     @cached_property
     def n_stored(self) -> int:
         """Number of entries of an evaluation that belong to S: the first ones."""
+        # CasADi lists entries column by column, and the columns of S stood before those of D: see `_build_form`.
         return int(np.count_nonzero(self.observation.entry_rows < self.n_equations))
 
     @property
@@ -96,12 +104,14 @@ def build_filtered_form(robot: Robot, columns: Sequence[Column], signals: Signal
     ----------
     robot : Robot
     columns : sequence of Column
+        One for every parameter of the model.
     signals : Signals
         The symbols that the columns are made of.
 
     Returns
     -------
-    Form
+    EquationForm
+        S = ∂e/∂q̇ and D = ∂u/∂q - ∂e/∂q, with the torque of columns without an energy in D.
     """
     with_energy = _have_energy(columns)
     h = _stack_energies(columns)
@@ -122,14 +132,19 @@ def build_power_form(robot: Robot, columns: Sequence[Column], signals: Signals) 
     Parameters
     ----------
     robot : Robot
+        Robot that the columns belong to.
     columns : sequence of Column
+        One for every parameter of the model.
     signals : Signals
+        The symbols that the columns are made of.
 
     Returns
     -------
-    Form
+    EquationForm
+        S = e + u, with the power of columns without an energy in D; of one equation.
     """
     with_energy = _have_energy(columns)
+    # Power of a column is its torque times the velocities, where it is not the rate of an energy.
     others = [
         ca.SX(1, 1) if with_energy[k] else ca.mtimes(signals.dq.T, column.torque) for k, column in enumerate(columns)
     ]
@@ -143,19 +158,23 @@ def build_wrench_form(robot: Robot, columns: Sequence[Column], signals: Signals)
     Parameters
     ----------
     robot : Robot
+        Robot that the columns belong to.
     columns : sequence of Column
+        One for every parameter of the model.
     signals : Signals
+        The symbols that the columns are made of.
 
     Returns
     -------
-    Form
-        Of six equations.
+    EquationForm
+        D alone; of six equations.
 
     Raises
     ------
     ValueError
         For a column that has no wrench.
     """
+    # Nothing is differentiated, so that S is empty and all of the equation is D.
     reactions = []
     for column in columns:
         if column.wrench is None:
@@ -187,6 +206,7 @@ def _stack_energies(columns: Sequence[Column]) -> ca.SX:
 
 def _insert_empty_columns(rows: ca.SX, with_energy: Sequence[bool], n_rows: int) -> ca.SX:
     """Return the rows (k, number of columns with an energy) with empty columns for those without one."""
+    # The running count of columns with an energy gives each of them its place among the rows that were differentiated.
     numbers = np.cumsum(with_energy) - 1
     return ca.horzcat(
         *(rows[:, int(k)] if has else ca.SX(n_rows, 1) for k, has in zip(numbers, with_energy, strict=True))

@@ -20,6 +20,7 @@ from dynident.regressors.row_phases import RowPhases
 
 # What is left of a step after (settling) / a seconds behind F(s): (1 + 9.2) exp(-9.2), a thousandth.
 _SETTLED = 9.2
+# Samples that the central difference of five points needs on either side.
 _REACH = 2
 
 
@@ -32,7 +33,9 @@ def differentiate_samples(samples: Iterable[Samples], form: EquationForm, rate: 
     Parameters
     ----------
     samples : iterable of Samples
-    form : Form
+        Consecutive evaluations of the form with y behind them, at the full rate.
+    form : EquationForm
+        Tells which entries belong to S and which to D.
     rate : float
         Sampling rate in Hz.
 
@@ -53,6 +56,20 @@ def integrate_samples(samples: Iterable[Samples], form: EquationForm, period: fl
     """Integrate: S + ∫D dt, and ∫y dt, from the beginning of the segment; differences of two rows are those of [12.43].
 
     The integral over one period is that of the cubic through four samples, exact to (ωT)⁴ 11/720.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Consecutive evaluations of the form with y behind them, at the full rate.
+    form : EquationForm
+        Tells which entries belong to S and which to D.
+    period : float
+        Sampling period, s.
+
+    Yields
+    ------
+    Samples
+        Two samples shorter at the beginning of a segment, and one at its end.
     """
     total = np.zeros(0)
     for part in _add_neighbours(samples, 2, 1):
@@ -67,6 +84,7 @@ def integrate_samples(samples: Iterable[Samples], form: EquationForm, period: fl
         sums = np.cumsum(np.vstack([total, steps]), axis=0)[1:]
         total = sums[-1]
         values = sums.copy()
+        # The integral of dS/dt is S itself: no error of a derivative or an integral gets into it.
         values[:, : form.n_stored] += part.values[inner, : form.n_stored]
         yield _replace_values(part, 2, 1, values)
 
@@ -80,10 +98,16 @@ def smooth_samples(samples: Iterable[Samples], pole: float, rate: float) -> Iter
     Parameters
     ----------
     samples : iterable of Samples
+        Consecutive rows of W and Y at the full rate.
     pole : float
         a in rad/s.
     rate : float
         Sampling rate in Hz.
+
+    Yields
+    ------
+    Samples
+        The filtered rows; those before the filter has settled are marked as not used.
     """
     b, a = signal.bilinear([pole**2], [1.0, 2.0 * pole, pole**2], rate)
     settling = ceil(_SETTLED / pole * rate)
@@ -106,8 +130,10 @@ def take_differences(
 
     Parameters
     ----------
-    rows : (segment, t (m,), values (m, k)), decimated
+    rows : iterable
+        Decimated rows as (segment, t (m,), values (m, k)).
     length, step : int
+        Rows in an interval, and rows from the beginning of one interval to that of the next.
     spacing : float
         Seconds from one row to the next; an interval that rows are missing in is left out.
 
@@ -140,6 +166,7 @@ def _add_neighbours(samples: Iterable[Samples], before: int, behind: int) -> Ite
     starts = True
     for part in samples:
         if part.starts_segment or held is None:
+            # Nothing is held over from one segment to the next: between them time is missing.
             joined, starts = part, True
         else:
             joined = Samples(
@@ -220,10 +247,13 @@ def stream_equations(
     Parameters
     ----------
     samples : iterable of Samples
-        Evaluations of the form, and y behind them, at the full rate.
-    form : Form
+        Consecutive evaluations of the form with y behind them, at the full rate.
+    form : EquationForm
+        Tells which entries belong to S and which to D.
     recording : Recording
+        The recording that the samples are of.
     preprocessing : Preprocessing
+        Cut-off of the parallel filter, and decimation.
 
     Yields
     ------
@@ -233,7 +263,7 @@ def stream_equations(
 
 
 def filter_with_pole(pole: float) -> Treatment:
-    """Return the treatment of the filtered dynamic model [12.28], [12.30]: `plain` behind F(s) with pole a in rad/s."""
+    """Return the treatment of the filtered dynamic model [12.28], [12.30]: rows pass F(s) with the pole a in rad/s."""
 
     def rows(
         samples: Iterable[Samples], form: EquationForm, recording: Recording, preprocessing: Preprocessing
@@ -280,21 +310,25 @@ def reduce_form(
 
     Parameters
     ----------
-    form : Form
+    form : EquationForm
         Its columns become the reduction's.
     treatment : Treatment
-        What the model does with them: `plain`, `filtered` or `over_intervals`.
+        What the model does with them: `stream_equations`, `filter_with_pole` or `integrate_over_intervals`.
     recordings : sequence of Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
+        Hears of the share that is done.
     memory : float
         Seconds that the treatment remembers.
 
     Returns
     -------
     Reduction
+        One equation for each equation of the form.
     """
     layout = form.layout
     n_entries = form.n_entries

@@ -22,11 +22,24 @@ from dynident.regressors.row_phases import RowPhases, changes_at_rest, is_fitted
 
 @dataclass(frozen=True, eq=False)
 class FilteredSamples:
-    """Decimated rows of one segment: t (m,), `values` (m, k) the entries of W, tau (m, n).
+    """Decimated rows of one segment.
 
-    `at_rest` (m, r): the entries of friction where a joint is about to move, if requested. Where instants were taken
-    out before the filter, `held` (m, n) is the share of what is under it at which each equation held, and `whole`
-    [W | Y] (m, p_j + 1) of every joint with its halts, beside `at_rest`; None for joints without any taken out.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    values : (m, k)
+        Entries of W.
+    tau : (m, n)
+        Torque, N m or N.
+    segment : int
+        Number of the segment.
+    at_rest : (m, r), optional
+        Entries of friction where a joint is about to move, if requested.
+    held : (m, n), optional
+        Where instants were taken out before the filter: share of what is under the filter at which each equation held.
+    whole : tuple of (m, p_j + 1)
+        [W | Y] of every joint with its halts, for rows at rest; None for joints that no instant was taken out of.
     """
 
     t: FloatArray
@@ -51,7 +64,17 @@ _BlockFunction = Callable[[SampleBlock], FloatArray]
 
 
 class SampleFunction:
-    """Evaluates an observation matrix along a recording, with hysteresis states carried from block to block."""
+    """Evaluates an observation matrix along a recording, with hysteresis states carried from block to block.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix to evaluate.
+    reference : ReferenceParameters
+        What torque is predicted with.
+    recording : Recording
+        The recording that blocks come from, in order.
+    """
 
     def __init__(self, observation: Observation, reference: ReferenceParameters, recording: Recording) -> None:
         self._observation = observation
@@ -66,7 +89,16 @@ class SampleFunction:
         return out
 
     def fill(self, block: SampleBlock, out: FloatArray) -> None:
-        """Put the entries into `out` (m, number of entries)."""
+        """Put the entries of a block of samples into an array.
+
+        Parameters
+        ----------
+        block : SampleBlock
+            The next block of filtered positions.
+        out : (m, number of entries)
+            Where to put them.
+        """
+        # What path led to the beginning of a segment is not known: hysteresis begins relaxed.
         if block.starts_segment:
             self._memory.restart()
         states = self._memory.push(self._observation.robot.positions(block.q))
@@ -76,6 +108,7 @@ class SampleFunction:
         out[: part.start] = 0.0
         out[part.stop :] = 0.0
         if len(needed):
+            # Before the rows are evaluated: an open loop would give numbers, but of no machine.
             if self._observation.robot.linkage is not None:
                 self._observation.robot.linkage.check_closed(block.t[part], block.q[part])
             runs = [is_in_run(signal, self._recording, block.segment) for signal in self._observation.runs]
@@ -98,7 +131,22 @@ class SampleFunction:
 
 
 def is_in_run(signal: RunSignal, recording: Recording, segment: int) -> float:
-    """Return 1 if a segment of a recording is one of the signal's runs, else 0."""
+    """Return whether a segment of a recording is one of a signal's runs, as a number.
+
+    Parameters
+    ----------
+    signal : RunSignal
+        Labels of runs, or none for recordings that are marked as carrying a payload.
+    recording : Recording
+        The recording.
+    segment : int
+        Number of the segment.
+
+    Returns
+    -------
+    float
+        1 if it is one of them, else 0.
+    """
     if not signal.runs:
         return float(recording.payload is not None)
     return float(bool({recording.name, recording.name_segment(segment)} & set(signal.runs)))
@@ -121,8 +169,11 @@ def stream_filtered_samples(
     Parameters
     ----------
     observation : Observation
+        The matrix W to evaluate.
     recording : Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     at_rest : Observation, optional
@@ -242,7 +293,21 @@ def filter_in_parallel(
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Consecutive rows of one segment at the full rate: t, `used` (m,), values (m, k)."""
+    """Consecutive rows of one segment at the full rate.
+
+    Parameters
+    ----------
+    segment : int
+        Number of the segment.
+    starts_segment : bool
+        Whether these are the first rows of the segment.
+    t : (m,)
+        Times, s.
+    used : (m,)
+        Which of the rows count.
+    values : (m, k)
+        Whatever is filtered: entries of W, or of a form, with Y.
+    """
 
     segment: int
     starts_segment: bool
@@ -275,7 +340,22 @@ def stream_samples(recording: Recording, preprocessing: Preprocessing, values: _
 def low_pass_samples(
     samples: Iterable[Samples], recording: Recording, preprocessing: Preprocessing
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Stream samples through the parallel filter: (segment, t (m,), rows (m, k)), used rows alone."""
+    """Stream samples through the parallel filter; only rows that are used come out.
+
+    Parameters
+    ----------
+    samples : iterable of Samples
+        Consecutive rows at the full rate.
+    recording : Recording
+        The recording that the samples are of.
+    preprocessing : Preprocessing
+        Cut-off of the parallel filter, and decimation.
+
+    Yields
+    ------
+    segment, t (m,), rows (m, k)
+        Decimated rows of one segment.
+    """
     low_pass = ParallelFilter(recording.sampling_rate, preprocessing.torque_cutoff, preprocessing.decimation)
     segment = -1
     for part in samples:
@@ -313,20 +393,24 @@ def reduce_recordings(
     observation : Observation
         W, whose columns become the reduction's.
     recordings : sequence of Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
+        Hears of the share that is done.
     samples_of : function, optional
         Gives a recording's filtered samples, where they are at hand.
     at_rest : Observation, optional
         The friction of the same columns at rest: what is left out is then kept beside the factors.
     by_phase : bool
-        Whether rows where joints turn round are told apart, so that they may be weighed; with `at_rest` they are.
+        Whether rows at reversals are kept apart, so that they may be weighted; with `at_rest` they always are.
 
     Returns
     -------
     Reduction
+        One equation a joint.
     """
     keeps_rest_rows = at_rest is not None
     splits_reversals = by_phase or keeps_rest_rows
@@ -342,7 +426,7 @@ def reduce_recordings(
 class ObservationRows:
     """Makes the equations of a recording, one a joint, as `reduce_recordings` says.
 
-    `by_phase`: two a joint, the second n of the rows where joints turn round, the first of all others.
+    With `by_phase` there are two equations a joint: the first n of all rows but reversals, the second n of these.
     """
 
     observation: Observation
@@ -380,7 +464,15 @@ class ObservationRows:
 
 
 class RestRowBuilder:
-    """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move."""
+    """Makes rows of W at rest, for either direction, from W's entries and those of friction about to move.
+
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W.
+    at_rest : Observation
+        Friction of the same columns about to move, from `build_rest_observation`.
+    """
 
     def __init__(self, observation: Observation, at_rest: Observation) -> None:
         n = observation.robot.n
@@ -398,6 +490,8 @@ class RestRowBuilder:
         whole = rows if unmasked is None else unmasked
         either = []
         for positions, columns in self._entries[joint]:
+            # Friction as filtered is that of a joint that moves. It is replaced by that of a joint about to move, one
+            # way and then the other; all other columns are the same at rest.
             w = whole[standing, :-1].copy()
             w[:, self._changed[joint]] = 0.0
             if samples.at_rest is not None:

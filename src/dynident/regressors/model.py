@@ -34,6 +34,7 @@ from dynident.regressors.row_phases import build_rest_observation
 from dynident.robot.inertia_uncertainty import estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
+# Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2
 
 
@@ -46,7 +47,9 @@ def extend_model(model: Model, added: Sequence[EffectChoice], *, tolerance: floa
     Parameters
     ----------
     model : Model
+        The model to extend.
     added : sequence of EffectChoice
+        The effects to add, in order.
     tolerance : float
         Share of a column that may be left outside the others for it to count as dependent on them.
 
@@ -106,8 +109,20 @@ _DRIVE_ROWS: dict[Role | None, int] = {role: row for row, role in enumerate(DRIV
 class Model:
     """Chosen effects on one robot.
 
-    `columns` are those of all standard parameters; `base` says which are kept and how the others group into them;
-    `observation` is W for the kept ones, in the order of `base.kept`.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its description's inertial parameters where they are known.
+    effects : tuple of EffectChoice
+        The chosen effects, in order.
+    signals : Signals
+        The symbols that the columns are made of.
+    columns : tuple of Column
+        Columns of all standard parameters.
+    base : BaseParameters
+        Which columns are kept, and how the others group into them.
+    observation : Observation
+        W of the kept columns, in the order of `base.kept`.
     """
 
     robot: Robot
@@ -176,10 +191,12 @@ class Model:
         Parameters
         ----------
         values : (b,)
+            Base parameters.
 
         Returns
         -------
         (10 N,)
+            Link by link, in the order of `INERTIAL_NAMES`.
         """
         return self._solve_inertial_parameters(values)[0]
 
@@ -205,6 +222,7 @@ class Model:
         everything = rigid + rotors
         # Base parameters of friction are left out, and so are standard parameters of other effects.
         grouping = self.base.grouping[np.ix_(inertial, everything)]
+        # Base parameters in which no link and no rotor takes part give no equation.
         has_inertia = np.any(self.base.written[np.ix_(inertial, everything)], axis=1)
         nominal = np.concatenate([links, np.zeros(len(rotors))])
         of_rotors = estimate_rotor_inertias(self.robot.tree)[[self._joint_index(k) for k in rotors]]
@@ -221,6 +239,7 @@ class Model:
         Parameters
         ----------
         values : (b,)
+            Base parameters.
 
         Returns
         -------
@@ -234,6 +253,7 @@ class Model:
         for value, k in zip(inertias_of_rotors, rotors, strict=False):
             if self.columns[k].link in names:
                 drives[0, names.index(self.columns[k].link)] = value
+        # Values of one role on a joint add up, such as those of friction in all runs and in some of them.
         for column, value in zip(self.kept, values, strict=True):
             row = _DRIVE_ROWS.get(get_role(column))
             if row is not None and column.link in names:
@@ -261,7 +281,9 @@ def build_model(
     Parameters
     ----------
     robot : Robot
+        The robot that the effects act on.
     effects : sequence of EffectChoice
+        The chosen effects, in the order of preference: of dependent columns the earlier one is kept.
     tolerance : float
         Share of a column that may be left outside the others for it to count as dependent on them.
     signals : Signals, optional
@@ -272,6 +294,7 @@ def build_model(
     Returns
     -------
     Model
+        With compiled W of its base parameters.
 
     Raises
     ------

@@ -24,9 +24,9 @@ class FurtherSignals:
     dddq, ddddq : (m, n), optional
         Third and fourth derivative of q in rad/s³ and rad/s⁴, or m/s³ and m/s⁴.
     time : (m,), optional
-        s.
+        Time of the session, s.
     temperature : (m, n), optional
-        °C.
+        Temperature of every joint, °C.
     runs : (number of run signals,) or (m, number of run signals), optional
         1 where the samples' run is one of the signal's.
     period : float
@@ -50,10 +50,12 @@ class ConcatenatedPrograms:
 
     Parameters
     ----------
-    first, second : programs
-    widths : widths of the inputs of both together
-    picks : one an input
-        Which of its columns the second program reads, in its order; the first reads the leading ones.
+    first, second : Program or ConcatenatedPrograms
+        What is evaluated.
+    widths : sequence of int
+        Widths of the inputs of both together.
+    picks : sequence of (k,) or slice
+        For every input: which of its columns the second program reads, in its order; the first reads the leading ones.
     """
 
     def __init__(
@@ -95,9 +97,24 @@ _MEMORY, _RUNS = 8, 9
 class Observation:
     """W of one robot for `columns`, as the list of its structural non-zeros.
 
-    Entry k of an evaluation stands in row (of W: joint) `entry_rows[k]` and column `entry_columns[k]`. `memory` are the
-    hysteresis states that must be supplied, in this order, and `runs` the run signals. `parts`: where it extends
-    another, that one and what was put behind it.
+    Parameters
+    ----------
+    robot : Robot
+        Robot that the columns belong to.
+    columns : tuple of Column
+        One for every parameter.
+    memory : tuple of MemorySignal
+        Hysteresis states that must be supplied, in this order.
+    runs : tuple of RunSignal
+        Run signals that must be supplied, in this order.
+    entry_rows, entry_columns : (e,)
+        Row (of W: joint) and column of each of the e entries of an evaluation.
+    n_rows : int
+        Number of rows for one sample.
+    program : Program or ConcatenatedPrograms
+        Evaluates the entries.
+    parts : tuple of two Observation, optional
+        Where it extends another one: that one, and what was put behind it.
     """
 
     robot: Robot
@@ -112,12 +129,44 @@ class Observation:
 
     @classmethod
     def from_columns(cls, robot: Robot, columns: Sequence[Column], signals: Signals) -> Observation:
-        """Build the observation matrix of columns that were made from `signals`."""
+        """Build the observation matrix of columns.
+
+        Parameters
+        ----------
+        robot : Robot
+            Robot that the columns belong to.
+        columns : sequence of Column
+            One for every parameter.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            With one row a joint.
+        """
         return cls.from_matrix(robot, columns, _build_matrix(robot, columns), signals)
 
     @classmethod
     def from_matrix(cls, robot: Robot, columns: Sequence[Column], matrix: ca.SX, signals: Signals) -> Observation:
-        """Build another matrix (k, c) of the same columns, of expressions in `signals`; k need not be n."""
+        """Build another matrix of the same columns.
+
+        Parameters
+        ----------
+        robot : Robot
+            Robot that the columns belong to.
+        columns : sequence of Column
+            One for every column of the matrix; their names and units.
+        matrix : SX (k, c)
+            Expressions in the signals; k need not be n.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            With k rows.
+        """
         memory, runs = signals.find_memory_signals(matrix), signals.find_run_signals(matrix)
         # Only structural non-zeros are evaluated and stored: most parameters do not act on most joints.
         rows, cols = matrix.sparsity().get_triplet()
@@ -133,7 +182,20 @@ class Observation:
         )
 
     def extend(self, columns: Sequence[Column], signals: Signals) -> Observation:
-        """Return the observation matrix with more columns behind the present ones; compiled programs are reused."""
+        """Return the observation matrix with more columns behind the present ones.
+
+        Parameters
+        ----------
+        columns : sequence of Column
+            The columns to add.
+        signals : Signals
+            The symbols that the columns are made of.
+
+        Returns
+        -------
+        Observation
+            It shares the compiled programs of this one.
+        """
         if not columns:
             return self
         tail = Observation.from_columns(self.robot, columns, signals)
@@ -186,6 +248,7 @@ class Observation:
         reference : ReferenceParameters
             What the torque of the load and of the motors is predicted with.
         memory : (m, number of memory signals)
+            Hysteresis states in [-1, 1].
         further : FurtherSignals, optional
             What the columns depend on besides q, dq and ddq.
         out : (m, number of entries), optional
@@ -194,6 +257,7 @@ class Observation:
         Returns
         -------
         (m, number of entries)
+            The structural non-zeros of W at every sample.
         """
         n = self.robot.n
         # One row of zeros holds for all samples.
@@ -215,12 +279,26 @@ class Observation:
 
     def joint_entries(self, joint: int) -> tuple[IndexArray, IndexArray]:
         """Return the positions among the entries, and the columns (ascending), of one joint's row."""
+        # An extended matrix has the entries of its parts one behind the other, so that they have to be sorted again.
         positions = np.flatnonzero(self.entry_rows == joint)
         order = np.argsort(self.entry_columns[positions], kind="stable")
         return positions[order], self.entry_columns[positions[order]]
 
     def compute_torque(self, entries: FloatArray, values: FloatArray) -> FloatArray:
-        """Return W χ (m, n_rows) from entries (m, number of entries) and parameters χ (c,)."""
+        """Return W χ from entries of W.
+
+        Parameters
+        ----------
+        entries : (m, number of entries)
+            From `evaluate`.
+        values : (c,)
+            Parameters χ.
+
+        Returns
+        -------
+        (m, n_rows) array
+            N m or N.
+        """
         weighted = entries * values[self.entry_columns]
         out = np.zeros((len(entries), self.n_rows))
         for row in range(self.n_rows):

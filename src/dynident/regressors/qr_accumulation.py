@@ -20,7 +20,17 @@ _SHORTEST, _LONGEST, _SHARE, _MOST = 0.25, 2.0, 20, 100
 
 @dataclass(frozen=True, eq=False)
 class RestRows:
-    """[W | Y] of motion near a halt; W (k, p) in either direction and Y (k,) where a joint stands."""
+    """Rows near halts and at rest of one equation.
+
+    Parameters
+    ----------
+    partial : (k, p + 1)
+        [W | Y] of the motion near a halt.
+    upper, lower : (m, p)
+        W where the joint stands, with the friction of either direction.
+    y : (m,)
+        Y there.
+    """
 
     partial: FloatArray
     upper: FloatArray
@@ -30,9 +40,20 @@ class RestRows:
 
 @dataclass(frozen=True, eq=False)
 class EquationRows:
-    """Rows of one segment: t (m,), and [W | Y] (m, p + 1) of every equation.
+    """Rows of one segment, equation by equation.
 
-    `used` (m, equations): which of them count, all if None; `beside`: rows near halts and at rest of every equation.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    rows : list of (m, p + 1)
+        [W | Y] of every equation.
+    segment : int
+        Number of the segment.
+    used : (m, equations), optional
+        Which rows of which equation count; all of them where it is left out.
+    beside : list of RestRows, optional
+        Rows near halts and at rest of every equation.
     """
 
     t: FloatArray
@@ -51,12 +72,15 @@ def choose_block_length(recordings: Sequence[Recording]) -> float:
     Parameters
     ----------
     recordings : sequence of Recording
+        The data that will be accumulated.
 
     Returns
     -------
     float
+        Seconds.
     """
     duration = sum(compute_used_duration(recording) for recording in recordings)
+    # The limit on the number of blocks wins over the longest length: memory grows with their number.
     return float(max(np.clip(duration / _SHARE, _SHORTEST, _LONGEST), duration / _MOST))
 
 
@@ -87,13 +111,15 @@ def accumulate_equations(
     Parameters
     ----------
     rows_of : function
-        Threads may call it at once, each for another recording, but where these go `in_turn`.
-    columns : one (p,) array an equation
+        Makes the rows of a recording. Unless recordings go `in_turn`, threads call it at once for several of them.
+    columns : sequence of (p,)
         The parameters that each equation contains.
     n_columns : int
         Number of all parameters.
     recordings : sequence of Recording
+        The data.
     progress : Progress
+        Hears of the share that is done.
     beside : bool
         Whether rows near halts and at rest are kept as well.
     in_turn : bool
@@ -102,6 +128,7 @@ def accumulate_equations(
     Returns
     -------
     Reduction
+        The blocks of all recordings, in the order of these.
     """
     fold_recording = EquationAccumulator(rows_of, tuple(columns), n_columns, choose_block_length(recordings), beside)
     sizes = [recording.n_samples for recording in recordings]
@@ -113,9 +140,20 @@ def accumulate_equations(
 
 @dataclass(frozen=True, eq=False)
 class EquationAccumulator:
-    """Accumulates the equations of one recording, as `folded` does; can be sent to another process if `rows_of` can.
+    """Accumulates the equations of one recording; can be sent to another process if `rows_of` can.
 
-    `stretch`: length in s of the blocks of time that have a factor each.
+    Parameters
+    ----------
+    rows_of : function
+        Makes the rows of a recording.
+    columns : tuple of (p,)
+        The parameters that each equation contains.
+    n_columns : int
+        Number of all parameters.
+    stretch : float
+        Length of the blocks of time that have a factor each, s.
+    beside : bool
+        Whether rows near halts and at rest are kept as well.
     """
 
     rows_of: Callable[[Recording], Iterable[EquationRows]]
@@ -135,6 +173,7 @@ class EquationAccumulator:
                 # A block of time never spans two segments: between them time is missing.
                 accumulator.end_block()
                 segment = part.segment
+            # Rows at rest take no part in the fit. They are kept beside the factors, for errors over all samples.
             accumulator.push(part.t, part.rows, part.used)
             for rest_accumulator, rows in zip(rest_accumulators, part.beside or (), strict=False):
                 rest_accumulator.push_partial(rows.partial)

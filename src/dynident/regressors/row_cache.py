@@ -25,7 +25,18 @@ MOST_VALUES = 4_000_000
 class CachedRows:
     """Filtered samples of recordings, as they left the filter, for one observation matrix.
 
-    `reference`: what loads were predicted with; None where no column needs a load.
+    Parameters
+    ----------
+    observation : Observation
+        The matrix W whose entries are cached.
+    reference : ReferenceParameters or None
+        What loads were predicted with; None where no column needs a load.
+    preprocessing : Preprocessing
+        Filters that the rows passed.
+    recordings : tuple of Recording
+        The recordings that the rows are of.
+    samples : tuple of tuple of FilteredSamples
+        Filtered rows of every recording, piece by piece.
     """
 
     observation: Observation
@@ -38,7 +49,20 @@ class CachedRows:
         return f"KeptRows({', '.join(recording.name for recording in self.recordings)})"
 
     def find_samples(self, recording: Recording, preprocessing: Preprocessing) -> tuple[FilteredSamples, ...] | None:
-        """Return the cached samples of a recording; None if there are none, or of another preprocessing."""
+        """Return the cached samples of a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            The recording, or another object with the same rows.
+        preprocessing : Preprocessing
+            Filters that the rows have to have passed.
+
+        Returns
+        -------
+        tuple of FilteredSamples or None
+            None if there are none, or of another preprocessing.
+        """
         if preprocessing != self.preprocessing:
             return None
         for kept_recording, samples in zip(self.recordings, self.samples, strict=True):
@@ -60,18 +84,23 @@ def reduce_and_cache(
     Parameters
     ----------
     model : Model
+        Its columns become the reduction's.
     recordings : sequence of Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Hears of the share that is done.
+    known : CachedRows, optional
         Of a model that this one extends: only the columns behind it are evaluated, unless loads are predicted anew.
 
     Returns
     -------
-    Reduction
-    KeptRows or None
+    reduction : Reduction
+        The equations of the model's columns.
+    rows : CachedRows or None
         None if the rows have more than `MOST_VALUES` entries.
     """
     observation = model.observation
@@ -114,18 +143,24 @@ def reduce_with_columns(
     Parameters
     ----------
     model : Model
+        The model whose columns come first.
     more : sequence of Column
-        Made from the model's signals.
+        Further columns, made from the model's signals.
     recordings : sequence of Recording
+        The data.
     preprocessing : Preprocessing
+        Filters, differentiation and decimation.
     reference : ReferenceParameters
+        What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Hears of the share that is done.
+    known : CachedRows, optional
         Of the model: only the columns behind it are evaluated.
 
     Returns
     -------
     Reduction
+        The equations of the model's columns and, behind them, of the further ones.
     """
     observation = model.observation.extend(more, model.signals)
     usable = known if known is not None and _is_extension(observation, reference, known) else None
@@ -167,7 +202,8 @@ def _read_samples(
     if head is None or observation.parts is None:
         yield from stream_filtered_samples(observation, recording, preprocessing, reference, at_rest, phases)
         return
-    # The filter cuts a recording into the same pieces whatever the columns.
+    # Filters act on every column by itself, and cut a recording into the same pieces whatever the columns: the new ones
+    # can be put behind the cached ones.
     tail = stream_filtered_samples(observation.parts[1], recording, preprocessing, reference, at_rest, phases)
     for before, behind in zip(head, tail, strict=True):
         whole = tuple(
@@ -181,6 +217,7 @@ def _is_extension(observation: Observation, reference: ReferenceParameters, kept
     """Return whether the cached rows are those of the leading columns, filtered with the same instants left out."""
     if observation.parts is None or observation.parts[0] is not kept_rows.observation:
         return False
+    # More friction takes more instants out before the filter, which changes every column's filtered rows.
     if not have_same_instants(observation, kept_rows.observation):
         return False
     return kept_rows.reference is None or reference.equals(kept_rows.reference)

@@ -50,14 +50,30 @@ _TOLD = 0.02
 class RowPhases:
     """The phases of a recording's rows behind the filters, as far as they matter to an observation matrix.
 
-    `frictional` (n,): joints whose friction is among the columns; the equation of any other holds at all times.
-    `remembering` (n,): joints with friction that remembers the path: what it does shows where they turn
-    round; `free` (n,): joints that never stick there, so that anything that depends on the speed shows as well.
-    `starting` (n,): joints with friction that shows where they start and stop; `jumping` (n,): joints that move rubbed
-    ones, and whose own friction does nothing but jump where they turn round; `margin`: seconds by which a halt is
-    longer in filtered positions, to either side. `passive`: phases of the joints that follow others, in the order of
-    `Linkage.passive`; `felt` (n, p): which of these are rubbed, and moved by which joint. `no_torque` (n,): joints
-    whose equation is left out, since their torque was not recorded here, or in no recording that the model is of.
+    Parameters
+    ----------
+    phases : Phases
+        Phases of the joints in the recording.
+    width : float
+        Seconds that the filters smear a halt, to either side.
+    margin : float
+        Seconds by which a halt is longer in filtered positions, to either side.
+    frictional : (n,)
+        Joints whose friction is among the columns; the equation of any other holds at all times.
+    remembering : (n,)
+        Joints with friction that remembers the path: it shows at their reversals.
+    free : (n,)
+        Joints that never stick at reversals, so that anything that depends on the speed shows as well.
+    starting : (n,)
+        Joints with friction that shows where they start and stop.
+    jumping : (n,)
+        Joints that move passive ones with friction, and whose own friction does nothing but jump at their reversals.
+    no_torque : (n,)
+        Joints whose equation is left out, since their torque was not recorded here, or in no recording of the model.
+    passive : Phases, optional
+        Phases of the joints that follow others, in the order of `Linkage.passive`.
+    felt : (n, p), optional
+        Which of the passive joints have friction, and which joint moves them.
     """
 
     phases: Phases
@@ -85,14 +101,18 @@ class RowPhases:
         Parameters
         ----------
         observation : Observation
+            The matrix whose friction matters.
         recording : Recording
+            The data.
         preprocessing : Preprocessing
+            Filters, whose smear widens the phases.
         first : int, optional
             Count only the friction of so many leading columns; None: of all.
 
         Returns
         -------
         RowPhases
+            Of all segments of the recording.
         """
         frictional = find_joints_with_friction(observation, first)
         remembering = _find_joints_with_memory(observation)
@@ -123,6 +143,7 @@ class RowPhases:
 
     def with_friction_of(self, frictional: BoolArray) -> RowPhases:
         """Return the same if these joints (n,) have friction, which may then be of any kind."""
+        # Friction of any kind may show at starts, and then nothing is certain to jump alone.
         return replace(self, frictional=frictional, starting=frictional, jumping=np.zeros_like(frictional))
 
     @property
@@ -132,20 +153,44 @@ class RowPhases:
         return joints if self.passive is None or self.felt is None else np.asarray(joints | self.felt.any(axis=1))
 
     def find_certain_samples(self, segment: int, t: FloatArray) -> BoolArray:
-        """Return (m, n): at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
+        """Return at which samples, at the full rate, the sign of all friction in a joint's equation is certain.
 
         With rubbed joints that follow it, it is not within some milliseconds of their halts, nor of where the joint
         itself turns round: filtered positions turn a little earlier or later. A jump is many times the noise, so that
         some milliseconds of the wrong sign would be the largest error in all rows that the filter smears it to.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the samples, s.
+
+        Returns
+        -------
+        (m, n) array of bool
+            False near halts of passive joints with friction, and near some reversals.
         """
         unsure = _SMEARED * self.width
         turns = (self.phases.phases_at(segment, t, unsure) == Phase.REVERSING) & self.jumping
         return np.asarray(~turns & ~self._find_follower_halts(segment, t, unsure))
 
     def find_valid_samples(self, segment: int, t: FloatArray) -> BoolArray:
-        """Return (m, n): at which samples, at the full rate, the equation of a joint with friction at its starts holds.
+        """Return at which samples, at the full rate, the equation of a joint with friction at its starts holds.
 
         At the others it stands: with them set to zero on both sides, the equation may be filtered like any other.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the samples, s.
+
+        Returns
+        -------
+        (m, n) array of bool
+            True for all other joints.
         """
         standing = self.phases.phases_at(segment, t, self.margin) == Phase.STANDING
         return np.asarray(~standing | ~self.starting)
@@ -188,7 +233,9 @@ class RowPhases:
         Parameters
         ----------
         segment : int
+            Number of the segment.
         t : (m,)
+            Times of the rows, s.
         after : float
             Seconds that a halt is felt longer than by the filters, by a treatment with a memory.
         """
@@ -201,7 +248,22 @@ class RowPhases:
         return phase
 
     def find_used_rows(self, segment: int, t: FloatArray, after: float = 0.0) -> BoolArray:
-        """Return (m, n): which rows a model is fitted to."""
+        """Return which rows a model is fitted to.
+
+        Parameters
+        ----------
+        segment : int
+            Number of the segment.
+        t : (m,)
+            Times of the rows, s.
+        after : float
+            Seconds that a halt is felt longer than by the filters, by a treatment with a memory.
+
+        Returns
+        -------
+        (m, n) array of bool
+            For every row and joint.
+        """
         return is_fitted(self.phases_at(segment, t, after))
 
 
@@ -271,7 +333,18 @@ def _find_joints_with_memory(observation: Observation) -> BoolArray:
 
 
 def have_same_instants(first: Observation, second: Observation) -> bool:
-    """Return whether the same instants are taken out of the equations of two observation matrices of one robot."""
+    """Return whether the same instants are taken out of the equations of two observation matrices of one robot.
+
+    Parameters
+    ----------
+    first, second : Observation
+        Matrices of one robot.
+
+    Returns
+    -------
+    bool
+        Whether rows that were filtered for one can be used for the other.
+    """
 
     def are_equal(*predicates: Callable[[Observation], BoolArray]) -> bool:
         return all(np.array_equal(predicate(first), predicate(second)) for predicate in predicates)
@@ -308,13 +381,16 @@ def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Sig
     Parameters
     ----------
     robot : Robot
+        Robot that the columns belong to.
     columns : sequence of Column
+        One for every parameter.
     signals : Signals
         The symbols that the columns are made of.
 
     Returns
     -------
     Observation
+        With 2 n rows a sample.
     """
     jumps = signals.predicted.get_drive_parameter("Fc")
     friction = [
@@ -325,7 +401,8 @@ def build_rest_observation(robot: Robot, columns: Sequence[Column], signals: Sig
     memory = {signal: signals.memory(signal) for signal in signals.memory_signals}
     for direction in (1.0, -1.0):
         for j in range(robot.n):
-            # The hysteresis state is at its end of this direction, as after a long way there.
+            # Only joint j's own speed, acceleration and hysteresis are set; what the others do stays a symbol. The
+            # hysteresis state is at its end of this direction, as after a long way there.
             states = [symbol for signal, symbol in memory.items() if j in robot.get_position_movers(signal.joint)]
             state = ca.vertcat(signals.dq[j], signals.ddq[j], *states)
             speeds = (_TOUCH, min(_SLOWEST * get_velocity_scale(robot, j), _FASTEST_OF_SLOW) if steep[j] else _TOUCH)

@@ -30,7 +30,15 @@ _SHAPES = ("box", "cylinder", "sphere", "capsule")
 
 @dataclass(frozen=True, eq=False)
 class LinkShapes:
-    """Convex shapes of a link for collision checks, and the surfaces of its meshes as they are."""
+    """Shapes of a link in one frame.
+
+    Parameters
+    ----------
+    shapes : tuple of Shape
+        Convex shapes for collision checks.
+    surfaces : tuple of Surface
+        The surfaces of its meshes as they are.
+    """
 
     shapes: tuple[Shape, ...]
     surfaces: tuple[Surface, ...] = ()
@@ -89,6 +97,7 @@ class CollisionReader:
         length = float(_read_sizes(element, "length", owner, 1)[0])
         if element.tag == "cylinder":
             return [Cylinder(placement, radius, length)]
+        # The length of a capsule is that between the centres of its round ends.
         half = 0.5 * length * placement[:3, 2]
         return [Capsule(placement[:3, 3] - half, placement[:3, 3] + half, radius)]
 
@@ -132,6 +141,7 @@ def read_origin(element: Element, owner: str) -> FloatArray:
         placement[:3, 3] = _read_numbers(origin, "xyz", owner, 3)
     if "quat_xyzw" in origin.attributes:
         placement[:3, :3] = Rotation.from_quat(_read_numbers(origin, "quat_xyzw", owner, 4)).as_matrix()
+    # Roll, pitch and yaw turn about fixed axes, x first: what SciPy writes in lower case.
     elif "rpy" in origin.attributes:
         placement[:3, :3] = Rotation.from_euler("xyz", _read_numbers(origin, "rpy", owner, 3)).as_matrix()
     return placement
@@ -177,7 +187,7 @@ _SHOWN = 3
 class Body:
     """Everything that moves with one joint, as shapes in that joint's frame.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Name of the link.
@@ -199,7 +209,7 @@ class Body:
 class CollisionGeometry:
     """Collision geometry of a robot.
 
-    Attributes
+    Parameters
     ----------
     bodies : tuple of Body
         Bodies that have shapes, the base first.
@@ -225,6 +235,7 @@ def collision_geometry(
     Parameters
     ----------
     robot : Robot
+        The robot, with the description that it was read from.
     mesh_folders : sequence of Path
         Where the files of meshes are looked for.
     link_radius : float, optional
@@ -233,6 +244,7 @@ def collision_geometry(
     Returns
     -------
     CollisionGeometry
+        Bodies with their shapes, and what could not be read.
 
     Raises
     ------
@@ -245,6 +257,7 @@ def collision_geometry(
     names = {BASE: "base"}
     unread: list[str] = []
     for link, joint, parts in _iter_links(robot, mesh_folders, unread):
+        # The base is called by the first link of it that has a shape: links such as `world` have none.
         if joint == BASE and link and parts.shapes and not shapes[BASE]:
             names[BASE] = link
         shapes[joint].extend(parts.shapes)
@@ -279,6 +292,7 @@ def find_mesh_folders(robot: Robot, file: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     robot : Robot
+        The robot, with the description that it was read from.
     file : Path
         The description's file.
 
@@ -316,6 +330,7 @@ def _iter_urdf_links(
         name = link.attributes["name"]
         joint, placement = places[name]
         yield name, joint, reader.read_link(link, placement)
+    # Folders that hold none of the meshes are a mistake. Single meshes that are missing become a note.
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
             f"none of the {len(unread)} collision meshes of the URDF is in "
@@ -393,6 +408,7 @@ def _iter_table_links(robot: Robot) -> Iterator[tuple[str, int, LinkShapes]]:
         if row.name in robot.joint_names:
             carrier, placement = robot.joint_names.index(row.name), np.eye(4)
         else:
+            # Locked joints are not in the robot: their link belongs to the moving joint before.
             held = Joint(row.name, row.kind, BASE, row.placement, np.array([0.0, 0.0, 1.0]))
             value = np.array([robot.locked_joints.get(row.name, 0.0)])
             placement = placement @ row.placement @ joint_motion(held, value)[0]
@@ -402,5 +418,6 @@ def _iter_table_links(robot: Robot) -> Iterator[tuple[str, int, LinkShapes]]:
 
 def _connect_origins(robot: Robot, joint: int, radius: float) -> list[Capsule]:
     origin = np.zeros(3)
+    # A link that carries no other joint becomes a ball about its own joint's origin.
     ends = [other.placement[:3, 3] for other in robot.joints if other.parent == joint]
     return [Capsule(origin, end, radius) for end in ends or [origin]]

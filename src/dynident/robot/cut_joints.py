@@ -17,12 +17,40 @@ LOOP_TITLE = "Unusable closed loop"
 
 
 def make_loop_error(detail: str, loop: Loop) -> DynidentError:
-    """Return an error that names a loop's place."""
+    """Return an error that names a loop's place.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    loop : Loop
+        The loop, with its place in the description.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {loop.line}: {detail}" if loop.line else detail, pointer=loop.where, title=LOOP_TITLE)
 
 
 def make_redundancy_error(loop: Loop, equations: int, unknowns: int, passive: str) -> DynidentError:
-    """Return the error of a loop with more equations than passive joints."""
+    """Return the error of a loop with more equations than passive joints.
+
+    Parameters
+    ----------
+    loop : Loop
+        The loop, with its place in the description.
+    equations, unknowns : int
+        Number of its equations and of its passive joints.
+    passive : str
+        Names of these joints.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return make_loop_error(
         f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
         f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
@@ -32,7 +60,20 @@ def make_redundancy_error(loop: Loop, equations: int, unknowns: int, passive: st
 
 
 def make_reach_error(loop: Loop, reached: int, sampled: int) -> DynidentError:
-    """Return the error of loops that meet singular postures almost wherever their driven joints go."""
+    """Return the error of loops that meet singular postures almost wherever their driven joints go.
+
+    Parameters
+    ----------
+    loop : Loop
+        One of the loops, with its place in the description.
+    reached, sampled : int
+        Number of postures that were reached, and of those that were tried.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return make_loop_error(
         "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
         f"{reached} of {sampled} postures are reached. State limits of the driven joints, or another start.",
@@ -56,7 +97,15 @@ EQUATIONS = {"planar": 2, "point": 3, "full": 6}
 
 @dataclass(frozen=True, eq=False)
 class FrameOnJoint:
-    """One side of a cut joint: the joint of the tree that carries it (-1: the base), and its frame (4, 4) there (m)."""
+    """One side of a cut joint.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint of the tree that carries it; -1 for the base.
+    frame : (4, 4)
+        Placement in that joint's frame, m.
+    """
 
     joint: int
     frame: FloatArray
@@ -66,15 +115,17 @@ class FrameOnJoint:
 class Loop:
     """A closed loop: two frames that coincide wherever the machine moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the loop, for messages.
     kind : {"planar", "point", "full"}
         Which part of the frames coincides: the origins in the xy plane of the first frame (a pin), the origins (a ball
         joint), or the whole frames.
-    ends : tuple of End
-    where, line
-        Place in the description, for messages.
+    ends : tuple of two FrameOnJoint
+        The frames, each on a joint of the tree.
+    where, line : str, int
+        Place in the description, for messages: a JSON pointer and the number of a line, 0 where there is none.
     equations : tuple of int, optional
         Those of its kind's equations that count; all of them by default.
     """
@@ -103,10 +154,11 @@ def build_gap(loop: Loop, joints: Sequence[Joint], q: ca.SX) -> ca.SX:
     Parameters
     ----------
     loop : Loop
+        The loop.
     joints : sequence of Joint
-        Those of the tree.
+        All joints of the tree.
     q : SX (N, 1)
-        Their positions.
+        Their positions, rad or m.
 
     Returns
     -------

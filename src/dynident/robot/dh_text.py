@@ -48,7 +48,9 @@ _CONVENTIONS: dict[str, Convention] = {
     "kleinfinger": "khalil",
 }
 _COLUMNS = {"a": "a", "alpha": "alpha", "α": "alpha", "d": "d", "theta": "theta", "θ": "theta", "r": "r", "q": "theta"}
+# Heads of columns that name or count the rows: no names of joints.
 _LABELS = {"joint", "link", "i", "j", "name", "axis", "row", "no", "nr"}
+# The joint variable as papers write it, with its sign: q2, θ_2, q_{2}, d3, or a star.
 _VARIABLE = re.compile(r"(?:[+-]\s*)?(?:q|θ|theta|d|r|t)_?\{?(?:\d+|i|j)\}?\*?|(?:[+-]\s*)?[*]")
 _COMMENT = ("#", "%", "//")
 
@@ -99,12 +101,21 @@ def robot_from_dh_text(
         Name of the robot.
     text : str
         The table; the module's docstring shows its form.
-    limits, drives, locked_joints, gravity, pointer
-        As for `robot_from_urdf`.
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) by default.
+    pointer : str
+        JSON pointer to the text in the caller's request.
 
     Returns
     -------
     Robot
+        One joint for every row.
 
     Raises
     ------
@@ -124,6 +135,18 @@ def robot_from_dh_text(
 
 def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     """Return the modified table, as `robot_from_modified_dh` takes it, of a pasted one.
+
+    Parameters
+    ----------
+    text : str
+        The table; the module's docstring shows its form.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    PastedTable
+        Rows in rad and m.
 
     Raises
     ------
@@ -169,6 +192,7 @@ def _split_lines(text: str, pointer: str) -> tuple[Convention | None, list[_Line
         line = raw.strip()
         words = re.findall(r"[a-zA-Z]+", line.casefold())
         line_convention = next((_CONVENTIONS[word] for word in words if word in _CONVENTIONS), None)
+        # The first convention that is named holds for the whole table.
         convention = convention or line_convention
         if (
             not line
@@ -194,6 +218,7 @@ def _split_cells(line: str) -> tuple[str, ...]:
 
 
 def _is_header(line: _Line) -> bool:
+    # Three names of columns make a head. A row of numbers has none, and titles hardly ever have so many.
     return sum(_parse_column_name(cell)[0] is not None for cell in line.cells) >= 3
 
 
@@ -254,6 +279,7 @@ def _read_row(
 
 def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bool) -> tuple[float, bool]:
     """Return the constant of a cell in rad or m, and whether the cell has the joint variable in it."""
+    # Cells that were pasted from a PDF or LaTeX have typographic minus signs, dollars and backslashes.
     text = cell.strip().strip("$").replace("−", "-").replace("\\", "").casefold()
     variable = _VARIABLE.search(text) if column in ("theta", "d", "r") else None
     if variable is not None:
@@ -264,6 +290,7 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
         text = (text[: variable.start()] + text[variable.end() :]).strip()
     in_degrees = degrees or "°" in text or text.endswith("deg")
     text = re.sub(r"\s+|°|deg$", "", text).lstrip("+") or "0"
+    # The reader of numbers expects a sign between a factor and π: 2pi becomes 2*pi.
     text = re.sub(r"^(-?)(\d+(?:\.\d*)?)(pi|π)", r"\1\2*\3", text)
     try:
         value = expect_number(text, pointer, TITLE)

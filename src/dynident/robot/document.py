@@ -60,16 +60,19 @@ def robot_from_description(
     description : Description
         A URDF, an MJCF model, a modified Denavit-Hartenberg table as JSON text (`dynident.robot.modified_dh`), or a
         classical or modified one pasted as text ("dh", `dynident.robot.dh_text`).
-    limits, drives : mapping of joint name
-        Limits win over the description's, field by field. Drive chains [12.17].
-    locked_joints : mapping of joint name to position (rad or m)
-        These joints no longer move; their links become part of the link before.
-    gravity : (x, y, z), optional
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
         Acceleration of gravity in the base frame (m/s²); else the description's, else (0, 0, -9.81).
 
     Returns
     -------
     Robot
+        With limits, drives and inertial parameters, as far as they are known.
 
     Raises
     ------
@@ -135,7 +138,18 @@ class RobotDocument(TypedDict):
 
 
 def robot_to_document(robot: Robot) -> RobotDocument:
-    """Return JSON values from which `robot_from_document` builds the same robot."""
+    """Return JSON values from which `robot_from_document` builds the same robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    RobotDocument
+        The text of the description, and the settings beside it.
+    """
     document: RobotDocument = {
         "name": robot.name,
         "description": {"format": robot.description.format, "content": robot.description.content},
@@ -154,7 +168,18 @@ def robot_to_document(robot: Robot) -> RobotDocument:
 
 
 def robot_from_document(document: RobotDocument) -> Robot:
-    """Return the robot of a document that `robot_document` wrote."""
+    """Return the robot of a document that `robot_to_document` wrote.
+
+    Parameters
+    ----------
+    document : RobotDocument
+        JSON values.
+
+    Returns
+    -------
+    Robot
+        Read from the description again.
+    """
     robot = robot_from_description(
         document["name"],
         Description(**document["description"]),

@@ -19,7 +19,9 @@ from dynident.array_types import FloatArray
 from dynident.expressions.angles import AngleTerms, substitute_angles
 from dynident.robot.loop_equations import LoopEquations
 
+# Postures of the other joints, and random angles of the two, at which the form of their equations is tried.
 _POSTURES, _TURNS = 3, 8
+# Misfit of that form per length of the loop, relative spread of a constant, and distance (rad) of a branch: rounding.
 _EXACT, _CONSTANT, _SAME_BRANCH = 1e-12, 1e-13, 1e-8
 _WIDEST = 5.5
 """Largest range (rad) of a passive joint: with less than a whole turn, its angle follows from cosine and sine."""
@@ -56,12 +58,13 @@ def solve_by_triangles(closure: LoopEquations, q: FloatArray, x: FloatArray) -> 
     Parameters
     ----------
     closure : LoopEquations
+        The closed loops of the machine.
     q, x : (m, n), (m, p)
         Closed postures on the branch of the start; they select the branch of each triangle.
 
     Returns
     -------
-    Turns or None
+    AngleTerms or None
         Angles, cosines and sines SX (p, 1) of the closure's driven symbols; None if any loop is not a triangle. The
         sides of a triangle may depend on triangles that are solved before.
     """
@@ -90,6 +93,7 @@ def _order_blocks(closure: LoopEquations) -> list[tuple[list[int], list[int]]]:
     ordered_blocks: list[tuple[list[int], list[int]]] = []
     while remaining_blocks:
         solved_unknowns = {k for _, unknowns in ordered_blocks for k in unknowns}
+        # A block can be solved once all other unknowns of its equations are.
         ready = next(
             block
             for block in remaining_blocks
@@ -192,12 +196,14 @@ def _close_triangle(vectors: Sequence[_PlaneVector], squares: Sequence[ca.SX], s
 
 def _combine_rotations(turns: Sequence[_PlaneVector], powers: FloatArray) -> _PlaneVector:
     """Return the rotation by a sum of angles, each counted with its power in `powers` (2,): 1, -1 or 0."""
+    # A unit vector's conjugate turns back.
     used = [turn if power > 0 else turn.conjugate() for turn, power in zip(turns, powers, strict=True) if round(power)]
     return used[0] if len(used) == 1 else used[0] * used[1]
 
 
 def _angles_near(turns: Sequence[_PlaneVector], middle: FloatArray) -> AngleTerms:
     """Return angles within half a turn of their middles, with their cosines and sines."""
+    # Turned back by the middle first, so that the jump of atan2 lies half a turn away from it.
     away = [
         rotation * _PlaneVector(ca.SX(np.cos(centre)), ca.SX(-np.sin(centre)))
         for rotation, centre in zip(turns, middle, strict=True)

@@ -30,6 +30,7 @@ def estimate_inertia_errors(robot: Robot, share: float = DEFAULT_RELATIVE_ERROR)
     Parameters
     ----------
     robot : Robot
+        The robot.
     share : float
         Relative error of the description; a fifth by default.
 
@@ -40,6 +41,7 @@ def estimate_inertia_errors(robot: Robot, share: float = DEFAULT_RELATIVE_ERROR)
     """
     deviations = np.empty((robot.n, 10))
     for link in range(robot.n):
+        # A link without a mass in the description still has one in truth: an arm's usual one, and all of it uncertain.
         mass, size, off = _MASS, _SIZE, _SHARE_WITHOUT
         if robot.inertias is not None and robot.inertias[link, 9] > 0:
             mass, off = float(robot.inertias[link, 9]), share

@@ -20,10 +20,12 @@ WIDEST_RANGE = {"revolute": 20 * math.pi, "prismatic": 1000.0}
 class Joint:
     """One joint and the link that it moves.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the joint.
     kind : {"revolute", "prismatic"}
+        Whether it turns or slides.
     parent : int
         Index of the antecedent joint; -1 for the base.
     placement : ndarray (4, 4)
@@ -31,6 +33,7 @@ class Joint:
     axis : ndarray (3,)
         Unit vector in the joint's own frame about which it turns or along which it slides.
     limits : Limits
+        Its limits, as far as they are known.
     link : str
         Name of the link, where the description has one.
     """

@@ -18,12 +18,33 @@ _EXPRESSION = re.compile(rf"([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?(pi|π)\s*(?:/\s*(
 
 
 def parse_json(text: str, at: str, title: str) -> object:
-    """Return the value of a JSON text; `DynidentError` names line and column."""
+    """Return the value of a JSON text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    object
+        Of dicts, lists, texts, numbers, truth values and None.
+
+    Raises
+    ------
+    DynidentError
+        With line and column, where the text is malformed or nested too deeply.
+    """
     try:
         value: object = json.loads(text)
     except json.JSONDecodeError as error:
         detail = f"line {error.lineno}: The JSON is malformed at column {error.colno}: {error.msg}."
         raise DynidentError(detail, pointer=at, title=title) from None
+    # Python's parser works by recursion, and gives up on texts that are nested some thousand times.
     except RecursionError:
         raise _make_depth_error(at, title) from None
     except ValueError as error:  # a number of thousands of digits
@@ -56,7 +77,29 @@ def _make_depth_error(at: str, title: str) -> DynidentError:
 
 
 def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -> Mapping[str, object]:
-    """Return `value` as an object that has no other keys than `allowed`."""
+    """Return a value as an object that has no unknown keys.
+
+    Parameters
+    ----------
+    value : object
+        A JSON value.
+    allowed : iterable of str
+        The keys that it may have.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    mapping of str to object
+        The value itself.
+
+    Raises
+    ------
+    DynidentError
+        For any other value or key.
+    """
     allowed = tuple(allowed)
     if not isinstance(value, Mapping):
         raise DynidentError(f"Expected an object with {join_names(allowed)}.", pointer=at, title=title)
@@ -68,15 +111,56 @@ def expect_mapping(value: object, allowed: Iterable[str], at: str, title: str) -
 
 
 def expect_text(value: object, at: str, title: str) -> str:
-    """Return `value` as a text that is not empty."""
+    """Return a value as a text that is not empty.
+
+    Parameters
+    ----------
+    value : object
+        A JSON value.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    str
+        The value itself.
+
+    Raises
+    ------
+    DynidentError
+        For any other value.
+    """
     if not isinstance(value, str) or not value.strip():
         raise DynidentError("Expected a text that is not empty.", pointer=at, title=title)
     return value
 
 
 def expect_number(value: object, at: str, title: str) -> float:
-    """Return a finite number, also from texts such as "0.5", "pi/2" and "-3*pi/4"."""
+    """Return a finite number, also from texts such as "0.5", "pi/2" and "-3*pi/4".
+
+    Parameters
+    ----------
+    value : object
+        A JSON value.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    float
+        Finite.
+
+    Raises
+    ------
+    DynidentError
+        For any other value.
+    """
     number = math.nan
+    # To Python, JSON's true and false are whole numbers.
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         number = _to_float(value)
     elif isinstance(value, str):
@@ -88,7 +172,29 @@ def expect_number(value: object, at: str, title: str) -> float:
 
 
 def expect_numbers(value: object, count: int, at: str, title: str) -> tuple[float, ...]:
-    """Return a list of `count` finite numbers."""
+    """Return a list of finite numbers.
+
+    Parameters
+    ----------
+    value : object
+        A JSON value.
+    count : int
+        How many there have to be.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Returns
+    -------
+    tuple of float
+        As many as `count`.
+
+    Raises
+    ------
+    DynidentError
+        For any other value.
+    """
     if not isinstance(value, (list, tuple)) or len(value) != count:
         raise DynidentError(f"Expected a list of {count} numbers.", pointer=at, title=title)
     return tuple(expect_number(item, make_pointer(index, within=at), title) for index, item in enumerate(value))
@@ -98,6 +204,7 @@ def _to_float(value: float) -> float:
     try:
         return float(value)
     except OverflowError:
+        # A whole number of hundreds of digits has no float; it counts as infinite, and is refused.
         return math.inf
 
 

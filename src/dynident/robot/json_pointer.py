@@ -23,7 +23,22 @@ def join_names(names: Iterable[str]) -> str:
 
 
 def check_unicode(text: str, at: str, title: str) -> None:
-    """Refuse a text with half of a character (a lone surrogate), which no file and no response can hold."""
+    """Refuse a text with half of a character (a lone surrogate), which no file and no response can hold.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    at : str
+        JSON pointer to it in the caller's request.
+    title : str
+        Title of errors.
+
+    Raises
+    ------
+    DynidentError
+        With the line.
+    """
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -33,7 +48,22 @@ def check_unicode(text: str, at: str, title: str) -> None:
 
 
 def check_name(name: str, at: str, title: str) -> None:
-    """Refuse a name with line breaks or other control characters: names are used in table headers and messages."""
+    """Refuse a name with line breaks or other control characters: names are used in table headers and messages.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    at : str
+        JSON pointer to the description in the caller's request.
+    title : str
+        Title of errors.
+
+    Raises
+    ------
+    DynidentError
+        With the name and the character.
+    """
     control = next((character for character in name if unicodedata.category(character) in _CONTROL), None)
     if control is not None:
         detail = f"The name {name[:80]!a} holds {control!a}; names are of one line, without control characters."

@@ -17,6 +17,7 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     Parameters
     ----------
     robot : Robot
+        The robot.
     q : ndarray (m, n)
         Positions of the driven joints, rad or m.
 
@@ -29,6 +30,7 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
     if robot.linkage is not None:
         q, robot = robot.linkage.compute_positions(q), robot.tree
     frames = np.empty((len(q), robot.n, 4, 4))
+    # One pass is enough, since every antecedent comes before its successors.
     for index, joint in enumerate(robot.joints):
         local = joint.placement @ joint_motion(joint, q[:, index])
         frames[:, index] = local if joint.parent < 0 else frames[:, joint.parent] @ local
@@ -36,7 +38,20 @@ def joint_frames(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def joint_motion(joint: Joint, q: FloatArray) -> FloatArray:
-    """Return the transforms (m, 4, 4) that positions `q` (m,) add behind the joint's placement."""
+    """Return the transforms that positions add behind a joint's placement.
+
+    Parameters
+    ----------
+    joint : Joint
+        A joint, with its axis.
+    q : ndarray (m,)
+        Its positions, rad or m.
+
+    Returns
+    -------
+    ndarray (m, 4, 4)
+        Homogeneous transforms, m.
+    """
     motion = np.zeros((len(q), 4, 4))
     motion[:, range(4), range(4)] = 1.0
     if joint.kind == "prismatic":
@@ -55,6 +70,7 @@ def tool_path(robot: Robot, q: FloatArray, joint: int = -1, point: FloatArray | 
     Parameters
     ----------
     robot : Robot
+        The robot.
     q : ndarray (m, n)
         Positions of the driven joints, rad or m.
     joint : int

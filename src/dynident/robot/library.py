@@ -14,7 +14,13 @@ _FOLDER = files("dynident.robot") / "library"
 
 
 def library_names() -> tuple[str, ...]:
-    """Return the names of the arms in the library, sorted."""
+    """Return the names of the arms in the library.
+
+    Returns
+    -------
+    tuple of str
+        Sorted.
+    """
     entries = (entry.name for entry in _FOLDER.iterdir())
     return tuple(sorted(name.removesuffix(".json") for name in entries if name.endswith(".json")))
 
@@ -27,6 +33,11 @@ def library_table(name: str) -> str:
     name : str
         One of `library_names()`.
 
+    Returns
+    -------
+    str
+        As `robot_from_modified_dh` reads it.
+
     Raises
     ------
     DynidentError
@@ -38,7 +49,23 @@ def library_table(name: str) -> str:
 
 
 def library_source(name: str) -> str:
-    """Return a text on which data of an arm are published and which are merely plausible."""
+    """Return a text on which data of an arm are published and which are merely plausible.
+
+    Parameters
+    ----------
+    name : str
+        One of `library_names()`.
+
+    Returns
+    -------
+    str
+        Some sentences.
+
+    Raises
+    ------
+    DynidentError
+        If there is no arm of that name.
+    """
     source: str = json.loads(library_table(name))["source"]
     return source
 
@@ -56,6 +83,7 @@ def robot_from_library(name: str) -> Robot:
     Returns
     -------
     Robot
+        The arm, without drive chains.
 
     Raises
     ------

@@ -13,7 +13,23 @@ SMALLEST, LARGEST = 1e-6, 1e9
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one joint: rad or m, rad/s or m/s, …, N m or N, and W; None where none is known."""
+    """Limits of one joint, in either direction; None where none is known.
+
+    Parameters
+    ----------
+    position : (float, float), optional
+        Lowest and highest position, rad or m.
+    velocity : float, optional
+        Largest speed, rad/s or m/s.
+    acceleration : float, optional
+        Largest acceleration, rad/s² or m/s².
+    jerk : float, optional
+        Largest change of the acceleration, rad/s³ or m/s³.
+    effort : float, optional
+        Largest torque or force, N m or N.
+    power : float, optional
+        Largest product of torque and velocity, W.
+    """
 
     position: tuple[float, float] | None = declare_field("Lowest and highest, rad or m", default=None)
     velocity: float | None = declare_field("rad/s or m/s", default=None, at_least=SMALLEST, at_most=LARGEST)
@@ -30,6 +46,19 @@ class Drive:
     """The drive chain of one joint, [12.17]: joint torque = drive_gain x recorded current.
 
     The motor's speed is the gear ratio times (q̇ + Σ coupling q̇ of the other joint).
+
+    Parameters
+    ----------
+    drive_gain : float, optional
+        N m or N per unit of current; instead of it, its three factors may be stated.
+    gear_ratio : float, optional
+        Turns of the motor in one turn of the joint.
+    torque_constant : float, optional
+        Torque of the motor, N m per unit of current.
+    amplifier_gain : float, optional
+        Unit of current per unit of what is recorded; 1 by default.
+    coupling : mapping of str to float
+        Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same shares.
     """
 
     drive_gain: float | None = declare_field("N m or N per unit of current", default=None)

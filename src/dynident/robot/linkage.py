@@ -147,7 +147,7 @@ def link_joints(
         Title of errors.
     locked : mapping of joint name to position
         Joints that were removed from the tree because they are locked (rad or m).
-    cuts : Cuts, optional
+    cuts : LoopCuts, optional
         Closed loops and passive joints.
 
     Raises

@@ -38,6 +38,7 @@ def choose_pivots(matrices: FloatArray) -> Pivots:
     Returns
     -------
     tuple of (row, column)
+        The pivots in the order of elimination.
     """
     remaining = np.array(matrices)
     size = remaining.shape[1]
@@ -69,7 +70,22 @@ def choose_pivots(matrices: FloatArray) -> Pivots:
 
 
 def solve_sparse(matrix: ca.SX, right: ca.SX, pivots: Pivots) -> ca.SX:
-    """Return matrix⁻¹ right as SX (p, k), for expressions SX (p, p) and (p, k)."""
+    """Return matrix⁻¹ right, by elimination in a given order.
+
+    Parameters
+    ----------
+    matrix : SX (p, p)
+        The matrix, of the sparsity pattern that the pivots were chosen for.
+    right : SX (p, k)
+        Right sides.
+    pivots : tuple of (row, column)
+        Order of elimination, from `choose_pivots`.
+
+    Returns
+    -------
+    SX (p, k)
+        The solutions.
+    """
     entries = _list_entries(matrix)
     sides = _list_entries(right)
     done: set[int] = set()
@@ -132,7 +148,20 @@ def compute_condition(slopes: FloatArray) -> FloatArray:
 
 
 def list_products(factors: Sequence[FactorT], degree: int) -> list[FactorT]:
-    """Return all products of up to `degree` factors, each computed from one of a degree less."""
+    """Return all products of up to `degree` factors, each computed from one of a degree less.
+
+    Parameters
+    ----------
+    factors : sequence
+        Arrays or expressions.
+    degree : int
+        Largest number of factors of a product.
+
+    Returns
+    -------
+    list
+        Without the empty product; products of fewer factors first.
+    """
     products_by_places: dict[tuple[int, ...], FactorT] = {}
     for count in range(1, degree + 1):
         for places in combinations_with_replacement(range(len(factors)), count):
@@ -152,6 +181,7 @@ def group_equations(over_driven: BoolArray, over_passive: BoolArray) -> list[tup
     Returns
     -------
     list of (rows, unknowns, driven)
+        Indices of equations, passive coordinates and driven joints, ascending.
     """
     remaining_rows = set(range(over_passive.shape[0]))
     groups = []

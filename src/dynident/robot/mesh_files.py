@@ -12,7 +12,20 @@ _PREFIXES = ("package://", "model://", "file://")
 
 
 def find_mesh_file(uri: str, folders: Iterable[Path]) -> Path | None:
-    """Return the file that a mesh's name means, below one of the folders; None if there is none."""
+    """Return the file that a mesh's name means, below one of some folders.
+
+    Parameters
+    ----------
+    uri : str
+        Name of the mesh in the description.
+    folders : iterable of Path
+        Where it is looked for, in this order.
+
+    Returns
+    -------
+    Path or None
+        None if there is no such file.
+    """
     return next((path for path in list_candidate_files(uri, folders) if _is_file(path)), None)
 
 
@@ -27,6 +40,18 @@ def list_candidate_files(uri: str, folders: Iterable[Path]) -> list[Path]:
     """Return the files that a mesh's name may mean, in the order of the search.
 
     For package://robot/meshes/x.stl both robot/meshes/x.stl and meshes/x.stl are looked for in the folders.
+
+    Parameters
+    ----------
+    uri : str
+        Name of the mesh in the description.
+    folders : iterable of Path
+        Where it is looked for, in this order.
+
+    Returns
+    -------
+    list of Path
+        Whether or not they exist; none outside of the folders.
     """
     packaged = not uri.startswith("file://") and any(uri.startswith(prefix) for prefix in _PREFIXES)
     name = uri
@@ -49,12 +74,14 @@ def _list_tails(path: Path, packaged: bool) -> list[Path]:
 
 
 def link_mesh_files(folder: Path, files: Mapping[str, Path]) -> None:
-    """Link the files of meshes into a folder, so that `mesh_file` finds them there.
+    """Link the files of meshes into a folder, so that `find_mesh_file` finds them there.
 
     Parameters
     ----------
     folder : Path
-    files : mapping of a mesh's name in the description to Path
+        The folder, which need not be empty.
+    files : mapping of str to Path
+        Files by the mesh's name in the description.
 
     Raises
     ------

@@ -19,6 +19,7 @@ from dynident.robot.collada import read_dae
 
 MOST_BYTES = 100 * 2**20
 """Largest file: two million triangles of a binary STL. The meshes of arms have some ten thousand at most."""
+# Bytes of a binary STL: its head, which ends with the number of triangles, and one triangle.
 _STL_HEAD, _STL_TRIANGLE = 84, 50
 _STL_KIND = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
@@ -47,6 +48,7 @@ def read_triangles(file: Path) -> Triangles:
     Parameters
     ----------
     file : Path
+        The file; the ending of its name tells the format.
 
     Returns
     -------

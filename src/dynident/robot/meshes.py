@@ -22,7 +22,15 @@ _COARSER = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles (k, 3), as indices of points (m, 3) in m."""
+    """A surface of triangles.
+
+    Parameters
+    ----------
+    points : (m, 3)
+        Corners, m.
+    triangles : (k, 3)
+        Indices of corners.
+    """
 
     points: FloatArray
     triangles: NDArray[np.intp]
@@ -36,11 +44,18 @@ def thin_surface(surface: Surface, most: int) -> Surface:
     Parameters
     ----------
     surface : Surface
+        The surface to simplify.
     most : int
         At least 12: the coarsest grid leaves no more than a box.
+
+    Returns
+    -------
+    Surface
+        The surface itself where it has few enough triangles.
     """
     cells = float(_FINEST)
     coarser = surface
+    # Every grid starts from the whole surface, so that the errors of one do not enter the next.
     while len(coarser.triangles) > most:
         coarser = _cluster_points(surface, cells)
         cells *= _COARSER
@@ -79,6 +94,7 @@ def read_surface(file: Path, scale: FloatArray, placement: FloatArray) -> Surfac
     Parameters
     ----------
     file : Path
+        The mesh file.
     scale : ndarray (3,)
         Factors along the axes of the mesh.
     placement : ndarray (4, 4)
@@ -87,6 +103,7 @@ def read_surface(file: Path, scale: FloatArray, placement: FloatArray) -> Surfac
     Returns
     -------
     Surface
+        Points in m, in the frame that `placement` leads to.
 
     Raises
     ------
@@ -111,6 +128,7 @@ def _build_hull(points: FloatArray) -> Hull | Block:
     middle = points.mean(axis=0)
     # The three rows of zeros give all three principal axes, however few points there are.
     axes = np.linalg.svd(np.vstack([points - middle, np.zeros((3, 3))]))[2]
+    # Right-handed axes: the placement of a box must not mirror it.
     axes[2] *= np.sign(np.linalg.det(axes))
     along = (points - middle) @ axes.T
     low, high = along.min(axis=0), along.max(axis=0)
@@ -149,6 +167,7 @@ def _cut_slices(points: FloatArray, triangles: NDArray[np.intp], axis: FloatArra
     slices = []
     for low, high in itertools.pairwise(borders):
         inside = points[used[(along[used] >= low) & (along[used] <= high)]]
+        # Where an edge crosses a border, both slices get the point, so that the pieces leave no gap.
         crossing = [_intersect_edges(points, along, edges, border) for border in (low, high)]
         slices.append(np.concatenate([inside, *crossing]))
     return slices

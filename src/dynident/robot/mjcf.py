@@ -27,7 +27,9 @@ from dynident.robot.xml_text import Element, write_with_line_numbers
 if TYPE_CHECKING:
     import mujoco
 
+# Pinocchio's name of the fixed base, and ours.
 _RESERVED = ("universe", "base")
+# An actuator whose largest force is below this (N m or N) counts as one without a limit.
 _LENGTH_FREE = 1e-12
 _NUMBERS = (
     *("body_pos", "body_quat", "body_mass", "body_ipos", "body_iquat", "body_inertia"),
@@ -58,12 +60,21 @@ def robot_from_mjcf(
     ----------
     name, text : str
         Name of the robot; the MJCF, one file with all that it needs.
-    limits, drives, locked_joints, gravity, pointer
-        As for `robot_from_urdf`; the default of gravity is that of `<option>`.
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); that of `<option>` by default.
+    pointer : str
+        JSON pointer to the text in the caller's request.
 
     Returns
     -------
     Robot
+        Joints in the order of the bodies.
 
     Raises
     ------
@@ -128,6 +139,7 @@ def _build_tree(compiled: mujoco.MjModel, name: str, pointer: str) -> tuple[pin.
     links: dict[str, str] = {}
     # For every body, the joint that carries it and its placement in that joint's frame. MuJoCo orders parents first.
     carried: list[tuple[int, pin.SE3]] = [(0, pin.SE3.Identity())]
+    # By MuJoCo's numbers of kinds of joints: slide and hinge.
     kinds = {2: pin.JointModelPrismaticUnaligned, 3: pin.JointModelRevoluteUnaligned}
     for body in range(1, compiled.nbody):
         joint, before = carried[compiled.body_parentid[body]]
@@ -192,6 +204,7 @@ def _iter_limits(compiled: mujoco.MjModel) -> Iterator[tuple[str, Limits]]:
         plain = compiled.actuator_gaintype[k] == 0 and compiled.actuator_biastype[k] == 0
         if compiled.actuator_ctrllimited[k] and plain:
             bounds.append(np.abs(compiled.actuator_ctrlrange[k] * compiled.actuator_gainprm[k, 0]).max())
+        # Actuators on one joint add up, and one without a limit leaves the joint without any.
         if bounds and gear * min(bounds) > _LENGTH_FREE:
             efforts[j] = efforts.get(j, 0.0) + gear * float(min(bounds))
         else:

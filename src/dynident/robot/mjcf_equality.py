@@ -18,6 +18,7 @@ from dynident.robot.model import Tie
 if TYPE_CHECKING:
     import mujoco
 
+# MuJoCo's numbers: of kinds of equalities, and of a site, a joint in a tendon's path and a transmission by a tendon.
 _CONNECT, _WELD, _JOINT, _TENDON = 0, 1, 2, 3
 _SITE, _WRAPPED_JOINT, _THROUGH_TENDON = 6, 1, 3
 
@@ -36,13 +37,14 @@ class Coincidence:
 class Equalities:
     """Constraints between the joints of a model.
 
-    Attributes
+    Parameters
     ----------
     ties : mapping of joint name to Tie
         Joints that follow others.
     fixed : mapping of joint name to position
         Joints that stand still (rad, m).
     loops : tuple of Coincidence
+        Pairs of frames that coincide.
     driven : frozenset of str
         Joints that an actuator acts on and that follow no others.
     starts : mapping of joint name to position
@@ -71,9 +73,16 @@ def read_equalities(compiled: mujoco.MjModel, lines: Mapping[str, int], pointer:
     Parameters
     ----------
     compiled : mujoco.MjModel
-    lines : mapping of an equality's name to its line in the text
+        The compiled model.
+    lines : mapping of str to int
+        Lines of the text by the equality's name.
     pointer : str
-        Where the text is in the user's request.
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    Equalities
+        Joints that follow others or stand still, loops, driven joints and the posture at the start.
 
     Raises
     ------
@@ -130,6 +139,7 @@ def _read_linear_equation(compiled: mujoco.MjModel, k: int, line: int, pointer: 
     ids = [int(object_id) for object_id in (compiled.eq_obj1id[k], compiled.eq_obj2id[k])]
     sides = [_read_lengths(compiled, object_id, tied) if object_id >= 0 else ({}, 0.0) for object_id in ids]
     (first, drawn_first), (second, drawn_second) = sides
+    # All joints on one side; a joint may be in both tendons.
     ratios = dict(first)
     for joint, ratio in second.items():
         ratios[joint] = ratios.get(joint, 0.0) - float(data[1]) * ratio

@@ -15,6 +15,7 @@ _BODY = ("body", "frame", "joint", "inertial", "geom", "site")
 _DRIVES = ("motor", "general", "position", "velocity", "intvelocity", "damper")
 _ALIKE = ("cylinder", "muscle", "adhesion", "plugin", "dcmotor")
 """Actuators of which only the joint or tendon that they act on is read."""
+# Children that are kept of these elements; all other children, and those of other elements, are dropped.
 _KEPT = {
     "mujoco": ("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "keyframe"),
     "default": ("default", "joint", "geom", "site", *_DRIVES),
@@ -40,13 +41,29 @@ _ATTRIBUTES = {
     **dict.fromkeys(_DRIVES, (*_DRIVE, "ctrlrange", "ctrllimited")),
 }
 """Attributes that are kept of these elements; other elements keep all of theirs."""
+# Elements that MuJoCo expands: from other files, or by repetition.
 _MAKES_MORE = ("include", "replicate", "composite", "flexcomp", "attach")
 
 _Fail = Callable[[str, int], DynidentError]
 
 
 def make_mjcf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Return an error that names the line."""
+    """Return an error that names the line.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    line : int or None
+        Line of the text, where it is known.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
@@ -58,8 +75,9 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     Parameters
     ----------
     text : str
+        The MJCF.
     pointer : str
-        Where the text is in the user's request.
+        JSON pointer to the text in the caller's request.
     locked : mapping of joint name to position
         Free and ball joints that are locked at 0 are removed: their body is held there, as in a stand.
 
@@ -134,12 +152,14 @@ def _reduce_element(element: Element) -> Element:
         attributes = {name: value for name, value in attributes.items() if name in allowed}
     if element.tag in _ALIKE:
         attributes = {name: attributes[name] for name in ("name", "joint", "tendon") if name in attributes}
+    # Free joints stay for now: they are removed where they are locked, and refused by their name elsewhere.
     tags = _KEPT.get(element.tag, ())
     children = [_reduce_element(child) for child in element.children if child.tag in tags or child.tag == "freejoint"]
     return Element("general" if element.tag in _ALIKE else element.tag, dict(attributes), element.line, children)
 
 
 def _name_all(root: Element) -> None:
+    # Names tie everything together later: messages, locked joints, lines of equalities.
     used_names = {element.attributes["name"] for element in _iter_descendants(root) if "name" in element.attributes}
 
     def name(element: Element, base_name: str) -> str:
@@ -210,6 +230,7 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
             )
             _check_bodies(child, turns, from_shapes, fail)
         elif child.tag == "frame":
+            # Shapes in a frame belong to the body around it, which drops them itself where they do not count.
             _check_bodies(replace(child, attributes={"name": element.attributes.get("name", "")}), moves, True, fail)
     has_inertial = element.tag == "body" and any(
         element_of_body.tag == "inertial" for element_of_body in _iter_body_elements(element)
@@ -250,4 +271,5 @@ def _check_meshes(reduced: Element, fail: _Fail) -> None:
                     "of the body.",
                     geom.line,
                 )
+            # Without mass its size has no effect on the dynamics.
             geom.attributes.update(type="sphere", size="1")

@@ -28,6 +28,7 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
 
     Returns
     -------
@@ -44,7 +45,20 @@ def coupling_matrix(robot: Robot) -> FloatArray | None:
 
 
 def compute_currents(robot: Robot, tau: FloatArray) -> FloatArray:
-    """Return the currents (m, n) that give joint torques tau (m, n); NaN where a drive gain is not known."""
+    """Return the currents that give joint torques.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its drive chains.
+    tau : (m, n)
+        Joint torques, N m or N.
+
+    Returns
+    -------
+    (m, n) array
+        Currents; NaN where a drive gain is not known.
+    """
     gains = np.array([drive.gain or np.nan for drive in robot.drives])
     matrix = coupling_matrix(robot)
     # Γ = Cᵀ diag(g) u, solved for u.
@@ -58,7 +72,15 @@ INERTIAL_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 @dataclass(frozen=True)
 class Description:
-    """The text that a robot was read from, and its format; a table pasted as text is stored as JSON."""
+    """The text that a robot was read from, and its format.
+
+    Parameters
+    ----------
+    format : {"urdf", "mjcf", "modified_dh", "dh"}
+        Format of the text; a robot of a table that was pasted as text ("dh") has the same table as JSON.
+    content : str
+        The text.
+    """
 
     format: DescriptionFormat
     content: str = field(repr=False)
@@ -71,9 +93,10 @@ class Robot:
     Where some joints follow others, `joints` are the driven ones alone, which data, drives and limits refer to;
     `linkage` then has the tree that carries the links.
 
-    Attributes
+    Parameters
     ----------
     name : str
+        Name of the robot.
     joints : tuple of Joint
         Every antecedent comes before its successors.
     gravity : ndarray (3,)
@@ -85,7 +108,8 @@ class Robot:
     inertias : ndarray (N, 10) or None
         Inertial parameters of the description for all N links of the tree, in the order of `INERTIAL_NAMES`; None
         where it has none.
-    locked_joints : mapping of joint name to position (rad or m)
+    locked_joints : mapping of str to float
+        Positions (rad, m) of the joints that were locked, by name.
     linkage : Linkage or None
         How dependent joints follow the driven ones.
     joints_without_torque : tuple of str

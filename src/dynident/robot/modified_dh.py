@@ -106,6 +106,11 @@ def read_loops(value: object, tree: Robot, at: str, title: str) -> tuple[Loop, .
     title : str
         Title of errors.
 
+    Returns
+    -------
+    tuple of Loop
+        In the order of the document.
+
     Raises
     ------
     DynidentError
@@ -176,7 +181,30 @@ _TABLE = ("joints", "gravity", "base_capsules", "loops", "title", "source")
 class Row:
     """One joint of a table.
 
-    `antecedent` counts rows from 0 (-1: the base); `inertia` (10,) has the order of [12.1].
+    Parameters
+    ----------
+    name : str
+        Name of the joint.
+    antecedent : int
+        Index of the row of its antecedent, from 0; -1 for the base.
+    kind : {"revolute", "prismatic"}
+        Whether it turns or slides.
+    placement : (4, 4)
+        Its frame at q = 0 in the antecedent's frame, m.
+    limits : Limits
+        Its limits, as far as they are stated.
+    inertia : (10,)
+        Inertial parameters of its link, in the order of [12.1]; zeros where none are stated.
+    link : str
+        Name of the link; empty where it has none.
+    capsules : tuple of Capsule
+        What of the link can be touched, in its frame.
+    tie : Tie, optional
+        The joints that it follows.
+    passive : bool
+        Whether closed loops determine its position.
+    start : float, optional
+        Its position (rad, m) in a posture near which the loops are closed.
     """
 
     name: str
@@ -210,14 +238,21 @@ def robot_from_modified_dh(
         Name of the robot.
     table : str, mapping or sequence of mappings
         The table as JSON text or value.
-    limits, drives, locked_joints, gravity
-        As for `robot_from_urdf`; they win over the table's.
+    limits : mapping of str to Limits, optional
+        By joint; they win over the description's, field by field.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); the table's, or else (0, 0, -9.81), by default.
     pointer : str
-        Where the table is in the user's request.
+        JSON pointer to the table in the caller's request.
 
     Returns
     -------
     Robot
+        Joints in the order of the rows.
 
     Raises
     ------
@@ -225,6 +260,7 @@ def robot_from_modified_dh(
         With the pointer to the field that cannot be used, `pointer` first.
     """
     settings = settings_from(limits, drives, locked_joints, gravity)
+    # The description is kept as text: a stored robot is read from that again.
     content = table if isinstance(table, str) else json.dumps(table)
     value = parse_json(content, pointer, TITLE)
     _, rows = read_capsules_and_rows(value, pointer)
@@ -253,7 +289,25 @@ def robot_from_modified_dh(
 
 
 def read_rows(value: object, at: str = "") -> tuple[Row, ...]:
-    """Check the JSON value of a table and return its rows; every antecedent comes before its successors."""
+    """Check the JSON value of a table and return its rows.
+
+    Parameters
+    ----------
+    value : object
+        A list of rows, or an object with them.
+    at : str
+        JSON pointer to the table in the caller's request.
+
+    Returns
+    -------
+    tuple of Row
+        Every antecedent comes before its successors.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used.
+    """
     if isinstance(value, Mapping):
         value, at = (
             expect_mapping(value, _TABLE, at, TITLE).get("joints"),
@@ -268,7 +322,25 @@ def read_rows(value: object, at: str = "") -> tuple[Row, ...]:
 
 
 def read_capsules_and_rows(value: object, at: str = "") -> tuple[tuple[Capsule, ...], tuple[Row, ...]]:
-    """Return the capsules of the base and the rows, which hold their own capsules, of a table's JSON value."""
+    """Check the JSON value of a table and return what of the base can be touched, and the rows.
+
+    Parameters
+    ----------
+    value : object
+        A list of rows, or an object with them.
+    at : str
+        JSON pointer to the table in the caller's request.
+
+    Returns
+    -------
+    tuple of Capsule, tuple of Row
+        Capsules of the base; rows have their own.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the field that cannot be used.
+    """
     rows = read_rows(value, at)
     base = value.get("base_capsules", []) if isinstance(value, Mapping) else []
     return _read_capsules(base, f"{at}/base_capsules"), rows
@@ -341,6 +413,7 @@ def _read_antecedent(value: object, above: Sequence[Row], at: str) -> int:
         return -1
     if isinstance(value, str) and value in names:
         return names.index(value)
+    # Numbers count rows from 1, because 0 is the base.
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= len(above):
         return value - 1
     detail = f'The antecedent {reprlib.repr(value)} is not above this row; expected 0 or "base" for the base'
@@ -368,6 +441,7 @@ def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     at = f"{at}/inertia"
     entries = expect_mapping(fields.get("inertia", {}), INERTIAL_NAMES, at, TITLE)
     values = np.array([expect_number(entries.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
+    # Moments without a mass belong to no body, and Pinocchio would divide by the mass.
     if values[9] < 0 or (values[9] == 0 and np.any(values)):
         raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
     return values
@@ -402,6 +476,7 @@ def _read_mass_properties(value: object, at: str) -> FloatArray:
     xx, xy, xz, yy, yz, zz = expect_numbers(properties["inertia"], 6, f"{at}/inertia", TITLE)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     try:
+        # Pinocchio raises an error where an inertia about the centre of mass has a negative eigenvalue.
         return from_dynamic_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
     except RuntimeError:
         detail = "No body has this inertia: its eigenvalues must not be negative."
@@ -412,6 +487,7 @@ def _build_model(name: str, rows: Sequence[Row]) -> pin.Model:
     model = pin.Model()
     model.name = name
     for row in rows:
+        # Pinocchio counts joints from 1: joint 0 is the base.
         joint = pin.JointModelPZ() if row.kind == "prismatic" else pin.JointModelRZ()
         index = model.addJoint(row.antecedent + 1, joint, pin.SE3(row.placement), row.name)
         model.addJointFrame(index)  # locking joints rests on it

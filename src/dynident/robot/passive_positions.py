@@ -26,6 +26,7 @@ _FEW, _SAMPLES, _EXACT = 200, 3000, 1e-12
 _DEGREES = (1, 2, 3, 5, 7, 9, 11, 13)
 # Highest degree by the number of driven joints in a loop: the number of terms grows too fast with both.
 _HIGHEST = {1: 13, 2: 13, 3: 8}
+# Numbers of terms of a step that are tried, and steps one after the other.
 _ORDERS, _MOST_STEPS = (1, 2, 3), 4
 _WORK = {ca.OP_SIN: 30, ca.OP_COS: 30}
 _QUOTIENT = 8
@@ -43,8 +44,17 @@ _Steps = tuple[int, ...]
 def build_passive_positions(closure: LoopEquations) -> ca.Function | None:
     """Return the function (q_a) -> x, cos x, sin x SX (p, 1), exact within the limits of the driven joints.
 
-    It is verified on closed postures within the limits that are far from singular ones. None means that no polynomial
-    comes near enough.
+    It is verified on closed postures within the limits that are far from singular ones.
+
+    Parameters
+    ----------
+    closure : Closure
+        The closed loops of the machine.
+
+    Returns
+    -------
+    casadi.Function or None
+        None where no polynomial comes near enough.
     """
     turns = solve_by_triangles(closure, *closure.sample_postures(_FEW))
     if turns is None:
@@ -89,6 +99,7 @@ def _solve_by_steps(closure: LoopEquations, q: FloatArray, x: FloatArray) -> Ang
 
 def estimate_work(function: ca.Function) -> int:
     """Return the cost of a function's code in products; a number that divides several others is inverted once."""
+    # As machine code is made of it (`llvm_translation`): what divides several numbers is inverted once.
     work, divisors = 0, set[int]()
     made_by: dict[int, int] = {}
     for k in range(function.n_instructions()):
@@ -140,6 +151,7 @@ def _fit_guess(closure: LoopEquations, q: FloatArray, x: FloatArray, degree: int
     scaled, symbols = (q - middle) / half, (driven - ca.DM(middle)) * ca.DM(1 / half)
     low, high = x.min(axis=0), x.max(axis=0)
     centre, halved = 0.5 * (low + high), np.array(closure.are_angles) & (high - low < _WIDE)
+    # The guess is tan of half the angle where it can be: cosine and sine follow from that without evaluating either.
     target = np.where(halved, np.tan(0.5 * np.where(halved, x - centre, 0.0)), x)
     guess = ca.SX.zeros(closure.p)
     for _, unknowns, movers in closure.groups:
@@ -147,6 +159,7 @@ def _fit_guess(closure: LoopEquations, q: FloatArray, x: FloatArray, degree: int
         terms = np.stack([np.ones(len(q)), *list_products(list(scaled[:, movers].T), own_degree)], axis=1)
         weights = np.linalg.lstsq(terms, target[:, unknowns], rcond=1e-12)[0]
         far = np.abs(terms @ weights - target[:, unknowns]).max(axis=0)
+        # Terms that matter less than the guess's own error only cost time: the steps remove that error anyway.
         weights[np.abs(weights) < np.maximum(1e-13, _NEGLIGIBLE * far)] = 0.0
         columns = ca.vertcat(1, *list_products([symbols[j] for j in movers], own_degree))
         values = ca.mtimes(ca.sparsify(ca.SX(ca.DM(weights.T))), columns)

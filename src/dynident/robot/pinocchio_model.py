@@ -44,6 +44,7 @@ def to_pinocchio(robot: Robot) -> pin.Model:
     Parameters
     ----------
     robot : Robot
+        The robot.
 
     Returns
     -------
@@ -82,10 +83,11 @@ def compute_described_torque(
     Parameters
     ----------
     robot : Robot
+        The robot.
     q, dq, ddq : ndarray (m, n)
-        Motion of the driven joints.
+        Motion of the driven joints: rad or m, and their derivatives.
     rotors : ndarray (N,), optional
-        Rotor inertias of all joints of the tree.
+        Rotor inertias of all joints of the tree, kg m² or kg.
 
     Returns
     -------
@@ -107,7 +109,14 @@ def compute_described_torque(
 class DescribedJoints:
     """Data of a description's joints that a Pinocchio model does not hold.
 
-    Limits and links by joint name, and the names of the `fixed` joints, which the model has merged.
+    Parameters
+    ----------
+    limits : mapping of str to Limits
+        By joint.
+    links : mapping of str to str
+        Names of links by joint.
+    fixed : tuple of str
+        Names of the fixed joints, which the model has merged.
     """
 
     limits: Mapping[str, Limits]
@@ -130,6 +139,7 @@ def from_pinocchio(
     Parameters
     ----------
     model : pinocchio.Model
+        The joints, their placements and the inertias of their links.
     name : str
         Name of the robot.
     description : Description
@@ -141,7 +151,12 @@ def from_pinocchio(
     tolerance : float
         Rounded constants within it are mended, see `dynident.robot.rounding`.
     pointer : str
-        Where the description is in the user's request.
+        JSON pointer to the description in the caller's request.
+
+    Returns
+    -------
+    Robot
+        Joints in Pinocchio's order, without those that the settings lock.
 
     Raises
     ------
@@ -154,6 +169,7 @@ def from_pinocchio(
         raise DynidentError(detail, pointer=pointer, title="Unusable robot description")
     for joint_name in (*moving, *described.links.values()):
         check_name(joint_name, pointer, "Unusable robot description")
+    # Before joints are locked: the settings name those too.
     check_names(settings, moving, described.fixed)
     model = lock_joints(model, settings.locked_joints)
     joints = tuple(
@@ -184,7 +200,20 @@ def from_pinocchio(
 
 
 def lock_joints(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
-    """Return the model with joints locked at positions (rad, m), by their names; its frames stay."""
+    """Return a model with joints locked at positions; its frames stay.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        The model.
+    values : mapping of str to float
+        Positions (rad, m) by joint.
+
+    Returns
+    -------
+    pinocchio.Model
+        The model itself where no joint is locked.
+    """
     if not values:
         return model
     configuration = pin.neutral(model)

@@ -80,6 +80,7 @@ def smallest_pseudo_inertia(parameters: FloatArray) -> FloatArray:
     Parameters
     ----------
     parameters : ndarray (…, 10)
+        In the order of `INERTIAL_NAMES`, about the origin of the joint's frame.
 
     Returns
     -------
@@ -90,6 +91,7 @@ def smallest_pseudo_inertia(parameters: FloatArray) -> FloatArray:
     matrices = pseudo_inertia(parameters)
     diagonal = np.diagonal(matrices, axis1=-2, axis2=-1)
     least = diagonal.min(axis=-1)
+    # Scaling rows and columns alike changes the sizes of eigenvalues, but none of their signs (Sylvester).
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = matrices * scale[..., :, None] * scale[..., None, :]
     return np.asarray(np.where(least > 0, np.linalg.eigvalsh(scaled)[..., 0], least))

@@ -23,7 +23,20 @@ def list_package_folders(file: Path) -> tuple[Path, ...]:
 
 
 def find_package(name: str, file: Path) -> Path | None:
-    """Return the folder of a package that a description's file names; None if there is none."""
+    """Return the folder of a package that a description's file names.
+
+    Parameters
+    ----------
+    name : str
+        Name of the package.
+    file : Path
+        The description's file.
+
+    Returns
+    -------
+    Path or None
+        None if there is none.
+    """
     return next((folder / name for folder in list_package_folders(file) if (folder / name).is_dir()), None)
 
 

@@ -21,6 +21,18 @@ def mend_placement(placement: FloatArray, tolerance: float = ROUNDING_TOLERANCE)
     """Return the homogeneous transform (4, 4) with rounded constants mended and a rotation that is still orthonormal.
 
     Distances are only compared with zero: any other length is as good as 1/2 or 1.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        A homogeneous transform, m.
+    tolerance : float
+        Entries this near to 0, ±1/2 and ±1 become these.
+
+    Returns
+    -------
+    (4, 4) array
+        The mended transform.
     """
     mended = np.eye(4)
     mended[:3, :3] = _orthonormalize(_snap(placement[:3, :3], tolerance))
@@ -29,7 +41,20 @@ def mend_placement(placement: FloatArray, tolerance: float = ROUNDING_TOLERANCE)
 
 
 def mend_axis(axis: FloatArray, tolerance: float = ROUNDING_TOLERANCE) -> FloatArray:
-    """Return the direction (3,) with rounded constants mended, of unit length."""
+    """Return a direction with rounded constants mended, of unit length.
+
+    Parameters
+    ----------
+    axis : (3,)
+        A direction of any length but zero.
+    tolerance : float
+        Entries of the unit vector this near to 0, ±1/2 and ±1 become these.
+
+    Returns
+    -------
+    (3,) array
+        A unit vector.
+    """
     unit = _snap(axis / np.linalg.norm(axis), tolerance)
     mended: FloatArray = unit / np.linalg.norm(unit)
     return mended

@@ -22,7 +22,19 @@ TITLE = "Unusable robot settings"
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that override or complete a description, by the names of joints."""
+    """Settings that override or complete a description.
+
+    Parameters
+    ----------
+    limits : mapping of str to Limits
+        By joint.
+    drives : mapping of str to Drive
+        Drive chains by joint.
+    locked_joints : mapping of str to float
+        Positions (rad, m) to lock joints at, by name.
+    gravity : (3,)
+        Acceleration of gravity in the base frame, m/s².
+    """
 
     limits: Mapping[str, Limits] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
@@ -39,6 +51,27 @@ def settings_from(
     """Return checked settings with the defaults filled in.
 
     Only values are checked here; names are checked by `check_names` once the joints are known.
+
+    Parameters
+    ----------
+    limits : mapping of str to Limits or None
+        By joint.
+    drives : mapping of str to Drive or None
+        Drive chains by joint.
+    locked_joints : mapping of str to float or None
+        Positions (rad, m) to lock joints at, by name.
+    gravity : sequence of float or None
+        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) where it is None.
+
+    Returns
+    -------
+    Settings
+        The same, checked.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to a value that cannot be used.
     """
     for name, limit in (limits or {}).items():
         check_limits(limit, name, make_pointer("limits", name))
@@ -55,7 +88,25 @@ def settings_from(
 
 
 def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
-    """Return the acceleration of gravity (3,) in m/s²; zero is allowed (weightlessness)."""
+    """Return the acceleration of gravity; zero is allowed (weightlessness).
+
+    Parameters
+    ----------
+    gravity : sequence of float
+        Its three components in the base frame, m/s².
+    at : str
+        JSON pointer to it in the caller's request.
+
+    Returns
+    -------
+    (3,) array
+        m/s².
+
+    Raises
+    ------
+    DynidentError
+        For anything but three finite numbers.
+    """
     vector = np.asarray(gravity, dtype=float)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise DynidentError(f"Gravity is {list(gravity)}; expected three numbers in m/s².", pointer=at, title=TITLE)
@@ -63,7 +114,22 @@ def gravity_from(gravity: Sequence[float], at: str = "/gravity") -> FloatArray:
 
 
 def check_limits(limits: Limits, joint: str, at: str) -> None:
-    """Raise `DynidentError` if a range is empty or a bound is not a positive number."""
+    """Raise an error if a range is empty or a bound is not a positive number.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits of one joint.
+    joint : str
+        Its name, for messages.
+    at : str
+        JSON pointer to the limits in the caller's request.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the limit.
+    """
     if limits.position is not None:
         low, high = limits.position
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
@@ -72,6 +138,7 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
                 pointer=make_pointer("position", within=at),
                 title=TITLE,
             )
+    # The range of numbers that each field admits is declared with the field.
     for item in fields(limits):
         value = getattr(limits, item.name)
         if item.name != "position" and value is not None and not get_description(item).accepts(value):
@@ -87,12 +154,25 @@ def merge_limits(described: Limits, stated: Limits | None) -> Limits:
     """Return the stated limits, completed by the described ones.
 
     Some descriptions write huge numbers where nothing is limited: these count as not known.
+
+    Parameters
+    ----------
+    described : Limits
+        Limits of the description.
+    stated : Limits or None
+        Limits that the user states; they win, field by field.
+
+    Returns
+    -------
+    Limits
+        None where neither knows a limit.
     """
     values = {}
     for item in fields(Limits):
         value = None if stated is None else getattr(stated, item.name)
         if value is None:
             value = getattr(described, item.name)
+            # Both ends of a range, or the one bound.
             ends = value if isinstance(value, tuple) else () if value is None else (value,)
             if not all(get_description(item).accepts(end) for end in ends):
                 value = None
@@ -101,7 +181,22 @@ def merge_limits(described: Limits, stated: Limits | None) -> Limits:
 
 
 def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] = ()) -> None:
-    """Raise `DynidentError` if a setting names a joint that does not exist, is fixed, or is locked as well."""
+    """Raise an error if a setting names a joint that does not exist, is fixed, or is locked as well.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the user states.
+    moving : sequence of str
+        Names of the joints that move, locked ones included.
+    fixed : sequence of str
+        Names of the fixed joints.
+
+    Raises
+    ------
+    DynidentError
+        With the pointer to the setting.
+    """
     moving_names = set(moving)
     for part in ("locked_joints", "limits", "drives"):
         for name in getattr(settings, part):
@@ -146,6 +241,7 @@ def _check_drive(drive: Drive, joint: str) -> None:
                 item.name,
             )
     drive_gain = drive.drive_gain
+    # The gain that follows from the factors. Rounded factors give nearly, not exactly, a rounded gain.
     factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
     if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
         raise _make_error(

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 
+# Corners of the polygon that stands for a circle, and their angles.
 _RIM = 24
 _AROUND = np.arange(_RIM) * (2 * np.pi / _RIM)
 # Steps towards the centre of the smallest ball. The error falls about as fast as one over their number.
@@ -16,7 +17,15 @@ _CENTRING = 60
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All points within `radius` of the segment from `start` to `end` (3,); a sphere where the two are the same."""
+    """All points within a radius of a segment; a sphere where its ends are the same.
+
+    Parameters
+    ----------
+    start, end : (3,)
+        Ends of the segment, m.
+    radius : float
+        m.
+    """
 
     start: FloatArray
     end: FloatArray
@@ -42,7 +51,15 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Cylinder:
-    """A cylinder about the z axis of `placement` (4, 4), its middle at the origin there."""
+    """A cylinder about the z axis of a frame, its middle at the origin there.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        The frame, m.
+    radius, length : float
+        m.
+    """
 
     placement: FloatArray
     radius: float
@@ -60,7 +77,15 @@ class Cylinder:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A box of edges `size` (3,) along the axes of `placement` (4, 4), its middle at the origin there."""
+    """A box along the axes of a frame, its middle at the origin there.
+
+    Parameters
+    ----------
+    placement : (4, 4)
+        The frame, m.
+    size : (3,)
+        Lengths of its edges, m.
+    """
 
     placement: FloatArray
     size: FloatArray
@@ -127,6 +152,7 @@ def _enclose_along(points: FloatArray, direction: FloatArray) -> Capsule:
     # A point off the axis may lie beyond an end of the segment as far as the ball around that end reaches there.
     reach = np.sqrt(np.maximum(radius**2 - off**2, 0.0))
     low, high = float((along + reach).min()), float((along - reach).max())
+    # Every point lies within the radius of all centres between the two: a ball is enough.
     if low > high:
         low = high = 0.5 * (low + high)
         radius = float(np.linalg.norm(points - centre - low * direction, axis=1).max())

@@ -28,12 +28,39 @@ _OF_MORE_FREEDOMS = ("floating", "planar", "ball", "spherical")
 
 
 def make_urdf_error(detail: str, line: int | None, pointer: str) -> DynidentError:
-    """Return an error that names the line."""
+    """Return an error that names the line.
+
+    Parameters
+    ----------
+    detail : str
+        What is wrong, and what to do about it.
+    line : int or None
+        Line of the text, where it is known.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    DynidentError
+        To be raised.
+    """
     return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=TITLE)
 
 
 def parse_urdf(text: str, pointer: str = "") -> Element:
     """Return the root element `<robot>` of a URDF text.
+
+    Parameters
+    ----------
+    text : str
+        The URDF.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    Element
+        With all elements of the text and their lines.
 
     Raises
     ------
@@ -57,6 +84,20 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
 def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str = "") -> frozenset[str]:
     """Return the joints of more than one degree of freedom that are locked, such as the base of a robot in a stand.
 
+    Parameters
+    ----------
+    root : Element
+        The root element of the URDF.
+    locked : mapping of str to float
+        Positions of locked joints by name; such a joint can be locked at 0 alone.
+    pointer : str
+        JSON pointer to the text in the caller's request.
+
+    Returns
+    -------
+    frozenset of str
+        Names of the joints.
+
     Raises
     ------
     DynidentError
@@ -78,15 +119,26 @@ def reduce_urdf(root: Element, pointer: str = "", clamped: Collection[str] = ())
 
     Dropping visual elements and vendor extensions also keeps the URDF parser below from complaining on the console. A
     joint without `<limit>` gets one of zeros, and zeros also replace infinite limits: both mean that no limit is known.
-    The joints that mimic joints follow are read by `mimics`.
+    The joints that mimic joints follow are read by `read_mimics`.
 
     Parameters
     ----------
     root : Element
+        The root element of the URDF.
     pointer : str
-        Where the text is in the user's request.
+        JSON pointer to the text in the caller's request.
     clamped : collection of str
         Joints that become fixed ones.
+
+    Returns
+    -------
+    Element
+        A root element of its own; elements that stay as they are, such as masses, are shared.
+
+    Raises
+    ------
+    DynidentError
+        For what is not a tree of one base with usable numbers (line).
     """
 
     def fail(detail: str, line: int) -> DynidentError:
@@ -285,6 +337,7 @@ def _parse_numbers(element: Element, attribute: str, owner: str, fail: _Fail, co
         values = tuple(float(word) for word in written.split())
     except ValueError:
         values = ()
+    # Infinite numbers are allowed in limits alone: some files write them where nothing is limited.
     if len(values) != count or not (all(map(math.isfinite, values)) or element.tag == "limit"):
         raise fail(f'{attribute}="{written}" in the <{element.tag}> of {owner}; expected {expected}.', element.line)
     if any(map(math.isnan, values)):
@@ -315,19 +368,24 @@ def robot_from_urdf(
     ----------
     name, text : str
         Name of the robot; the URDF.
-    limits : mapping of joint name to Limits
-        They win over the URDF's, field by field. In the URDF, limits of zero or larger than those of any machine count
-        as not stated.
-    drives, locked_joints, gravity
-        Drive chains by joint; positions (rad, m) to lock joints at; gravity (m/s², base frame), else (0, 0, -9.81).
+    limits : mapping of str to Limits, optional
+        By joint; they win over the URDF's, field by field. In the URDF, limits of zero or larger than those of any
+        machine count as not stated.
+    drives : mapping of str to Drive, optional
+        Drive chains [12.17], by joint.
+    locked_joints : mapping of str to float, optional
+        Positions (rad, m) of joints that no longer move; their links become part of the link before.
+    gravity : sequence of float, optional
+        Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) by default.
     rounding_tolerance : float
         Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.rounding`.
     pointer : str
-        Where the text is in the user's request.
+        JSON pointer to the text in the caller's request.
 
     Returns
     -------
     Robot
+        Joints in Pinocchio's order.
 
     Raises
     ------
@@ -340,6 +398,7 @@ def robot_from_urdf(
     locked_by_user = settings.locked_joints
     clamped = find_clamped_joints(root, locked_by_user, pointer)
     tree, ties = reduce_urdf(root, pointer, clamped), read_mimics(root, pointer)
+    # Clamped joints are fixed ones in the reduced text, so that Pinocchio has none of their names to lock.
     locked = {name: position for name, position in locked_by_user.items() if name not in clamped}
     settings = replace(settings, locked_joints=lock_followers(ties, locked))
     try:
@@ -370,7 +429,7 @@ def _read_limits(joint: Element) -> Limits:
     if limit is None:
         return Limits()
     lower, upper, velocity, effort = (float(limit.attributes[key]) for key in ("lower", "upper", "velocity", "effort"))
-    # Zeros stand for limits that the text does not state, see `urdf_xml`.
+    # Zeros stand for limits that the text does not state, see `reduce_urdf`.
     bounded = joint.attributes["type"] != "continuous" and lower < upper
     return Limits(
         position=(lower, upper) if bounded else None,

@@ -21,12 +21,14 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     Parameters
     ----------
     robot : Robot
+        The robot; a machine of joints that follow others is written as its tree, with <mimic>.
     inertias : ndarray (N, 10), optional
         Inertial parameters in the order of `INERTIAL_NAMES` instead of the robot's own.
 
     Returns
     -------
     str
+        The URDF, indented.
 
     Raises
     ------
@@ -61,6 +63,7 @@ def name_links(robot: Robot) -> list[str]:
     """Return a unique name for the link of every joint: its own where it has one."""
     names: list[str] = []
     for index, joint in enumerate(robot.joints):
+        # Links may have equal names in other formats, or that of the base; a URDF needs them unique.
         name = joint.link or f"link{index + 1}"
         while name in (*names, _BASE):
             name += "_"
@@ -70,9 +73,11 @@ def name_links(robot: Robot) -> list[str]:
 
 def _build_joint(joint: Joint, parent: str, child: str) -> Element:
     bounded = joint.limits.position is not None
+    # A URDF demands a range of every revolute joint; one without is called continuous.
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     element = Element("joint", {"name": joint.name, "type": kind}, 0)
     rotation, translation = joint.placement[:3, :3], joint.placement[:3, 3]
+    # Zeros where no limit is known: they are read as such again.
     limit = {
         "velocity": format_numbers(joint.limits.velocity or 0.0),
         "effort": format_numbers(joint.limits.effort or 0.0),
@@ -109,7 +114,25 @@ def _build_mimic(joint: str, tie: Tie) -> Element:
 
 
 def build_inertial(inertial: FloatArray, link: str) -> Element:
-    """Return the `<inertial>` of a link with these inertial parameters (10,), to the last digit."""
+    """Return the `<inertial>` of a link, to the last digit.
+
+    Parameters
+    ----------
+    inertial : (10,)
+        Inertial parameters in the order of `INERTIAL_NAMES`.
+    link : str
+        Name of the link, for messages.
+
+    Returns
+    -------
+    Element
+        With <origin>, <mass> and <inertia>.
+
+    Raises
+    ------
+    DynidentError
+        If the mass is not positive.
+    """
     if inertial[9] <= 0:
         raise DynidentError(
             f"Link '{link}' has the mass {inertial[9]:g} kg; a URDF needs a positive one. Export physically feasible "

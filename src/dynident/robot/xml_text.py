@@ -19,7 +19,19 @@ _PART_BYTES = 2**16
 
 @dataclass(frozen=True)
 class Element:
-    """An XML element with the line that it starts on."""
+    """An XML element.
+
+    Parameters
+    ----------
+    tag : str
+        Its name.
+    attributes : dict of str to str
+        Its attributes.
+    line : int
+        The line that it starts on; 0 where it was not read.
+    children : list of Element
+        Its children; text between them is not kept.
+    """
 
     tag: str
     attributes: dict[str, str]
@@ -41,10 +53,16 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
     Parameters
     ----------
     text : str
+        The text.
     what : str
         What the text should be, for messages: "A URDF".
     pointer, title : str
         JSON pointer and title of errors.
+
+    Returns
+    -------
+    Element
+        With its children, and the lines that elements start on.
 
     Raises
     ------
@@ -53,12 +71,14 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         needs.
     """
     check_unicode(text, pointer, title)
+    # A declaration must be the very first thing in XML. Blank lines before it are cut off, but counted.
     first_line = 1 + text[: len(text) - len(text.lstrip())].count("\n")
     text = text.strip()
 
     def fail(detail: str, line: int | None) -> DynidentError:
         return DynidentError(f"line {line}: {detail}" if line else detail, pointer=pointer, title=title)
 
+    # An element above the root, so that each element that starts has a parent to be added to.
     document = Element("", {}, 0)
     open_elements = [document]
     count = 0
@@ -118,7 +138,27 @@ def read_root(text: str) -> Element | None:
 
 
 def write_xml(element: Element, indent: bool = False, depth: int = 0) -> str:
-    """Return the XML text of an element, on one line or indented for people."""
+    """Return the XML text of an element, on one line or indented for people.
+
+    Parameters
+    ----------
+    element : Element
+        The element, with its children.
+    indent : bool
+        Whether every element has a line of its own.
+    depth : int
+        How far the element itself is indented.
+
+    Returns
+    -------
+    str
+        XML without a declaration.
+
+    Raises
+    ------
+    DynidentError
+        If a value has control characters, which XML cannot hold.
+    """
     margin, end = ("  " * depth, "\n") if indent else ("", "")
     attributes = _write_attributes(element)
     if not element.children:
@@ -142,6 +182,7 @@ def write_with_line_numbers(root: Element) -> str:
 
     def put(element: Element) -> None:
         nonlocal line
+        # An element that was read from a line that has passed stays on the present one.
         parts.append("\n" * max(element.line - line, 0))
         line = max(element.line, line)
         parts.append(f"<{element.tag}{_write_attributes(element)}>")
