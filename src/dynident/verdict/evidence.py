@@ -192,7 +192,7 @@ def compute_joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
 
 
 def _select_starts(comparison: Comparison) -> BoolArray:
-    # Rows where a joint stands, but away from its long halts: it is about to move, or has just stopped.
+    # The joint moves, but so near to a halt that the filters mix both: it has just started, or is about to stop.
     return np.asarray((comparison.phase == Phase.STANDING) & comparison.off_halts)
 
 

@@ -36,11 +36,32 @@ _NO_BETTER = 0.7
 
 @dataclass(frozen=True)
 class ShapeConstant:
-    """A constant inside an effect's columns, on `joints`; `interval` holds the true value with a probability of 95 %.
+    """A constant inside an effect's columns, with its uncertainty.
 
-    `judgement`: the data determine it, leave it uncertain, do not determine it within the range that is searched, have
-    it at the edge of that or elsewhere than the model; it is one of a few kinds that was chosen; or nobody looked.
-    Where there is no number, `note` says why.
+    Parameters
+    ----------
+    effect : str
+        The effect.
+    joints : tuple of str
+        Names of the joints that it acts on; none for the whole robot.
+    name : str
+        Name of the constant.
+    unit : str
+        Unit of the constant, "-" where it has none.
+    description : str
+        What the constant is, in words.
+    value : float
+        Its value in the model.
+    judgement : str
+        The data determine it ("determined"), leave it "uncertain", do not determine it within the range that is
+        searched ("not_determined"), have it "at_edge" of that range or "elsewhere" than the model; it is one of a few
+        kinds that was "chosen"; or nobody looked ("not_looked_at").
+    standard_deviation : float
+        Standard deviation in `unit`; infinite where there is none.
+    interval : tuple of float or None
+        Ends of the interval that holds the true value with a probability of 95 %.
+    note : str
+        Why there is no number, where there is none.
     """
 
     effect: str

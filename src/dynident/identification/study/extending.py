@@ -30,14 +30,35 @@ from dynident.regressors.model import Model, extend_model
 
 @dataclass(frozen=True)
 class RunWithEffect:
-    """A held-out run in which the added effects act, and its squared error without them over that with them."""
+    """A held-out run in which the added effects act.
+
+    Parameters
+    ----------
+    run : str
+        Label of the run.
+    ratio : float
+        Root of its squared error without the effects over that with them.
+    """
 
     run: str
     ratio: float
 
 
 def needs_search_in_held_out_runs(choice: EffectChoice, validation: Sequence[Recording]) -> bool:
-    """Tell whether an effect acts in some runs only, and no held-out run is named among them."""
+    """Tell whether an effect acts in some runs only, and no held-out run is named among them.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its runs.
+    validation : sequence of Recording
+        Held-out recordings.
+
+    Returns
+    -------
+    bool
+        True where the held-out runs with the effect have to be found.
+    """
     held_out = {label for recording in validation for label in (recording.name, *recording.segment_names)}
     return bool(choice.runs) and bool(held_out) and not held_out & set(choice.runs)
 
@@ -60,7 +81,7 @@ def find_runs_with_effects(
 
     Returns
     -------
-    tuple of Carrying
+    tuple of RunWithEffect
         Empty where no run is predicted better.
     """
     names = tuple(recording.name for recording in validation)
@@ -83,7 +104,20 @@ def find_runs_with_effects(
 
 
 def describe_runs_with_effects(added: Sequence[EffectChoice], findings: Sequence[RunWithEffect]) -> str:
-    """Return a sentence that names the effects and the held-out runs that they were found in."""
+    """Describe the effects and the held-out runs that they were found in.
+
+    Parameters
+    ----------
+    added : sequence of EffectChoice
+        The effects that were added.
+    findings : sequence of RunWithEffect
+        The runs that they were found in.
+
+    Returns
+    -------
+    str
+        A sentence for the user.
+    """
     titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in added if choice.runs))
     runs = ", ".join(f"{finding.run} (error {finding.ratio:.2g} times as large without it)" for finding in findings)
     return (
@@ -115,6 +149,7 @@ def extend(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     added : sequence of EffectChoice
         Shape constants that are left open are found from the data.
     recordings : sequence of Recording
@@ -122,6 +157,7 @@ def extend(
     validation : sequence of Recording
         Data that no parameter sees.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -176,14 +212,18 @@ def extend_at_once(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     added : sequence of EffectChoice
+        Effects with values for all shape constants.
     recordings : sequence of Recording
         Those that the model was identified from.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     Identification
+        The model with all of the effects.
 
     Raises
     ------

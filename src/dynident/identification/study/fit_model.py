@@ -29,7 +29,15 @@ from dynident.regressors.row_cache import reduce_with_columns
 
 @dataclass(frozen=True, eq=False)
 class SubmodelRelation:
-    """Relation of a smaller model to a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
+    """Relation of a smaller model to a larger one.
+
+    Parameters
+    ----------
+    whole : Model
+        The larger model.
+    weights : (b, b')
+        The smaller model's columns are the larger one's times these.
+    """
 
     whole: Model
     weights: FloatArray
@@ -48,7 +56,9 @@ def finalise_identification(
     Parameters
     ----------
     model : Model
+        The robot with the effects that are identified.
     choices : IdentificationChoices
+        What is identified, and how.
     data : Data
         Equations that the parameters are solved from.
     reduced : ReducedData
@@ -62,6 +72,7 @@ def finalise_identification(
     Returns
     -------
     Identification
+        The identified model, judged and with its warnings.
 
     Raises
     ------
@@ -136,20 +147,24 @@ def identify_model(
     Parameters
     ----------
     model : Model
+        The robot with the effects that are identified.
     recordings, validation : sequence of Recording
         Data that parameters are fitted to, and data that no parameter sees.
     choices : IdentificationChoices
+        What is identified, and how; nothing in them is left open.
     preprocessing : Preprocessing
         Filters for all recordings.
     reference : ReferenceParameters
         What torque is predicted with; any where no effect needs the load.
     progress : Progress
+        Called with the fraction done and a message.
     known : RowsInMemory, optional
         Of a model that this one extends, for the same recordings and validation data.
 
     Returns
     -------
     Identification
+        The identified model, judged and with its warnings.
 
     Raises
     ------

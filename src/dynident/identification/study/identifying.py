@@ -170,10 +170,20 @@ def prepare_effects(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     choices : IdentificationChoices
+        Options of the identification; their effects are completed.
     recordings : sequence of Recording
+        Data of the fit, without tests of single joints' friction.
     preprocessing : Preprocessing
+        Filters of the recordings.
     progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    tuple of effects and ReferenceParameters
+        The effects, and the parameters that loads are predicted with.
 
     Raises
     ------
@@ -212,7 +222,14 @@ def mark_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Ro
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings : sequence of Recording
+        Data of the fit.
+
+    Returns
+    -------
+    Robot
+        The robot itself where all torques were recorded.
     """
     recorded = np.any([recording.has_torque for recording in recordings], axis=0)
     names = tuple(name for name, known in zip(robot.joint_names, recorded, strict=True) if not known)
@@ -232,17 +249,21 @@ def identify(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings : sequence of Recording
         The data that parameters are fitted to; those with the role "friction" are tests of single joints, which the
         strategy separate_friction alone uses.
     validation : sequence of Recording
         Data that no parameter sees; the held-out errors come from them.
     choices : IdentificationChoices, optional
+        Equation type, strategy, estimator, prior, filters and effects; the usual ones by default.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     Identification
+        The identified model, with warnings about what is doubtful in it.
 
     Raises
     ------

@@ -18,12 +18,22 @@ from dynident.regressors.observation import Observation
 
 @dataclass(frozen=True, eq=False)
 class PredictedTorque:
-    """Torque (m, n) in N m or N, and how sure it is at `level`.
+    """Torque of a motion, and how sure it is.
 
-    `mean_half_width` (m, n): of the interval that holds the model's own torque, from the covariance of the parameters;
-    `half_width` (m, n): of the interval that holds what would be measured (behind the filters of the identification):
-    the residual noise comes on top. Both hold where the model does: what it lacks is in neither outside the motion that
-    it was identified from.
+    The intervals hold where the model does: what it lacks is in neither, outside the motion that it was identified
+    from.
+
+    Parameters
+    ----------
+    torque : (m, n)
+        Predicted torque in N m or N.
+    mean_half_width : (m, n)
+        Half-width of the interval of the model's own torque, from the covariance of the parameters.
+    half_width : (m, n)
+        Half-width of the interval of what would be measured, behind the filters of the identification: the residual
+        noise comes on top.
+    level : float
+        Probability of the intervals.
     """
 
     torque: FloatArray
@@ -40,6 +50,7 @@ def predict(
     Parameters
     ----------
     estimate : Estimate
+        The model with its parameters.
     q, dq, ddq : (m, n)
         Positions, velocities and accelerations, in rad or m and s.
     level : float
@@ -48,6 +59,7 @@ def predict(
     Returns
     -------
     PredictedTorque
+        The torque with its intervals.
 
     Raises
     ------
@@ -78,10 +90,16 @@ def compute_prediction_deviation(observation: Observation, entries: FloatArray, 
     Parameters
     ----------
     observation : Observation
+        The model's entries of W, and where they stand.
     entries : (m, k)
         As an evaluation of the observation matrix gives them, filtered or not.
     covariance : (b, b)
         Of the parameters.
+
+    Returns
+    -------
+    array (m, n)
+        Standard deviations in N m or N.
     """
     deviation = np.empty((len(entries), observation.robot.n))
     for joint in range(observation.robot.n):

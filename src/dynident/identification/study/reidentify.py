@@ -62,7 +62,9 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     Parameters
     ----------
     identification : Identification
+        The identified model.
     choices : IdentificationChoices
+        The choices to solve it again with.
 
     Raises
     ------

@@ -34,6 +34,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     Parameters
     ----------
     identification : Identification
+        The identified model.
     removed : sequence of EffectChoice
         Each is taken off its joints, or off all where it names none; with shape constants or runs only what has these.
 
@@ -68,7 +69,14 @@ def subtract_effects(
     Parameters
     ----------
     effects, removed : sequence of EffectChoice
+        Effects of a model, and those to take out of it.
     robot : Robot
+        The robot that they act on.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        The effects that remain, some on fewer joints.
 
     Raises
     ------
@@ -119,6 +127,7 @@ def build_submodel(
     known : Model
         The larger model.
     effects : sequence of EffectChoice
+        Effects of the smaller model.
     tolerance : float
         Which columns count as dependent.
     pointer : str
@@ -155,7 +164,20 @@ def combine_shapes(
 ) -> Reduction | None:
     """Return the rows that tell how sure shape constants are, for a model of some of the effects.
 
-    None where there are none, or where an effect now acts on fewer joints than its constant was linearised for.
+    Parameters
+    ----------
+    identification : Identification
+        The larger model.
+    effects : sequence of EffectChoice
+        Effects of the smaller one.
+    weights : (b, b'), optional
+        The smaller model's columns as combinations of the larger one's; the same columns by default.
+
+    Returns
+    -------
+    Reduction or None
+        None where there are no constants, or where an effect now acts on fewer joints than its constant was linearised
+        for.
     """
     before, after = list_shape_variables(identification.model.effects), list_shape_variables(effects)
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}

@@ -20,7 +20,14 @@ def add_digests(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
+
+    Returns
+    -------
+    Identification
+        The same model, whose data know their samples.
     """
     hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
@@ -34,7 +41,9 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
+        Recordings that are said to be those of the fit.
 
     Raises
     ------

@@ -60,10 +60,12 @@ def to_bytes(identification: Identification) -> bytes:
     Parameters
     ----------
     identification : Identification
+        The identified model.
 
     Returns
     -------
     bytes
+        Content of the file, in the present format.
     """
     arrays: dict[str, Any] = {}
     ladder = list(identification.ladder())
@@ -142,11 +144,12 @@ def from_bytes(content: bytes) -> Identification:
     Parameters
     ----------
     content : bytes
-        Of any format that was ever written.
+        Content of a file, of any format that was ever written.
 
     Returns
     -------
     Identification
+        The model, with the models that led to it.
 
     Raises
     ------
