@@ -26,6 +26,7 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     Parameters
     ----------
     robot : Robot
+        The robot.
     """
     return RecordedJoints(
         robot.joint_names,
@@ -43,9 +44,13 @@ def import_for_robot(
     Parameters
     ----------
     robot : Robot
+        The robot.
     source, destination : Path
+        The user's file, and the Parquet file to write.
     metadata : RecordingMetadata
+        How the file is to be read.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -96,15 +101,20 @@ def import_cured(
     Parameters
     ----------
     robot : Robot
+        The robot.
     source, destination : Path
+        The user's file, and the Parquet file to write.
     metadata : RecordingMetadata
+        How the file is to be read.
     progress : Progress
+        Called with the fraction done and a message.
     most : int
         Largest number of cures, one after the other; none with 0.
 
     Returns
     -------
-    Cured
+    CuredRecording
+        The recording, its checks, and the cures.
 
     Raises
     ------

@@ -37,6 +37,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     Returns
     -------
     Clock or None
+        None where no column is a clock, or two are.
     """
     names, values = work.sample.names, work.sample.values
     running = find_clock_columns(values) if len(values) > 2 else []

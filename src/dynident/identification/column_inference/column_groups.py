@@ -50,8 +50,10 @@ def find_torque_of_most_joints(
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
+        What the names of all columns say.
     robot : Robot
+        The robot.
     positions : (m, n)
         Of all joints, in any unit.
     empty : int
@@ -59,7 +61,7 @@ def find_torque_of_most_joints(
 
     Returns
     -------
-    Group, Question or None
+    ColumnGroup, Question or None
         None where there are no such torques.
     """
     torques = _find_columns_of_most_joints(named, robot, _EFFORTS)
@@ -109,15 +111,17 @@ def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Ro
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
         What the names of all columns say.
     rest : sequence of int
         The columns that belong to no group yet.
     robot : Robot
+        The robot.
 
     Returns
     -------
-    list of Group
+    list of ColumnGroup
+        Groups with one column for each joint.
     """
     slides = all(joint.kind == "prismatic" for joint in robot.joints)
     signals = {index: _get_signal(named[index], slides=slides) for index in rest}
@@ -205,13 +209,14 @@ def group_columns(
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
+        What the names of all columns say.
     joint_names, followers : sequence of str
         Joints that are driven, and those that follow them.
 
     Returns
     -------
-    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`
+    groups, rest, following : list of ColumnGroup, columns (by index) that belong to none, and those of `followers`
     """
     ours = _group_by_own_names(named, joint_names)
     in_ours = {index for group in ours for index in group.columns}
@@ -316,7 +321,7 @@ def infer_by_elimination(
 
     Parameters
     ----------
-    groups, whole : sequence of Group
+    groups, whole : sequence of ColumnGroup
         Those with a signal, and those without.
     unexplained : function
         Returns the share of torques that the motion of positions leaves, given the columns of both.

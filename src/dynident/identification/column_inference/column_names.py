@@ -116,12 +116,14 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
     Parameters
     ----------
     names : sequence of str
+        Names of the columns, as the file has them.
     units : mapping of str to str
         Units by name that the file states elsewhere.
 
     Returns
     -------
-    list of Named
+    list of ColumnName
+        What each name says, in the order of the columns.
     """
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}

@@ -72,7 +72,9 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
     Parameters
     ----------
     values : (m, columns)
+        Values of all columns.
     column : int
+        Number of the column.
     unit : str, optional
         What its name states.
     """
@@ -133,6 +135,7 @@ def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, Flo
     t : (m,)
         In s.
     values : (m, c)
+        Values of all columns.
 
     Returns
     -------

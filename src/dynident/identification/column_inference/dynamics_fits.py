@@ -29,10 +29,12 @@ def condition_sample(
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
+        Fits of the robot to the sample.
     rows : Sample
         The rows with a time.
-    position, effort : Group
+    position, effort : ColumnGroup
+        Columns of the positions, and of the torques or currents.
     q : (m, n)
         Positions in rad or m.
 

@@ -43,7 +43,7 @@ def ask_for_gains(
         What the names state.
     gains : sequence of float or None
         The robot's drive gains.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     columns : pair of (m, n)
         Positions in SI, and currents.
@@ -192,7 +192,7 @@ def classify_effort(
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     q, tau : (m, n)
         Positions in rad or m, and efforts in any unit.
@@ -204,6 +204,7 @@ def classify_effort(
     Returns
     -------
     EffortGuess
+        The kind, how sure it is, and the reason.
     """
     commanded = is_commanded(q, tau)
     if commanded:
@@ -265,7 +266,9 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     torque_factor, current_factor : float
         Make N m and A of the numbers; None where the currents' unit is not known.
     """
@@ -358,7 +361,9 @@ def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | Non
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     if robot.inertias is None:
         return None
@@ -391,9 +396,12 @@ def is_as_described(fits: DynamicsFits, q: FloatArray, currents: FloatArray, gai
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
+        Fits of the robot to the sample.
     q, currents : (m, n)
+        Positions in rad or m, and currents.
     gains : sequence of float or None
+        Drive gains of the joints; None where one is not known.
     """
     known = np.array([np.nan if gain is None else gain for gain in gains])
     motion = fits.to_motion(q, currents) if np.isfinite(known).all() else None

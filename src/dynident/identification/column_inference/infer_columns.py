@@ -72,11 +72,14 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
     Parameters
     ----------
     sample : Sample
+        Consecutive rows of the file.
     robot : Robot
+        The robot.
 
     Returns
     -------
     Proposal
+        Columns and units, with guesses and questions.
     """
     units = find_description_units(robot)
     return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()

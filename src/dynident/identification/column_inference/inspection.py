@@ -57,6 +57,7 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
     Returns
     -------
     Inspection
+        Format, columns, first rows and, with a robot, the proposal.
 
     Raises
     ------
@@ -110,7 +111,9 @@ def read_sample(path: Path, rate: float | None = None) -> Sample:
     Parameters
     ----------
     path : Path
+        The file.
     rate : float, optional
+        Rate of the rows in Hz, where the file has no time.
 
     Raises
     ------

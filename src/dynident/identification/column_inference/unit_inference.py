@@ -63,16 +63,18 @@ def guess_counts_unit(
     Parameters
     ----------
     robot : Robot
+        The robot.
     turning : sequence of int
         Its revolute joints.
     q, tau : (m, n)
         As the file has them; without torques only limits decide.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
 
     Returns
     -------
     UnitGuess or None
+        The unit with its confidence; None where no count is possible.
     """
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     units = [
@@ -192,11 +194,12 @@ def guess_position_unit(
     Parameters
     ----------
     robot : Robot
+        The robot.
     q, tau : (m, n)
         As the file has them.
     stated : str, optional
         What the names say.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
@@ -282,6 +285,7 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
     Parameters
     ----------
     q : (m,)
+        Positions as the file has them.
     limits : pair of float, optional
         In m.
     stated : str, optional
@@ -312,6 +316,7 @@ def guess_rate_unit(signal: str, kind: str, factor: float, stated: str | None) -
     Parameters
     ----------
     signal, kind : str
+        Signal ("dq" or "ddq") and kind of the joint.
     factor : float
         Slope of the positions in SI over the column.
     stated : str, optional
@@ -340,7 +345,9 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     Parameters
     ----------
     robot : Robot
+        The robot.
     tau : (m, n)
+        Torques as the file has them.
     stated : str, optional
         What the names say.
     reach : float
@@ -387,8 +394,11 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
     Parameters
     ----------
     i : (m, n)
+        Currents as the file has them.
     gains : sequence of float or None
+        Drive gains of the joints; None where one is not known.
     robot : Robot
+        The robot.
     stated : str, optional
         What the names say.
     """

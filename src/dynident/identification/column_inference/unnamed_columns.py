@@ -41,6 +41,7 @@ def identify_unnamed_columns(
     t : (m,)
         In s.
     values : (m, c)
+        Values of all columns.
     columns : sequence of int
         Those in question.
     n : int
@@ -50,7 +51,7 @@ def identify_unnamed_columns(
 
     Returns
     -------
-    Kinds or None
+    UnnamedColumns or None
         None where there are not as many columns as that needs, or they do not differ clearly.
     """
     part = values[:, list(columns)]
@@ -176,7 +177,9 @@ def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntAr
     Parameters
     ----------
     t : (m,)
+        Times in s.
     q, tau : (m, n)
+        Positions and torques, in any unit.
 
     Returns
     -------

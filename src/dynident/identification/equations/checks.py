@@ -28,8 +28,11 @@ def find_undetermined_parameters(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     reduction : Reduction
-    known : Information, optional
+        Factors of W and the torque, one equation a joint.
+    known : PriorInformation, optional
+        Rows of a prior, in the model's columns.
     """
     units = np.array([_get_row_unit(equation, known) for equation in reduction.equations])
     factor = build_weighted_factor(reduction, units, known)[:-1, :-1]
@@ -58,7 +61,9 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
     Parameters
     ----------
     robot : Robot
+        The robot.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -86,6 +91,7 @@ def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> Non
     name : str
         Of the equation type.
     recordings : sequence of Recording
+        Recordings of the robot.
 
     Raises
     ------
@@ -109,7 +115,9 @@ def check_temperature(
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -138,7 +146,9 @@ def check_runs(
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -179,6 +189,7 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     name : str
         Of the equation type.
     equations, torque : Reduction
@@ -214,7 +225,9 @@ def check_torque(model: Model, torque: Reduction) -> None:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     torque : Reduction
+        Rows of the joints' torques.
 
     Raises
     ------
@@ -240,8 +253,10 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     reduction : Reduction
-    known : Information, optional
+        Factors of W and the torque, one equation a joint.
+    known : PriorInformation, optional
         Rows of a prior.
 
     Raises

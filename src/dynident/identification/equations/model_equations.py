@@ -41,11 +41,15 @@ def build_wrench_equations(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
         With the columns of the wrench.
     preprocessing : Preprocessing
+        Filters of the recordings.
     progress : Progress
+        Called with the fraction done and a message.
 
     Raises
     ------
@@ -116,13 +120,16 @@ def find_constants(
 
     Parameters
     ----------
-    rows : RowsAsked
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
 
     Returns
     -------
-    tuple of RowsAsked and Preprocessing
+    tuple of RowOptions and Preprocessing
 
     Raises
     ------
@@ -151,11 +158,17 @@ def build_equations(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
+        Called with the fraction done and a message.
 
     Raises
     ------

@@ -56,6 +56,7 @@ def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
     Parameters
     ----------
     recordings : sequence of Recording
+        Recordings of the robot.
 
     Returns
     -------
@@ -93,19 +94,24 @@ def reduce_to_rows(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
         The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of a model that this one extends.
 
     Returns
     -------
     Data
+        The data that a model is solved from.
 
     Raises
     ------
@@ -137,12 +143,16 @@ def reduce_torque(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of a model that this one extends.
     """
     reduction, rows = reduce_and_cache(model, recordings, preprocessing, reference, progress, known)

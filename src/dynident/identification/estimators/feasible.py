@@ -59,6 +59,7 @@ def solve_feasible(request: Problem) -> Fit:
     Parameters
     ----------
     request : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
@@ -125,16 +126,20 @@ def find_nearest_feasible(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     equations : Reduction
         That the solution is from.
     solution : Solution
-    trust : Trust
+        Estimated base parameters.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
     weak : float
         What a usual error of the description counts for in what the data leave open, in standard deviations.
 
     Returns
     -------
     NearestFeasible
+        The parameters, and their distance from the solution.
 
     Raises
     ------
@@ -161,13 +166,18 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     equations : Reduction
+        Equations that the solution is from.
     fitted : Fit
-    trust : Trust
+        The fit.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
     """
     # An effect of some runs alone, such as a payload, is a difference between runs, and the question is whether it
     # exists at all. Constrained to a body that can exist, it would always seem to.
@@ -193,7 +203,7 @@ def minimise_entropic_cost(
 
     Returns
     -------
-    tuple of FeasibleProblem and Constrained
+    tuple of FeasibleProblem and ConstrainedSolution
         The problem at the minimum, and its solution.
     """
     prior, unit = believed.entropic, problem.unit

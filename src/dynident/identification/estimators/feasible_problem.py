@@ -104,6 +104,7 @@ class FeasibleProblem:
         Parameters
         ----------
         solution : Solution
+            Estimated base parameters.
         weak : float
             What a usual error counts for in what the solution leaves open, in standard deviations.
         """
@@ -161,7 +162,9 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
     unconstrained : Solution
         Least squares, for these units.
     """

@@ -71,10 +71,12 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

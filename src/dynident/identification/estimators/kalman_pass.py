@@ -116,15 +116,20 @@ def run_filter(
     Parameters
     ----------
     torque : TorqueFunction
+        The torque with its derivatives.
     model : Model
+        The model, with its base parameters' columns.
     data : Data
-    start : Information
+        Recordings reduced to the model's columns.
+    start : PriorInformation
         Prior on χ.
     noise : KalmanNoise
+        Noises of positions, torques and accelerations.
 
     Returns
     -------
     KalmanRun
+        The parameters over time, and the equations of the samples.
 
     Raises
     ------

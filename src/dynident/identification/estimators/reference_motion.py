@@ -48,6 +48,7 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
     Returns
     -------
     CommandedMotion
+        The delayed command, and how well the robot followed it.
     """
     measured = read_whole_segments(recording, smooth)
     ahead = read_whole_segments(replace_by_command(recording), smooth)
@@ -107,11 +108,14 @@ def read_whole_segments(recording: Recording, preprocessing: Preprocessing) -> t
     Parameters
     ----------
     recording : Recording
+        The recording.
     preprocessing : Preprocessing
+        Filters of the recordings.
 
     Returns
     -------
     tuple of RecordedMotion
+        One motion for each segment.
 
     Raises
     ------
@@ -131,7 +135,9 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
     Parameters
     ----------
     recording : Recording
+        The recording.
     preprocessing : Preprocessing
+        Filters of the recordings.
     longest : float
         In s.
 

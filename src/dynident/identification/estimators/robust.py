@@ -43,10 +43,12 @@ def estimate_robustly(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

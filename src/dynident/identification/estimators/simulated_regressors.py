@@ -59,10 +59,12 @@ def estimate_by_instrumental_variables(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -100,10 +102,12 @@ def estimate_by_output_error(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

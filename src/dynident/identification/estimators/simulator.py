@@ -61,7 +61,9 @@ def build_movable_simulator(model: Model, values: FloatArray) -> Simulator:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
 
     Raises
     ------
@@ -92,7 +94,9 @@ def simulate_recording(
     Parameters
     ----------
     simulator : Simulator
+        A robot with the identified parameters.
     recording : Recording
+        The recording.
     motions : sequence of RecordedMotion
         One for each segment.
 
@@ -121,11 +125,14 @@ class Simulator:
         Parameters
         ----------
         motion : RecordedMotion
+            The motion to follow.
         progress : Progress
+            Called with the fraction done and a message.
 
         Returns
         -------
-        Measurement
+        SimulatedRecording
+            Positions, torques and the true motion.
 
         Raises
         ------
@@ -149,10 +156,13 @@ def build_simulator(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
     links : (n, 10), optional
         Inertial parameters that stand in for those of `values`, the rotors' included.
     controller : Controller, optional
+        Joint control; that of the virtual robot by default.
     longest_step : float
         Longest internal step in s.
 
@@ -191,7 +201,9 @@ def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
     """
     inertias = model.compute_standard_inertia(values).reshape(-1, 10)
     rotors = model.build_reference(values).rotors

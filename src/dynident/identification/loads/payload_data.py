@@ -88,6 +88,7 @@ def parse_payload(name: str, payload: Mapping[str, object] | None) -> KnownPaylo
     Parameters
     ----------
     name : str
+        Name of the recording, for messages.
     payload : mapping, optional
         "mass" in kg and, where known, "centre" in m.
 
@@ -127,16 +128,20 @@ def reduce_with_payloads(
     Parameters
     ----------
     robot : Robot
+        The robot.
     unloaded, loaded : sequence of Recording
+        Recordings without and with the payload.
     effects : sequence of EffectChoice
         The model besides the payloads.
     preprocessing : Preprocessing, optional
         Filters; from the data where left out.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     LoadedData
+        Model and equations, with a payload of its own for each loaded recording.
 
     Raises
     ------
@@ -180,7 +185,9 @@ def scale_torque(reduction: Reduction, factors: FloatArray) -> Reduction:
     Parameters
     ----------
     reduction : Reduction
+        Factors of W and the torque, one equation a joint.
     factors : (n,)
+        One factor for each joint.
     """
     equations = tuple(
         # Only the last column, which holds the torque, is scaled.

@@ -26,6 +26,7 @@ def compute_smallest_inertia_eigenvalue(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
         Base parameters.
     seed : int
@@ -71,8 +72,11 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     Parameters
     ----------
     robot : Robot
+        The robot.
     count : int
+        Number of postures.
     seed : int
+        Of the random numbers.
     """
     return np.asarray(np.random.default_rng(seed).uniform(*get_joint_range(robot), (count, robot.n)))
 

@@ -40,11 +40,14 @@ def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | Non
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
-    Information or None
+    PriorInformation or None
+        Rows for the base parameters; None where there is no prior.
 
     Raises
     ------
@@ -66,6 +69,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     Parameters
     ----------
     robot : Robot
+        The robot.
     free_links : sequence of str
         Joints whose links need none.
 
@@ -126,11 +130,14 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
-    Belief
+    NormalPrior
+        Mean and standard deviation of all standard parameters, and which are stated.
     """
     robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias

@@ -77,9 +77,10 @@ def build_entropic_prior(model: Model, share: float, belief: NormalPrior) -> Ent
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     share : float
         p, the relative standard deviation.
-    belief : Belief
+    belief : NormalPrior
         Its mean is the description.
 
     Raises

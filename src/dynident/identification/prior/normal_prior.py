@@ -47,11 +47,14 @@ def split_prior(model: Model, belief: NormalPrior) -> SplitPrior:
     Parameters
     ----------
     model : Model
-    belief : Belief
+        The model, with its base parameters' columns.
+    belief : NormalPrior
+        Mean and standard deviation of the standard parameters.
 
     Returns
     -------
-    Parted
+    SplitPrior
+        Rows for the base parameters, and the rest.
     """
     grouping, stated = model.base.grouping, belief.stated
     # Scale the standard parameters by their standard deviations and every base parameter by its own size, so that kg

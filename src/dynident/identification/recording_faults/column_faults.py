@@ -121,7 +121,9 @@ def silence_others(motion: Motion, joints: tuple[int, ...]) -> Motion:
     Parameters
     ----------
     motion : Motion
+        Filtered rows of the recording.
     joints : tuple of int
+        Numbers of the joints, from 0.
     """
     tau = motion.tau.copy()
     tau[:, list(joints)] *= _SMALL

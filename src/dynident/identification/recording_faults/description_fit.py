@@ -47,7 +47,8 @@ class DescriptionFit:
 
         Parameters
         ----------
-        mistake : Mistake
+        mistake : ColumnFault
+            The fault.
         """
         if mistake.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
             return False
@@ -61,7 +62,8 @@ class DescriptionFit:
 
         Parameters
         ----------
-        mistake, other : Mistake
+        mistake, other : ColumnFault
+            Two faults.
         """
         first_left, second_left = (
             measure_left_by_description(self.robot, each.mend(self.motion)) for each in (mistake, other)
@@ -87,7 +89,9 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
 
     Returns
     -------

@@ -54,10 +54,11 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
 
     Returns
     -------
-    DescribedUnits or None
+    DescriptionUnits or None
         None where they are SI, or the description has no masses.
     """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):

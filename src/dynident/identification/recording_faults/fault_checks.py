@@ -86,6 +86,7 @@ def build_dynamics_checks(robot: Robot) -> ModelChecks:
     Parameters
     ----------
     robot : Robot
+        The robot.
     """
 
     def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
@@ -101,13 +102,15 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     Parameters
     ----------
     robot : Robot
+        The robot.
     recording : Recording
+        The recording.
     q, tau : names
         What the user calls the columns of positions and torques.
 
     Returns
     -------
-    Examined
+    DynamicsCheck
         Without checks where the recording is too short, or the robot has too many joints.
     """
     units = find_description_units(robot)
@@ -312,7 +315,8 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
 
     Parameters
     ----------
-    mistake : Mistake
+    mistake : ColumnFault
+        The fault.
     n : int
         Number of joints.
     """
@@ -335,8 +339,10 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
 
     Parameters
     ----------
-    mistake : Mistake
+    mistake : ColumnFault
+        The fault.
     recording : Recording
+        The recording.
     q, tau : sequence of str
         What the user calls the columns.
     """

@@ -105,7 +105,9 @@ def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[Det
     Parameters
     ----------
     robot : Robot
+        The robot.
     recording : Recording
+        The recording.
 
     Returns
     -------
@@ -126,8 +128,10 @@ def find_motion_faults(
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    judges : Judges, optional
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
 
     Returns
@@ -146,8 +150,10 @@ def search_faults(
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    judges : Judges, optional
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
     """
     judges = judges or HeldOutFits(robot)
@@ -302,7 +308,9 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     Parameters
     ----------
     recording : Recording
-    judges : Judges
+        The recording.
+    judges : HeldOutFits
+        Fits of the robot.
 
     Returns
     -------
@@ -372,11 +380,12 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
         All filtered rows, in their order.
     period : float
         s between rows.
-    judges : Judges, optional
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
     """
     judges = judges or HeldOutFits(robot)
@@ -397,7 +406,9 @@ def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Of the other gains.
 
@@ -424,6 +435,8 @@ def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     return HeldOutFit(robot).measure_unexplained(motion).average_share

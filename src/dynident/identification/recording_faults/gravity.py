@@ -55,9 +55,10 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
         Filtered rows. Joints without torque are not tested.
-    judge : Judge
+    judge : HeldOutFit
         That of the robot.
 
     Returns
@@ -172,13 +173,15 @@ def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> Lo
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Makes N m of the torque.
 
     Returns
     -------
-    Shares or None
+    LoadShares or None
         None without masses or gravity.
     """
     if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
@@ -215,7 +218,9 @@ def detect_compensated_gravity(robot: Robot, motion: Motion, factor: float = 1.0
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Makes N m of the torque.
     """
@@ -253,8 +258,10 @@ def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    now : Left
+        Filtered rows of the recording.
+    now : UnexplainedTorque
         Unexplained shares with the stated gravity.
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
@@ -275,11 +282,14 @@ def find_mounting(robot: Robot, motion: Motion) -> Mounting:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
 
     Returns
     -------
     Mounting
+        The direction, and what is unexplained with it.
     """
     size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
     leanings = _GravityDirections(robot, motion, size)

@@ -110,7 +110,8 @@ class UnexplainedTorque:
 
         Parameters
         ----------
-        other : Left
+        other : UnexplainedTorque
+            What the other fit leaves unexplained.
         kind : str, optional
             Of the fault that was mended for the other.
         """
@@ -186,6 +187,7 @@ class HeldOutFit:
         Parameters
         ----------
         motion : Motion
+            Filtered rows of the recording.
         """
         return self._measure_unexplained(motion, self._get_rows(motion))
 
@@ -208,6 +210,7 @@ class HeldOutFit:
         Parameters
         ----------
         motion : Motion
+            Filtered rows of the recording.
         """
         grams, moving = self._compute_grams(motion, self._get_rows(motion)), find_moving_joints(motion)
         values, _ = self._solve_weighted(grams)

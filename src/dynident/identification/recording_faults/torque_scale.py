@@ -50,6 +50,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     Parameters
     ----------
     robot : Robot
+        The robot.
     frictions : (blocks, n)
         Mean torque of each joint's friction in N m or N, from several parts of the motion; NaN where it is not known.
     heavy : collection of int
@@ -58,6 +59,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     Returns
     -------
     dict of int to float
+        Joint (from 0), and how many times its friction is too large.
     """
     size, known = _summarise_frictions(frictions)
     limits = get_effort_limits(robot)
@@ -112,10 +114,13 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
     Parameters
     ----------
     robot : Robot
+        The robot.
     frictions : (blocks, n)
         As in `excess_of`.
     joint : int
+        Number of the joint, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     size, known = _summarise_frictions(frictions)
     others = known & (np.arange(robot.n) != joint)
@@ -222,13 +227,15 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     excess : mapping of int to float
         Joints whose friction is too large, and how many times, from `frictions.excess_of`.
 
     Returns
     -------
-    tuple of Scale or None
+    tuple of TorqueScale or None
         None where the description gives no masses and friction shows no excess.
     """
     factors = _compare_with_masses(robot, motion)
@@ -265,7 +272,9 @@ def find_heavy_joints(robot: Robot, motion: Motion) -> set[int]:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     factors = _compare_with_masses(robot, motion) or ()
     return {joint for joint, (times, share) in enumerate(factors) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
@@ -281,7 +290,9 @@ def compute_median_scale(robot: Robot, motion: Motion) -> float | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     factors = _compare_with_masses(robot, motion)
     return None if factors is None else _get_median_vote(factors)
@@ -316,8 +327,11 @@ def is_nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, fac
     load : (m, n), optional
         Torque that the masses need; None without masses.
     motion : Motion
+        Filtered rows of the recording.
     joint : int
+        Number of the joint, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     if load is None:
         return True
@@ -333,9 +347,13 @@ def refine_factor_by_masses(robot: Robot, motion: Motion, joints: Sequence[int],
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     joints : sequence of int
+        Numbers of the joints, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     factors = _compare_with_masses(robot, motion) or ()
     known = [factors[k][0] for k in joints if factors and factors[k][1] >= EXPLAINED_OF_GROUP and factors[k][0] > 0]

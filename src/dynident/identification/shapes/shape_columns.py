@@ -52,6 +52,7 @@ def list_shape_variables(effects: Sequence[EffectChoice]) -> tuple[ShapeVariable
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     """
     return tuple(
         ShapeVariable(number, spec, spec.refined)
@@ -77,9 +78,10 @@ def build_shape_columns(model: Model, values: FloatArray, places: Sequence[Shape
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
         Base parameters χ.
-    places : sequence of ShapePlace
+    places : sequence of ShapeVariable
         The constants θ.
     """
     amplitudes = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}

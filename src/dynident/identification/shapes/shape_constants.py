@@ -100,6 +100,7 @@ def linearise_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     solution : Solution
         The model's, weighted by the noise of the joints' torques.
     kind : str
@@ -109,7 +110,7 @@ def linearise_shapes(
 
     Returns
     -------
-    Linearised or None
+    LinearisedSolution or None
         None where there are no constants to look at.
     """
     ranges = []
@@ -130,12 +131,14 @@ def judge_shape_constants(model: Model, linearisation: LinearisedSolution | None
     Parameters
     ----------
     model : Model
-    linearisation : Linearised, optional
+        The model, with its base parameters' columns.
+    linearisation : LinearisedSolution, optional
         None where nobody looked.
 
     Returns
     -------
     tuple of ShapeConstant
+        All constants, in the order of the effects.
     """
     looked: dict[tuple[int, str], ShapeConstant] = {}
     if linearisation is not None:
@@ -242,9 +245,12 @@ def get_search_range(place: ShapeVariable, choice: EffectChoice, robot: Robot) -
 
     Parameters
     ----------
-    place : ShapePlace
+    place : ShapeVariable
+        The constant, and how it is searched for.
     choice : EffectChoice
+        The effect with its shape constants.
     robot : Robot
+        The robot.
     """
     around, wide = [choice.shape_values[place.spec.name]], _LINE_RANGE
     if place.spec.proposal == "grid":

@@ -49,11 +49,15 @@ def settle_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     choices : sequence of EffectChoice
         With values for all shape constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     kept : sequence of collections of str
         Constants of every choice that stay as they are.
     """

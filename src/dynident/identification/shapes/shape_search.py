@@ -46,7 +46,9 @@ def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
     Parameters
     ----------
     choices : sequence of EffectChoice
+        Effects with their joints and shape constants.
     robot : Robot
+        The robot.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
     Parameters
     ----------
     choices : sequence of EffectChoice
+        Effects with their joints and shape constants.
 
     Raises
     ------
@@ -98,12 +101,16 @@ def complete_shapes(
     model : Model
         That the effects are added to.
     added : sequence of EffectChoice
+        Effects that are added to the model.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of the model on these recordings.
 
     Returns
@@ -159,12 +166,18 @@ def find_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     added : sequence of EffectChoice
+        Effects that are added to the model.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of the model on these recordings.
     """
     options = [_list_options(choice, model.robot) for choice in added]
@@ -194,15 +207,20 @@ def refine_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     added : sequence of EffectChoice
         With values for all constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
+        Called with the fraction done and a message.
     kept : sequence of collections of str
         Names of the constants of every choice that stay as they are; none where it is empty.
-    known : KeptRows, optional
+    known : CachedRows, optional
         Rows of the model on these recordings.
     """
     refined = tuple(added)
@@ -233,6 +251,7 @@ def list_between(choice: EffectChoice) -> list[EffectChoice]:
     Parameters
     ----------
     choice : EffectChoice
+        The effect with its shape constants.
     """
     specs = _list_refinable(choice, ())
     steps = _BETWEEN if len(specs) < 2 else _BETWEEN_OF_SEVERAL
@@ -254,6 +273,7 @@ def are_nearly_alike(one: EffectChoice, other: EffectChoice) -> bool:
     Parameters
     ----------
     one, other : EffectChoice
+        Two effects with their shape constants.
     """
     if (one.effect, one.runs) != (other.effect, other.runs) or not one.joints or not other.joints:
         return False

@@ -18,11 +18,14 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     Parameters
     ----------
     choices : IdentificationChoices
+        What is identified, and how.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

@@ -98,7 +98,9 @@ def find_friction_columns(model: Model, joint: int) -> list[int]:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     joint : int
+        Number of the joint, from 0.
     """
     name = model.robot.joint_names[joint]
     return [k for k, c in enumerate(model.kept) if c.link == name and get_effect(c.effect).is_friction]
@@ -112,7 +114,9 @@ def find_friction_runs(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing, optional
         Its position filter is used; each recording's own choice where none is given. Torque is not filtered: the
         regression averages it.
@@ -122,6 +126,7 @@ def find_friction_runs(
     Returns
     -------
     FrictionRuns
+        Equations of friction alone, and the velocities that they come from.
     """
     pieces: list[FrictionPiece] = []
     for number, recording in enumerate(recordings):
@@ -238,11 +243,14 @@ def solve_separate_friction(choices: IdentificationChoices, problem: Problem) ->
     Parameters
     ----------
     choices : IdentificationChoices
+        What is identified, and how.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

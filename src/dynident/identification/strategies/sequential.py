@@ -26,10 +26,12 @@ def solve_sequentially(choices: IdentificationChoices, problem: Problem) -> Fit:
     choices : IdentificationChoices
         `steps` names the order.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -57,6 +59,7 @@ def iterate_steps(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
     Parameters
     ----------
     robot : Robot
+        The robot.
     steps : str
         "link_by_link" or "wrist_then_shoulder".
     """
@@ -89,7 +92,9 @@ def select_joints(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
     Parameters
     ----------
     reduction : Reduction
+        Factors of W and the torque, one equation a joint.
     joints : tuple of int
+        Numbers of the joints, from 0.
     """
     equations = tuple(
         equation if joint in joints else EquationFactors(equation.columns[:0], np.zeros((0, 1, 1)), equation.counts[:0])
@@ -104,6 +109,7 @@ def check_stepwise(choices: IdentificationChoices) -> None:
     Parameters
     ----------
     choices : IdentificationChoices
+        What is identified, and how.
 
     Raises
     ------

@@ -108,10 +108,12 @@ def take_step(
     Parameters
     ----------
     estimator : Estimator
+        Solves the equations of the step.
     problem : Problem
+        Equations of the data, and prior knowledge.
     equations : Reduction
         Rows of the step, over all parameters of the model.
-    findings : Findings
+    findings : StepEstimates
         Of earlier steps, from other equations: their errors are taken to be independent of these rows.
     to_come : Reduction, optional
         Rows of this step and of all that follow, in any order; without it nothing is left to later steps.
@@ -121,6 +123,7 @@ def take_step(
     Returns
     -------
     Step
+        All findings up to the step, and its fit.
     """
     split = _split_functions(equations, findings, to_come, patience)
     m, k, n_found = len(findings.values), len(split.functions), split.n_found
@@ -149,12 +152,16 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
     Parameters
     ----------
     data : Data
+        Recordings reduced to the model's columns.
     steps : sequence of Step
+        All steps, in their order.
     warnings : tuple of str
+        Warnings of the strategy.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

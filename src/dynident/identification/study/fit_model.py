@@ -63,7 +63,7 @@ def finalise_identification(
         Equations that the parameters are solved from.
     reduced : ReducedData
         The same data as it is stored, with the held-out data, and without `shaped`.
-    part_of : Part, optional
+    part_of : SubmodelRelation, optional
         A larger model, whose compiled functions are used for this one.
     shaped : function, optional
         Takes parameters (b,), and returns the joints' torques in the model's columns, followed by the columns of

@@ -32,6 +32,7 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+        Sentences for the user.
     """
     parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
@@ -83,7 +84,8 @@ def find_best_step(models: Sequence[Identification]) -> BestStep | None:
 
     Returns
     -------
-    BestRung or None
+    BestStep or None
+        The best step, and those after it that raise the error.
     """
     totals = [model.held_out.relative_total for model in models if model.held_out is not None]
     return find_best_of_errors(totals) if len(totals) == len(models) else None
@@ -99,7 +101,8 @@ def find_best_of_errors(totals: Sequence[float]) -> BestStep | None:
 
     Returns
     -------
-    BestRung or None
+    BestStep or None
+        The best step, and those after it that raise the error.
     """
     if not totals:
         return None
@@ -147,7 +150,9 @@ def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray
     Parameters
     ----------
     data : Reduction
+        The joints' torques in blocks of time.
     values : (b,)
+        Base parameters.
     noise : (n,)
         Standard deviation of each joint's residual; 0 counts as 1.
     """

@@ -32,10 +32,12 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     Parameters
     ----------
     identification : Identification
+        The identified model.
 
     Returns
     -------
     tuple of str
+        Sentences for the user.
     """
     sentences = []
     # Poses at rest have no inertia matrix; their eigenvalue is not a number and says nothing.

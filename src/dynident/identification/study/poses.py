@@ -41,6 +41,7 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
     Parameters
     ----------
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -68,6 +69,7 @@ def identify_poses(
     Parameters
     ----------
     robot : Robot
+        The robot.
     recordings, validation : sequence of Recording
         Of poses; those of `validation` no parameter sees.
     choices : IdentificationChoices
@@ -116,6 +118,7 @@ def build_model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance
     Parameters
     ----------
     robot : Robot
+        The robot.
     effects : sequence of EffectChoice
         Such as act at rest.
     tolerance : float
@@ -172,6 +175,7 @@ def measure_unexplained_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     q, tau : (m, n)
         Positions in rad or m, and torques.
 
