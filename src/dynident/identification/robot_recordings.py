@@ -27,6 +27,11 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     ----------
     robot : Robot
         The robot.
+
+    Returns
+    -------
+    RecordedJoints
+        The joints with their limits, gains and coupling.
     """
     return RecordedJoints(
         robot.joint_names,
@@ -77,7 +82,19 @@ MOST_CURES = 5
 
 @dataclass(frozen=True, eq=False)
 class CuredRecording:
-    """A recording, its checks, and the corrections of its metadata that made it usable."""
+    """A recording that may have been refused at first, and the cures that made it usable.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording as it was read at last.
+    checks : tuple of Check
+        Its checks, with a note for each cure.
+    revisions : tuple of Revision
+        The cures, in the order in which they were applied.
+    metadata : RecordingMetadata
+        How the file was read at last.
+    """
 
     recording: Recording
     checks: tuple[Check, ...]

@@ -188,7 +188,23 @@ _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2")
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns (by index) of one signal in the robot's order of joints, with the signal and how that is known."""
+    """Columns of one signal, in the robot's order of joints.
+
+    Parameters
+    ----------
+    columns : tuple of int
+        Numbers of the columns.
+    signal : str or None
+        The signal; None where the names do not say.
+    unit : str or None
+        Unit that the names state.
+    rank : int
+        Rank of the worst of its columns: the lower, the more it is the measured signal.
+    named : ColumnName
+        What the first column's name says.
+    reason : str
+        How the group is known, as a clause.
+    """
 
     columns: tuple[int, ...]
     signal: Signal | None
@@ -233,6 +249,7 @@ def group_columns(
             joint, stem = hit
             by_stem.setdefault(stem, {}).setdefault(joint, index)
             reasons[stem] = "the joint's name stands in the column's"
+    # Columns of a stem that some joints lack are free for the numbers again.
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
@@ -292,6 +309,7 @@ def find_incomplete_groups(
 def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
     """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
     first, *others = (values[:, list(group.columns)] for group in groups)
+    # A joint that stands has no spread of its own to compare with.
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
     return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
 
@@ -331,6 +349,7 @@ def infer_by_elimination(
         return []
     only, have = ranked[0], {group.signal for group in groups}
     efforts = [group for group in groups if group.signal in ("tau", "current", "effort")]
+    # One signal is missing and one is left.
     if "q" in have and not efforts and len(whole) == 1:
         return [replace(only, signal="effort", reason="it is the only signal left")]
     if "q" not in have and efforts:

@@ -125,6 +125,7 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
     list of ColumnName
         What each name says, in the order of the columns.
     """
+    # Abbreviations count only where all of a logger's names are there: alone they may mean anything.
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
     columns = []
@@ -203,6 +204,7 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
 
 
 def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
+    # Such words rule a joint's signal out, whatever else the name says.
     if any(word in _OTHER for word in plain):
         return "other"
     kind: Signal | None = None

@@ -81,6 +81,7 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
     Proposal
         Columns and units, with guesses and questions.
     """
+    # Masses in grams would make every torque look wrong; the description is read in SI units first.
     units = find_description_units(robot)
     return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()
 
@@ -197,6 +198,7 @@ class _ColumnInference(WorkingProposal):
 
     def _find_segment_column(self) -> FloatArray | None:
         for index, name in enumerate(self.column_names):
+            # A label of runs is a whole number that stays for many rows.
             values = self.sample.values[:, index]
             if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
                 continue
@@ -209,6 +211,7 @@ class _ColumnInference(WorkingProposal):
     def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
         have = {group.signal for group in groups}
+        # The names say enough: content must not overrule them.
         if "q" in have and have & {"tau", "current", "effort"}:
             return []
         silent = [index for group in groups if group.signal is None for index in group.columns]

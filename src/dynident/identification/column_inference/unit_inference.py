@@ -25,9 +25,18 @@ CLEARLY = 1.25
 
 @dataclass(frozen=True)
 class UnitGuess:
-    """A unit, the confidence (0 to 1), and the reason.
+    """A guess of a unit.
 
-    Below `SURE` it has to be confirmed, as one of `choices`, if any.
+    Parameters
+    ----------
+    unit : str
+        The unit.
+    confidence : float
+        From 0 to 1; below `SURE` the unit has to be confirmed.
+    reason : str
+        The reason, as a clause.
+    choices : tuple of str
+        Units to choose from, if any.
     """
 
     unit: str
@@ -412,12 +421,14 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
         if gain is not None and (limit := joint.limits.effort) and limit < _PLACEHOLDER
     ]
     if shares:
+        # The joint that comes nearest to its limit tells most.
         share = max(shares)
         if 0.01 <= share <= 2.0:
             return UnitGuess("A", 0.95, f"with the drive gains they make at most {share:.0%} of the limits of torque")
         if 10.0 <= share <= 2000.0:
             return UnitGuess("mA", 0.95, f"as A they would make {share:.0f} times the limits of torque")
     peak = float(most.max())
+    # Without gains the size alone decides: drives of arms take up to some tens of A.
     if peak > 150.0:
         return UnitGuess("mA", 0.9, f"the largest is {peak:.4g}, which no joint of a robot draws in A")
     if peak < 60.0:

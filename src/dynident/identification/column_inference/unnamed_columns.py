@@ -19,7 +19,19 @@ _GAP = 3.0
 
 @dataclass(frozen=True)
 class UnnamedColumns:
-    """Columns (by index) by what they hold, in the order of the file; `rates` are those of the positions."""
+    """Columns by what they hold, in the order of the file.
+
+    Parameters
+    ----------
+    positions : tuple of int
+        Numbers of the columns of positions.
+    rates : tuple of int
+        Those of the positions' slopes; none where there are none.
+    efforts : tuple of int
+        Those of torques or currents.
+    reason : str
+        How they were told apart, as a clause.
+    """
 
     positions: tuple[int, ...]
     rates: tuple[int, ...]
@@ -66,6 +78,7 @@ def identify_unnamed_columns(
         return _split_three_blocks(t, part, columns, n, np.median) or by_slope
     if len(columns) != 2 * n:
         return None
+    # Positions are integrals of what torques cause, and much smoother.
     rough = compute_roughness(t, part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
@@ -80,6 +93,7 @@ def identify_unnamed_columns(
 
 
 def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
+    # The velocity is the column that the slope of a position is most like.
     correlation, _ = correlate_slopes(t, part)
     np.fill_diagonal(correlation, 0.0)
     follower = correlation.argmax(axis=1)
@@ -193,6 +207,7 @@ def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntAr
     shares = np.zeros((n, n))
     for joint in range(n):
         own = rate[::width, joint]
+        # A joint's own friction is in no other joint's torque.
         rows = np.column_stack([np.tanh(own / (0.05 * own.std() + 1e-12)), own, np.ones(len(own))])
         for other in range(n):
             target = tau[::width, other]

@@ -17,7 +17,25 @@ from dynident.robot import Robot
 
 @dataclass
 class WorkingProposal:
-    """A proposal in the making. `given` is the robot as described; `robot` has its masses in SI units."""
+    """A proposal in the making.
+
+    Parameters
+    ----------
+    sample : Sample
+        Consecutive rows of the file.
+    robot : Robot
+        The robot, with the masses of its description in SI units.
+    described_robot : Robot
+        The robot as it was described.
+    columns : dict of str to str
+        Our names of columns to the file's, as found so far.
+    units : dict of str to str
+        Units by kind of signal, as found so far.
+    guesses : list of Guess
+        The guesses so far.
+    questions : list of Question
+        The questions so far.
+    """
 
     sample: Sample
     robot: Robot

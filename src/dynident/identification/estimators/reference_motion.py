@@ -20,9 +20,16 @@ _DELAY_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class CommandedMotion:
-    """The command of every segment, delayed by `delay` (n,) in s, which brings it nearest to the measured motion.
+    """The command of every segment, as late as the robot was.
 
-    `rest`: the rms difference between the two over the size of the motion, for the joint where that is largest.
+    Parameters
+    ----------
+    segments : tuple of RecordedMotion
+        The delayed command of each segment.
+    delay : (n,)
+        Delay of each joint in s, which brings the command nearest to the measured motion.
+    rest : float
+        The rms difference between the two over the size of the motion, for the joint where that is largest.
     """
 
     segments: tuple[RecordedMotion, ...]
@@ -50,6 +57,7 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
     CommandedMotion
         The delayed command, and how well the robot followed it.
     """
+    # Both behind the same filter, so that its delay and band cancel in the comparison.
     measured = read_whole_segments(recording, smooth)
     ahead = read_whole_segments(replace_by_command(recording), smooth)
     delay = np.zeros(recording.n)
@@ -61,6 +69,7 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
         # Least squares for a shift in time: to first order the gap between both motions is the velocity times the
         # missing delay.
         delay = delay - np.sum(gap * slope, axis=0) / np.where(squares > 0, squares, np.inf)
+    # Commands that are no numbers give no delay: they are reported as not followed.
     if not np.isfinite(delay).all():
         return CommandedMotion(measured, np.zeros(recording.n), np.inf)
     late = tuple(_delay_motion(motion, delay) for motion in ahead)
@@ -91,9 +100,18 @@ _Rows = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatA
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """Consecutive samples of a recording: the filtered motion, and the torque (m, n) measured along it.
+    """Consecutive samples of a recording.
 
-    `sampling_rate` in Hz is the recording's, `label` that of its run.
+    Parameters
+    ----------
+    reference : Reference
+        The filtered motion.
+    tau : (m, n)
+        Torque that was measured along it, in N m or N.
+    sampling_rate : float
+        Rate of the recording in Hz.
+    label : str
+        Label of its run.
     """
 
     reference: Reference

@@ -149,6 +149,7 @@ def identify_currents(
         held_out = reduce_recordings(
             model.observation, validation, chosen, nothing, scale_progress(progress, 0.7, 0.95)
         )
+        # The same for the held-out data, whose errors are in A, too.
         held_out = scale_torque(held_out, 1.0 / gains)
     # The recorded torque was computed with the stated gains; divided by these it is the current again.
     training = scale_torque(training, 1.0 / gains)
@@ -190,11 +191,13 @@ def _identify_current(
     model: Model, joint: int, rows: FloatArray, training: Reduction, held_out: Reduction | None
 ) -> CurrentModel:
     """Identify the current of one joint from its own equation."""
+    # A single equation tells fewer parameters apart than all together, so they are regrouped for this joint.
     base = select_base(rows, tuple(column.name for column in model.kept))
     kept_columns = np.array(base.kept, dtype=np.intp)
     # Only this joint's equation, in the columns that it tells apart.
     own = select_joints(training, (joint,)).select_columns(kept_columns)
     name = model.robot.joint_names[joint]
+    # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].joint_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero throughout", pointer="/measurement_ids", title="No current")
     solution = weighted(own)

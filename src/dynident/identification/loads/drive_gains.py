@@ -265,7 +265,9 @@ def identify_gains(
         for name, value in payload.parameters.items()
         if (name, (recording.name,)) not in unfelt
     }
+    # The recorded torque is the measured side, so its factors are relative to the stated gains.
     factors, covariance = solve_total_least_squares(data.reduction, known)
+    # From factors on the recorded torque to gains.
     scale = get_stated_gains(robot, stated)
     deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
@@ -350,6 +352,7 @@ def solve_total_least_squares(reduction: Reduction, known: Mapping[int, float]) 
     fixed = np.zeros(c)
     fixed[list(known)] = list(known.values())
     free = np.array([k for k in range(c) if k not in known], dtype=np.intp)
+    # The problem is not convex: the singular vector gives a start that is near the right minimum.
     values, inverse = _compute_start(reduction, fixed, free)
     for _ in range(_ROUNDS):
         if not np.isfinite([*values, *inverse]).all():
@@ -389,6 +392,7 @@ def _compute_start(reduction: Reduction, fixed: FloatArray, free: IndexArray) ->
     parts = []
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
+        # An equation that is exact would get an infinite weight.
         noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joint_factor).max()))
         # One column for the torque of each joint, so that every joint has a factor of its own; one for the known
         # payload.
@@ -423,8 +427,11 @@ def _linearise(reduction: Reduction, free: IndexArray, values: FloatArray, inver
         p = len(equation.columns)
         own = [i for i, column in enumerate(equation.columns) if int(column) in number]
         change = np.zeros((p + 1, len(own) + 2))
+        # The columns of W times k_j, and one column W_j χ for the change of k_j itself.
         change[own, range(len(own))] = inverse[j]
         change[:p, len(own)] = values[equation.columns]
+        # The measured side of the linearised equation: y_j plus the product at the old values, which stands in both
+        # groups of columns.
         change[own, -1] = inverse[j] * values[equation.columns[own]]
         change[p, -1] = 1.0
         columns = [number[int(equation.columns[i])] for i in own] + [len(free) + j]

@@ -36,7 +36,15 @@ _FIRST_MOMENTS = ("MXp", "MYp", "MZp")
 
 @dataclass(frozen=True)
 class KnownPayload:
-    """A payload that a recording's metadata state: kg, and m in the frame of the last joint where stated."""
+    """A payload that a recording's metadata state.
+
+    Parameters
+    ----------
+    mass : float
+        The mass in kg.
+    centre : (x, y, z) or None
+        Its centre in m, in the frame of the last joint; None where it is not stated.
+    """
 
     mass: float
     centre: tuple[float, float, float] | None = None
@@ -53,7 +61,17 @@ class KnownPayload:
 
 @dataclass(frozen=True, eq=False)
 class LoadedData:
-    """Recordings without and with payloads, reduced to a model in which every loaded recording has its own payload."""
+    """Recordings without and with payloads, reduced to a model in which every loaded recording has its own payload.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with a payload for each loaded recording.
+    reduction : Reduction
+        The joints' torques in its columns.
+    loaded : tuple of Recording
+        The recordings with a payload.
+    """
 
     model: Model
     reduction: Reduction
@@ -155,6 +173,7 @@ def reduce_with_payloads(
                 pointer=pointer,
                 title="Nothing to compare",
             )
+    # Names tell the payloads apart, so two recordings must not share one.
     names = [recording.name for recording in (*unloaded, *loaded)]
     if len(set(names)) < len(names):
         raise DynidentError("two recordings have the same name; give each its own", pointer="/loaded_ids", title=_TITLE)
@@ -199,6 +218,7 @@ def scale_torque(reduction: Reduction, factors: FloatArray) -> Reduction:
 
 def _to_number(value: object) -> float:
     """Return the value as a number; NaN where it is none."""
+    # True and False are integers to Python, and no masses.
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 

@@ -95,6 +95,7 @@ def payload_from_pair(
         return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
 
     alike = weigh(())
+    # The second model gives the loaded run friction and offsets of its own.
     own = tuple(replace(choice, runs=(loaded.name,)) for choice in JOINT_FRICTION)
     try:
         with_own = weigh(own)
@@ -123,6 +124,7 @@ def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> Payload
         f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if "
         f"the loaded run has its own"
     )
+    # More than noise and a tenth apart: the mass depends on which model is right, and nothing tells that.
     if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
         return _not_identifiable(
             f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "

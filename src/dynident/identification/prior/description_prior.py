@@ -86,6 +86,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer=f"/free_links/{index}",
                 title="Unknown joint",
             )
+    # The last of the ten parameters is the mass.
     if inertias is None or not np.any(inertias[:, 9] > 0):
         raise DynidentError(
             f"the description of {robot.name} gives no inertias; add them (<inertial> of every link), or leave the "
@@ -101,6 +102,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer="/prior",
                 title=_TITLE,
             )
+    # A body exists where its pseudo-inertia has no negative eigenvalue.
     smallest = smallest_pseudo_inertia(inertias)
     impossible = [
         name
@@ -149,6 +151,7 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
         if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
+            # Without a prior the description still gives sizes, and decides what the data leave open.
             stated[k] = trust.prior is not None and column.link not in trust.free_links
         elif role == "rotor":
             # Descriptions hardly ever state rotor inertias: only their order of magnitude is used, for scaling.

@@ -84,7 +84,7 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     """Return the mean logarithm of the unexplained share of the torque, with the description's load on each joint.
 
     The gain of the load, dry and viscous friction and the inertia of the drive are not negative; a constant torque is
-    free. Each block of time is predicted from the others, as in `Judge.left`.
+    free. Each block of time is predicted from the others, as in `HeldOutFit.measure_unexplained`.
 
     Parameters
     ----------
@@ -113,6 +113,7 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
 
 def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
     """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
+    # A constant of either sign, as two columns that are not negative.
     dq, ones = motion.dq[:, joint], np.ones(len(load))
     return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
@@ -131,6 +132,7 @@ def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, 
 
 def _fit(gram: FloatArray) -> FloatArray:
     """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
+    # Columns of equal size, or the ridge would weigh them by their units.
     scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
     normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
     # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.

@@ -71,7 +71,15 @@ _OTHER_CAUSES = (
 
 
 class DynamicsCheck(NamedTuple):
-    """The checks of a recording against its robot's dynamics, and the unexplained shares of the torque as it is."""
+    """The checks of a recording against its robot's dynamics.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+        The checks, those that passed included.
+    unexplained : UnexplainedTorque or None
+        Unexplained shares of the torque as it is; None where nothing was fitted.
+    """
 
     checks: tuple[Check, ...]
     unexplained: UnexplainedTorque | None
@@ -150,10 +158,12 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     elif mistakes:
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in mistakes)
     else:
+        # Sizes are looked at only where order and signs are right: a wrong column has any size.
         findings = _check_scales(machine, motion, recording, tau, judges)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+        # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
     return DynamicsCheck((*passed, *findings, *described), as_is)
 

@@ -85,9 +85,20 @@ _PARALLEL = 0.999
 
 @dataclass(frozen=True)
 class DetectedFault:
-    """A fault that was found, those it cannot be told from, and the unexplained shares with it and without.
+    """A fault that was found, and the unexplained shares with it and without.
 
-    Where it is not `certain`, another cause may look the same.
+    Parameters
+    ----------
+    mistake : ColumnFault
+        The fault.
+    alike : tuple of ColumnFault
+        Faults that it cannot be told from.
+    left_with : float
+        Unexplained share of an average joint's torque as the columns are.
+    left_without : float
+        The same without the fault.
+    certain : bool
+        False where another cause may look the same.
     """
 
     mistake: ColumnFault
@@ -188,9 +199,14 @@ def search_faults(
 
 
 class HeldOutFits:
-    """Judges of a robot's motions: with its links and friction, and with a constant torque on each joint as well.
+    """Fits of a robot: with its links and friction, and with a constant torque on each joint as well.
 
     Each is built when it is first needed, and serves all questions about the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -232,10 +248,12 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     possible = [
         mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
     ]
+    # One small solution for each of some hundred faults; rows of W are kept where only torques change.
     trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
+        # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > _CURED:
             return None
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
@@ -254,6 +272,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
             if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
         ]
         if best.kind == "torque scaled":
+            # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
             unexplained = judge.measure_unexplained(best.mend(motion))
         return _FaultStep(
@@ -323,6 +342,7 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
     if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
         return wide
+    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
     narrow = filter_whole_motion(recording, narrow=True)
     if narrow is None or not _has_enough_rows(narrow[0], judges.plain_fit):
         return wide

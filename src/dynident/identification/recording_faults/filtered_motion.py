@@ -41,6 +41,7 @@ def thin_out(motion: Motion) -> Motion:
     motion : Motion
         Filtered rows of the recording.
     """
+    # Evenly spread, so that every part of the motion is represented.
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * BLOCKS // len(q)

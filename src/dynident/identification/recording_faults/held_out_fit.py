@@ -71,9 +71,18 @@ _QUIET = 1e-12
 class UnexplainedTorque:
     """Unexplained shares of the torque of a motion.
 
-    `blocks` (blocks,) are means of log shares over the joints that move, each block held out; `inside` is that of all
-    blocks where they are fitted to; `against` is the number of joints whose friction drives them; `joints` (n,) are the
-    shares of each joint's torque, held out, 0 of those that do not move.
+    Parameters
+    ----------
+    blocks : (blocks,)
+        Means of log shares over the joints that move, each block held out.
+    inside : float
+        The same of all blocks together, where they are fitted to.
+    against : int
+        Number of joints whose friction drives them.
+    moving : (n,)
+        Which joints move.
+    joints : (n,)
+        Share of each joint's torque, held out; 0 for joints that do not move.
     """
 
     blocks: FloatArray
@@ -148,7 +157,14 @@ class _MotionRows:
 class GramMatrices:
     """Inner products where each joint moves, of each block and last of all of them.
 
-    WᵀW `inner` (blocks + 1, n, c, c), Wᵀτ `right` (blocks + 1, n, c), τᵀτ `measured` (blocks + 1, n).
+    Parameters
+    ----------
+    inner : (blocks + 1, n, c, c)
+        WᵀW.
+    right : (blocks + 1, n, c)
+        Wᵀτ.
+    measured : (blocks + 1, n)
+        τᵀτ.
     """
 
     inner: FloatArray
@@ -157,16 +173,24 @@ class GramMatrices:
 
     def compute_squares(self, values: FloatArray) -> FloatArray:
         """Return the squared errors (blocks + 1, n) of parameters (blocks + 1, c), each row in its own block."""
+        # τᵀτ - 2 χᵀWᵀτ + χᵀWᵀW χ: the squared error from inner products alone.
         products = (self.inner @ values[:, None, :, None])[..., 0]
         remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
         return np.asarray(np.maximum(remainder, 0.0))
 
 
 class HeldOutFit:
-    """Fits a robot's links, rotors and friction, and `more` effects, to motions of it.
+    """Fits of a robot's links, rotors and friction to motions of it.
 
     Only inner products are kept, so that the hundreds of candidate faults each cost a small solution and no pass over
     the rows.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    more : tuple of EffectChoice
+        Further effects of the model.
     """
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
@@ -313,6 +337,7 @@ class HeldOutFit:
         normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
         right = LEAVE_ONE_OUT @ (weights @ grams.right[:-1])
         normal = normal.reshape(-1, c, c)
+        # Columns of equal size, so that the ridge does not depend on units.
         scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
         return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
@@ -325,6 +350,7 @@ class HeldOutFit:
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
         if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
+        # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
         return bool(np.median(size) > 0.25 * rest)
 
@@ -351,6 +377,7 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
     measured : (n,)
         Squared torque.
     """
+    # Clipped: one block that is explained perfectly must not decide a mean of logarithms.
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
     return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
 

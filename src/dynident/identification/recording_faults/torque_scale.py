@@ -72,6 +72,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     # another make. Groups have to be tested as such: the wrong ones would count as normal for each other.
     for group in (*(joints == joint for joint in joints), *(joints >= first for first in range(1, robot.n - 1))):
         members, others = np.flatnonzero(known & group), known & ~group
+        # One other joint alone is no measure of what is usual.
         if not len(members) or others.sum() < 2:
             continue
         # Compare shares of the limits of effort: large joints have more friction than small ones in N m.
@@ -116,7 +117,7 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
     robot : Robot
         The robot.
     frictions : (blocks, n)
-        As in `excess_of`.
+        As in `find_excess_friction`.
     joint : int
         Number of the joint, from 0.
     factor : float
@@ -129,6 +130,7 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
     limits = get_effort_limits(robot)
     share = size if limits is None else size / limits
     times = float(share[joint] / np.median(share[others]))
+    # In logarithms: ten times too large is as far off as ten times too small.
     return bool(abs(np.log(factor * times)) < abs(np.log(times)))
 
 
@@ -142,6 +144,7 @@ def _summarise_frictions(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 def get_effort_limits(robot: Robot) -> FloatArray | None:
     """Return the limits of effort (n,) in N m or N; None where the description gives none, or placeholders."""
+    # Limits that all joints share, or huge ones, were filled in and say nothing of the drives.
     limits = np.array([joint.limits.effort or np.nan for joint in robot.joints], dtype=np.float64)
     if not np.isfinite(limits).all() or len(set(limits.tolist())) == 1 or limits.max() >= _PLACEHOLDER:
         return None
@@ -210,9 +213,18 @@ at the flange makes it so of wrists, so that friction has to say it, too."""
 
 @dataclass(frozen=True)
 class TorqueScale:
-    """A joint, from 0, whose torque is `times` what it should be, and the power of ten that it is off by.
+    """A joint whose torque is many times what it should be.
 
-    This follows from the masses of the description, or from the friction of the other joints: `by_friction`.
+    Parameters
+    ----------
+    joint : int
+        Number of the joint, from 0.
+    times : float
+        How many times its torque is too large.
+    power : float
+        The power of ten that it is off by.
+    by_friction : bool
+        Whether this follows from the friction of the other joints, and not from the masses of the description.
     """
 
     joint: int
@@ -231,7 +243,7 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
     motion : Motion
         Filtered rows of the recording.
     excess : mapping of int to float
-        Joints whose friction is too large, and how many times, from `frictions.excess_of`.
+        Joints whose friction is too large, and how many times, from `find_excess_friction`.
 
     Returns
     -------
@@ -392,6 +404,7 @@ def _is_known(products: FloatArray, squares: FloatArray) -> bool:
     others = squares.sum() - squares
     if len(squares) < 2 or not (others > 0).all():
         return False
+    # The factor without each block in turn: its scatter is the jackknife's standard error.
     without = (products.sum() - products) / others
     error = float(np.sqrt((len(without) - 1) * without.var()))
     return bool(abs(products.sum() / squares.sum()) >= KNOWN * error)

@@ -23,7 +23,17 @@ _FAR = 100.0
 
 @dataclass(frozen=True)
 class ShapeVariable:
-    """A shape constant that may take any value: the model's choice that it belongs to, and which constant of it."""
+    """A shape constant that may take any value.
+
+    Parameters
+    ----------
+    choice : int
+        Number of the model's effect choice that it belongs to.
+    spec : ShapeSpec
+        Which constant of the effect it is.
+    search : Refinement
+        How it is searched for.
+    """
 
     choice: int
     spec: ShapeSpec

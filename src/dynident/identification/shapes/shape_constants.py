@@ -115,12 +115,14 @@ def linearise_shapes(
     """
     ranges = []
     for place in list_shape_variables(model.effects):
+        # The range acts as a weak prior, so that a constant that the data do not show keeps a finite uncertainty.
         low, high = get_search_range(place, model.effects[place.choice], model.robot)
         # A constant that may be anywhere in its range has this standard deviation before any data: that of an even
         # distribution.
         ranges.append(place.compute_change(low, high) / np.sqrt(12.0))
     try:
         return linearise_constants(shaped, solution, np.array(ranges), kind) if ranges else None
+    # No statement is possible; the model itself is not affected.
     except EstimationError:
         return None
 
@@ -164,6 +166,7 @@ def judge_shape_constants(model: Model, linearisation: LinearisedSolution | None
 
 def _find_significant_choices(model: Model, linearisation: LinearisedSolution) -> set[int]:
     """Return the numbers of the choices with at least one parameter that differs from zero significantly."""
+    # With the shape constants uncertain as well: alone, the parameters would look too sure.
     half = linearisation.parameter_statistics.half_widths()
     sure = {
         column.key
@@ -230,8 +233,10 @@ def _judge_constant(
         return build_constant(
             "elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew"
         )
+    # In octaves the deviation is that of the logarithm, which is a relative one already.
     sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.to_change(1.0)))
     constant = build_constant("determined" if sure else "uncertain", "")
+    # The optimum is elsewhere than the stored value, but near enough for the linearisation to say where.
     if abs(step) > half:
         constant = build_constant("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
     spread = deviation * (value if place.search.in_octaves else 1.0)

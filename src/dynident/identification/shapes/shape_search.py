@@ -143,6 +143,7 @@ def split_by_joint(choices: Sequence[EffectChoice], robot: Robot) -> tuple[Effec
     """Split choices that leave their shape open into one for each joint, so that every joint finds its own."""
     split: list[EffectChoice] = []
     for choice in choices:
+        # An effect of the whole robot has one shape, and nothing to split.
         if lacks_shape(choice) and get_effect(choice.effect).scope == "joint":
             split += [replace(choice, joints=(robot.tree.joint_names[j],)) for j in find_joints(choice, robot)]
         else:
@@ -180,6 +181,7 @@ def find_shapes(
     known : CachedRows, optional
         Rows of the model on these recordings.
     """
+    # All options of all choices are evaluated in one pass over the data; the search itself is algebra.
     options = [_list_options(choice, model.robot) for choice in added]
     table = _tabulate(model, options, recordings, preprocessing, reference, progress, known)
     return tuple(choices[k] for choices, k in zip(options, table.search()[0], strict=True))
@@ -226,6 +228,7 @@ def refine_shapes(
     refined = tuple(added)
     fixed = kept or [()] * len(refined)
     moving = [_list_refinable(choice, names) for choice, names in zip(refined, fixed, strict=True)]
+    # One constant of every effect in each round: a grid over all of them at once would explode.
     rounds = max((len(specs) for specs in moving), default=0)
     for number in range(rounds):
         specs = [of_choice[number] if number < len(of_choice) else None for of_choice in moving]
@@ -435,6 +438,7 @@ def _choose_vertex(
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
     natural = [k for k, other in enumerate(group) if other.shape_values[spec.name] in spec.natural]
+    # A natural value, such as an exponent of 2, is preferred where it costs no more than chance.
     if natural and errors[natural[0]] <= (1 + _AS_GOOD) * here:
         return group[natural[0]]
     return _replace_shape_value(choice, spec.name, _move_value(spec, choice.shape_values[spec.name], shift))
@@ -446,6 +450,7 @@ def _orthogonalise(base: FloatArray, columns: FloatArray) -> FloatArray:
     All but the last column are scaled to the size one.
     """
     basis, sizes, _ = np.linalg.svd(_normalise_columns(base), full_matrices=False)
+    # Directions that are rounding would take away parts of the options at random.
     basis = basis[:, sizes > _DEPENDENT * sizes[0]]
     remainder = np.column_stack([_normalise_columns(columns[:, :-1]), columns[:, -1]])
     # Orthogonalise twice: the first pass leaves rounding errors along the model.

@@ -37,7 +37,19 @@ _RANK = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FrictionPiece:
-    """A piece of a stroke: mean `velocity` (rad/s, m/s), `rows` (m, 4 + k + 1) [gravity, inertia | friction | Y]."""
+    """A piece of a stroke, in which a single joint moves in one direction.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    velocity : float
+        Mean velocity in rad/s or m/s.
+    posture : (int, array)
+        Number of the recording, and positions of the other joints.
+    rows : (m, 4 + k + 1)
+        Rows of [gravity, inertia | friction | torque].
+    """
 
     joint: int
     velocity: float
@@ -47,9 +59,14 @@ class FrictionPiece:
 
 @dataclass(frozen=True, eq=False)
 class FrictionRuns:
-    """Equations of the joints' friction alone, over all parameters of a model, and the velocities they come from.
+    """Equations of the joints' friction alone, and the velocities that they come from.
 
-    `velocities`: of every joint, one a piece; none where a joint never moved alone.
+    Parameters
+    ----------
+    equations : Reduction
+        The equations, over all parameters of a model.
+    velocities : tuple of arrays
+        Velocities of every joint, one a piece; none where a joint never moved alone.
     """
 
     equations: Reduction
@@ -131,6 +148,7 @@ def find_friction_runs(
     pieces: list[FrictionPiece] = []
     for number, recording in enumerate(recordings):
         chosen = preprocessing or choose_preprocessing([recording])
+        # Every sample counts: a filter of the torque would only correlate them.
         plain = replace(chosen, torque_cutoff=None, decimation=1)
         pieces += _collect_pieces(model, recording, number, plain, reference)
     equations, velocities = [], []
@@ -138,6 +156,7 @@ def find_friction_runs(
         own = [piece for piece in pieces if piece.joint == joint]
         equations.append(_build_equation(find_friction_columns(model, joint), own))
         velocities.append(np.array([piece.velocity for piece in own]))
+    # Pieces have no common time, so their blocks have no spans.
     spans = np.zeros((max((len(e.counts) for e in equations), default=0), 2))
     return FrictionRuns(Reduction(model.n_parameters, tuple(equations), spans), tuple(velocities))
 
@@ -166,6 +185,7 @@ def _collect_pieces(
             if joint >= 0:
                 own = _build_rows(model, joint, block, entries[:, layouts[joint]])[part]
                 collector.push(joint, block.q[part], block.dq[part, joint], own)
+    # The last stroke ends with the recording.
     collector.close()
     return collector.pieces
 
@@ -203,6 +223,7 @@ def _build_equation(columns: list[int], pieces: Sequence[FrictionPiece]) -> Equa
         cleared += np.split(rest, borders)
     factors = np.zeros((len(cleared), size, size))
     for k, rows in enumerate(cleared):
+        # A triangular factor a piece: the pieces are the blocks of the covariance.
         r = np.linalg.qr(rows, mode="r")
         factors[k, : len(r)] = r
     return EquationFactors(numbers, factors, np.array([len(rows) for rows in cleared], dtype=np.intp))
@@ -277,6 +298,7 @@ def solve_separate_friction(choices: IdentificationChoices, problem: Problem) ->
             title="No friction runs",
         )
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
+    # First friction from its own runs, then the rest with it known.
     alone = take_step(estimator, problem, runs.equations, StepEstimates.empty(model.n_parameters), both, _PATIENCE)
     rest = take_step(estimator, problem, data.equations, alone.findings)
     return conclude_steps(data, (alone, rest), _list_warnings(model, runs, alone.findings))
@@ -298,6 +320,7 @@ def _list_warnings(model: Model, runs: FrictionRuns, findings: StepEstimates) ->
         columns = find_friction_columns(model, j)
         if not columns or not len(velocities):
             continue
+        # Each piece counts with its number of samples.
         speeds = np.repeat(np.abs(velocities), runs.equations.equations[j].counts)
         slow, fast = np.quantile(speeds, (_ENDS, 1 - _ENDS))
         if not ((velocities > 0).any() and (velocities < 0).any()):

@@ -132,6 +132,7 @@ def check_estimator(estimator: Estimator) -> None:
     ------
     DynidentError
     """
+    # An estimator that simulates, or that needs all bodies, cannot solve a part of the equations.
     if not estimator.in_steps:
         raise DynidentError(
             f"{estimator.name} cannot be taken in steps; choose from "

@@ -77,6 +77,7 @@ def _compute_motion_statistics(identification: Identification) -> Statistics:
 
 def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
     first_name, second_name = names[pair.first], names[pair.second]
+    # A negative correlation leaves the sum certain, a positive one the difference.
     rather = "their sum" if pair.correlation < 0 else "their difference"
     return (
         f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the motion "
@@ -85,6 +86,7 @@ def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
 
 
 def _describe_direction(direction: WeakDirection, names: tuple[str, ...]) -> str:
+    # The largest part leads with the factor one; the others are relative to it.
     text = names[direction.parts[0][0]]
     for number, factor in direction.parts[1:_MOST_PARTS]:
         size = abs(factor)

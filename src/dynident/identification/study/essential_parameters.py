@@ -163,6 +163,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
 
 def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
     """Return the model with the parameters `removed` set to zero and the others estimated anew."""
+    # All are essential: the model stays as it is, with its own estimator's solution.
     if not removed:
         return identification
     c = identification.model.n_parameters
@@ -201,6 +202,7 @@ def _compute_statistics_with_shapes(
 ) -> Statistics | None:
     """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
     shaped, choices = identification.data.shaped, identification.choices
+    # Shape constants were linearised about least squares of the torques; other estimates have no such covariance.
     if shaped is None or not choices.is_least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)
@@ -215,6 +217,7 @@ def _solve_essential(
     """Solve for the essential parameters alone, numbered in `essential`."""
     known = full.known
     if known is not None:
+        # Parameters that are set to zero drop out of the rows of the prior as well.
         known = PriorInformation(known.factor[:, essential], known.right)
     smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)

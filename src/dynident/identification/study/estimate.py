@@ -163,6 +163,7 @@ class Estimate:
         Estimate
             The estimate, with the noise of every joint.
         """
+        # Rows that are weighted, or of another equation type, do not give the residual in N m.
         noise = statistics.noise if data.has_equal_weights else compute_row_noise(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
         noise = floor_noise(noise)

@@ -89,6 +89,7 @@ def find_runs_with_effects(
     # Let the effect act in every held-out run at first. The parameters stay those of the fit, so that one reduction
     # of each run serves both predictions.
     model = extend_model(base, everywhere, tolerance=grown.choices.tolerance)
+    # The effect in other runs would need parameters that were not identified.
     if model.n_parameters != grown.model.n_parameters:
         return ()
     # The prediction without the effect: its parameters set to zero, all others as they are.
@@ -130,6 +131,7 @@ def _iterate_runs(recordings: Sequence[Recording]) -> Iterator[tuple[str, Record
     """Yield every run of the recordings by itself, with its label."""
     for recording in recordings:
         for label in recording.segment_names:
+            # A run may have several segments with one label.
             own = [item for k, item in enumerate(recording.segments) if recording.name_segment(k) == label]
             yield label, replace(recording, segments=tuple(own))
 
@@ -176,6 +178,7 @@ def extend(
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings, validation)
+    # The ladder compares models, so all its models have to be fitted to the same samples.
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extend_at_rest(identification, new, recordings, validation)
@@ -188,12 +191,14 @@ def extend(
             idle.append(choice.effect)
         else:
             grown = larger
+    # Nothing was added by any of them: an error, since the user would look for a new model.
     if grown is identification:
         raise DynidentError(
             f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
             pointer="/effects",
             title="Nothing to add",
         )
+    # Once at the end: hashing the samples reads all recordings.
     grown = add_digests(grown, recordings, validation)
     if not idle:
         return grown
@@ -303,6 +308,7 @@ def _identify_with_effects(
 ) -> Identification | None:
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = extend_model(identification.model, new, tolerance=choices.tolerance)
+    # All new columns were absorbed, so there is nothing to estimate.
     if model.n_parameters == identification.model.n_parameters:
         return None
     reference = identification.estimate.reference
@@ -323,6 +329,7 @@ def _identify_with_effects(
             scale_progress(progress, number / passes, (number + 1) / passes),
             identification.in_memory,
         )
+        # The second pass predicts loads with the parameters of the first.
         reference = grown.estimate.next_reference()
     grown = replace(grown, step=LadderStep(identification, added=new))
     return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)

@@ -80,7 +80,9 @@ def finalise_identification(
         Where the data do not determine the parameters, or the choices do not fit each other.
     """
     problem = Problem.from_choices(model, choices, data)
+    # Checked before solving, so that a message can name parameters and joints.
     check_reduction(model, data.equations, problem.known)
+    # The wrench does not use the joints' torques to fit, so a dead torque does no harm there.
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
     # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
@@ -195,6 +197,7 @@ def identify_model(
         if not places:
             return None
         columns = build_shape_columns(model, values, places)
+        # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
         ordinary = training.recordings
         return reduce_with_columns(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
 

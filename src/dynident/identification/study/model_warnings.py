@@ -54,6 +54,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     sentences += _warn_of_overfit(identification)
     sentences += _warn_of_friction_signs(identification)
     sentences += _warn_of_missing_torque(identification)
+    # Effects that dissolved in others are still in the torque, but have no parameter of their own.
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
     if absorbed:
         sentences.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")

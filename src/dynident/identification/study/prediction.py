@@ -73,6 +73,7 @@ def predict(
         dq,
         ddq,
         reference=estimate.reference,
+        # Hysteresis starts from its initial state and is carried along the path, so the order of the rows counts.
         memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
     )
     torque = observation.compute_torque(entries, estimate.values)
@@ -124,6 +125,7 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
     signals = estimate.model.signals
     for column in estimate.model.kept:
+        # Derivatives of the acceleration, and the period, are not among the arguments.
         if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
             raise DynidentError(
                 f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "

@@ -103,10 +103,12 @@ def subtract_effects(
 
 def _subtract_effect(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
     """Remove an effect from one choice: return the choice itself, the same on fewer joints, or nothing."""
+    # A choice without shape constants or runs stands for all of them.
     other_shape = not set(removed.shape) <= set(choice.shape)
     other_runs = bool(removed.runs) and removed.runs != choice.runs
     if choice.effect != removed.effect or other_shape or other_runs:
         return (choice,)
+    # An effect of the whole robot has no joints to be taken from one by one.
     if get_effect(choice.effect).scope == "robot":
         return ()
     gone = find_joints(removed, robot)
@@ -183,6 +185,7 @@ def combine_shapes(
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
     constants = [(effects[p.choice], p.spec.name) for p in after]
     shaped = identification.data.shaped
+    # A constant that was linearised on more joints has other derivatives on fewer.
     if shaped is None or not constants or any(constant not in where for constant in constants):
         return None
     b = identification.model.n_parameters

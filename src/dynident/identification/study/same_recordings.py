@@ -56,6 +56,7 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         return  # identified by a version that did not note them, or from poses
     digests = [(recording.name, SampleHashes.from_recording(recording).digest) for recording in recordings]
     others = [name for name, digest in digests if digest not in known]
+    # As often as in the fit: one recording twice would count double.
     if not others and Counter(digest for _, digest in digests) == known:
         return
     names = ", ".join(identification.data.measurement_names)
