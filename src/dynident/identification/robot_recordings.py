@@ -77,7 +77,7 @@ def import_for_robot(
 
 
 MOST_CURES = 5
-"""Mistakes that are mended one after the other; a file with more of them is not what it is said to be."""
+"""Faults that are mended one after the other; a file with more of them is not what it is said to be."""
 
 
 @dataclass(frozen=True, eq=False)

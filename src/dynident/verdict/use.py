@@ -79,7 +79,7 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
     ----------
     name : UseName
         The use.
-    findings : sequence of Finding
+    findings : sequence of UseFinding
         Results of its tests, in the order in which they are to be cured.
     when_good : str
         What to do next where nothing speaks against the use.

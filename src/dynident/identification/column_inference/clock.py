@@ -109,7 +109,28 @@ def guess_efforts_at_poses(
     q: FloatArray | None,
     kind: EffortKind,
 ) -> EffortKind:
-    """Take the efforts for what their names say, and report what gravity leaves of them."""
+    """Take the efforts for what their names say, and report what gravity leaves of them.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the columns, their unit, and what gravity leaves of them.
+    fits : DynamicsFits or PoseFits
+        Fits of the robot to the sample.
+    tau : (m, n)
+        Efforts as the file has them.
+    effort : ColumnGroup
+        Their columns.
+    q : (m, n) or None
+        Positions in rad or m; None where they are not known.
+    kind : str
+        What the efforts' names say, or "unknown".
+
+    Returns
+    -------
+    str
+        What they are taken for.
+    """
     signal = "current" if effort.signal == "current" else "tau"
     if signal == "current" and kind == "unknown":
         kind = "motor_current"

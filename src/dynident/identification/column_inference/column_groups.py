@@ -22,7 +22,22 @@ _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 
 
 def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs."""
+    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    columns : mapping of str to str
+        Our names of columns to the file's.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    list of str
+        Names of the columns, as the file has them.
+    """
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
@@ -34,7 +49,15 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
-    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    robot : Robot
+        The robot.
+    """
     positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
     if positions is None:
         return None
@@ -307,7 +330,15 @@ def find_incomplete_groups(
 
 
 def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
-    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
+    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
+
+    Parameters
+    ----------
+    values : (m, c)
+        Values of all columns.
+    groups : sequence of ColumnGroup
+        The groups to compare, at least one.
+    """
     first, *others = (values[:, list(group.columns)] for group in groups)
     # A joint that stands has no spread of its own to compare with.
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
@@ -315,7 +346,20 @@ def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
 
 
 def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them."""
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
     counted: dict[tuple[str, ...], list[ColumnName]] = {}
     for column in named:
         if len(column.numbers) == 1:

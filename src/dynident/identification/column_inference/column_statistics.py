@@ -132,7 +132,15 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
 
 
 def is_counter(values: FloatArray, column: int) -> bool:
-    """Tell whether a column counts rows: it goes up by one."""
+    """Tell whether a column counts rows: it goes up by one.
+
+    Parameters
+    ----------
+    values : (m, columns)
+        Values of all columns.
+    column : int
+        Number of the column.
+    """
     # Rows may be missing, so nearly all steps are enough.
     return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
 
@@ -205,6 +213,13 @@ def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the roughness of every column (c,): near 0 for positions, large for torques.
 
     It is the rms of the second difference over the standard deviation.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times in s.
+    values : (m, c)
+        Values of the columns.
     """
     values = fill_gaps(values)
     first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)

@@ -106,7 +106,15 @@ class DynamicsFits:
         return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
     def to_motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few."""
+        """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions in rad or m.
+        tau : (m, n)
+            Torques in any unit.
+        """
         recording = self.to_recording(q, tau)
         return None if recording is None else filter_motion(recording)
 

@@ -165,14 +165,39 @@ def _list_layouts(n: int, signals: int) -> list[list[list[int]]]:
 
 
 def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
-    """Return the columns that change; or all of them, where only all make whole signals of n joints."""
+    """Return the columns that change; or all of them, where only all make whole signals of n joints.
+
+    Parameters
+    ----------
+    columns : sequence of int
+        Numbers of the columns in question.
+    values : (m, c)
+        Values of all columns.
+    alive : (c,)
+        Which columns change.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    list of int
+        Numbers of the columns that are left.
+    """
     numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
 
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
-    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged."""
+    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    columns : list of int
+        Numbers of the columns in question.
+    """
     numbers = [named[index].numbers for index in columns]
     stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
     if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):

@@ -113,7 +113,22 @@ class FeasibleProblem:
     def build_rows(
         self, noise: FloatArray, known: PriorInformation | None, rest: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return [rows | right] of u: equations weighted by 1 / noise (n,), the prior, its rest, and what is open."""
+        """Build the rows of u: equations weighted by their noise, the prior, its rest, and what is open.
+
+        Parameters
+        ----------
+        noise : (n,)
+            Standard deviation of each equation; rows are weighted by one over it.
+        known : PriorInformation or None
+            What is known of the base parameters.
+        rest : (k, c)
+            Rows for u of what the prior says beyond these.
+
+        Returns
+        -------
+        rows, right : (r, c), (r,)
+            Rows, and their right-hand side.
+        """
         factor = build_weighted_factor(self.equations, noise, known)
         b = len(factor) - 1
         of_data = factor[:b, :b] @ self.grouping
@@ -210,7 +225,24 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
 def build_problem(
     model: Model, equations: Reduction, known: PriorInformation | None, believed: StandardPrior
 ) -> FeasibleProblem:
-    """Build the problem with a normal prior; an entropic one replaces what is known."""
+    """Build the problem with a normal prior; an entropic one replaces what is known.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    equations : Reduction
+        Equations of the data.
+    known : PriorInformation or None
+        What is known of the base parameters.
+    believed : StandardPrior
+        Prior on the standard parameters, with its normal approximation.
+
+    Returns
+    -------
+    FeasibleProblem
+        The problem in units in which standard parameters are about one.
+    """
     belief = believed.belief
     rest = np.zeros((0, len(belief.size)))
     if believed.prior:

@@ -78,7 +78,25 @@ class LoadedData:
     loaded: tuple[Recording, ...]
 
     def payload_column(self, recording: Recording, parameter: str) -> int:
-        """Return the number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
+        """Return the number of a payload's parameter among those of the model.
+
+        Parameters
+        ----------
+        recording : Recording
+            The loaded recording.
+        parameter : str
+            Name of the parameter: "Mp", "MXp", …
+
+        Returns
+        -------
+        int
+            Its number among the base parameters.
+
+        Raises
+        ------
+        DynidentError
+            Where the parameter was absorbed by others.
+        """
         for k, column in enumerate(self.model.kept):
             if get_role(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k

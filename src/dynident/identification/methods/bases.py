@@ -43,6 +43,16 @@ class Estimator(RegistryEntry, ABC):
     def solve(self, problem: Problem) -> Fit:
         """Solve all equations of the problem's data, with the prior knowledge of the parameters.
 
+        Parameters
+        ----------
+        problem : Problem
+            Equations of the data, and prior knowledge.
+
+        Returns
+        -------
+        Fit
+            The estimates with their uncertainty, and warnings.
+
         Raises
         ------
         DynidentError
@@ -65,6 +75,18 @@ class Strategy(RegistryEntry, ABC):
     @abstractmethod
     def solve(self, choices: IdentificationChoices, problem: Problem) -> Fit:
         """Solve the problem part by part.
+
+        Parameters
+        ----------
+        choices : IdentificationChoices
+            What is identified, and how.
+        problem : Problem
+            Equations of the data, and prior knowledge.
+
+        Returns
+        -------
+        Fit
+            The estimates with their uncertainty, and warnings.
 
         Raises
         ------

@@ -166,7 +166,22 @@ def _get_payload_parameter(column: Column) -> int:
 
 
 def add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
-    """Return the fit with a warning that says what in it rests on the prior rather than on the data."""
+    """Return the fit with a warning that says what in it rests on the prior rather than on the data.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    data : Data
+        Recordings reduced to the model's columns.
+    fit : Fit
+        The fit with the prior.
+
+    Returns
+    -------
+    Fit
+        The same with one more warning, which comes first.
+    """
     owed = find_prior_dominated(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
     warning = (

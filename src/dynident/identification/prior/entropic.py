@@ -69,6 +69,18 @@ class EntropicPrior:
 
         Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
         independent.
+
+        Parameters
+        ----------
+        belief : NormalPrior
+            Prior of the other parameters.
+        values : (c,)
+            Standard parameters, whose bodies are possible.
+
+        Returns
+        -------
+        NormalPrior
+            `belief` with the bodies' mean and spread in place of its own.
         """
         mean, spread = belief.mean.copy(), np.diag(belief.size)
         for columns, nominal in zip(self.columns, self.nominal, strict=True):

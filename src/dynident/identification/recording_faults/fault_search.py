@@ -45,7 +45,7 @@ _ROWS_PER_COLUMN = 8
 """Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
-"""Sum over the joints of the logarithm of what is left that falls without a mistake, from which on nothing else is
+"""Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
 likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
 zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
 of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
@@ -58,13 +58,13 @@ ALIKE = 0.02
 """Causes without which that mean falls as much, to this, cannot be told from each other."""
 
 _APART = 0.75
-"""Share of what is explained without a mistake that its joints may explain by themselves, apart from the others: where
+"""Share of what is explained without a fault that its joints may explain by themselves, apart from the others: where
 it is more, they do not go with the others, for whatever reason. Of right short motions it was 0.9 and more where an
 order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
 
 _CURED = 0.3
-"""Of what is left without a mistake on an average joint: where it is more, something else is wrong."""
+"""Of what is left without a fault on an average joint: where it is more, something else is wrong."""
 
 _OFF = 0.05
 """Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
@@ -214,12 +214,12 @@ class HeldOutFits:
 
     @cached_property
     def plain_fit(self) -> HeldOutFit:
-        """Judge with links and friction."""
+        """Fit of links and friction."""
         return HeldOutFit(self._robot)
 
     @cached_property
     def offset_fit(self) -> HeldOutFit:
-        """Judge with links, friction and a constant torque on each joint."""
+        """Fit of links, friction and a constant torque on each joint."""
         return HeldOutFit(self._robot, (OFFSETS,))
 
 
@@ -386,7 +386,22 @@ def find_parallel_axes(robot: Robot) -> BoolArray:
 
 
 def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
-    """Return the joints whose friction is too large for the robot, and how many times."""
+    """Return the joints whose friction is too large for the robot, and how many times.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
+        Fits of the robot, if they exist already.
+
+    Returns
+    -------
+    dict of int to float
+        Joint (from 0), and how many times its friction is too large.
+    """
     return _find_excess((judges or HeldOutFits(robot)).plain_fit, robot, motion)
 
 

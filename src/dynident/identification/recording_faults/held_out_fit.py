@@ -30,7 +30,7 @@ _STILL, _SLOW = 1e-3, 0.05
 is left out: sticking joints have a friction of any size."""
 
 CLEARLY, SURELY = 0.6, 2.5
-"""Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a mistake (on
+"""Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
 one joint to nearly half, or a little on all), and over its standard error among blocks of time. On untouched recordings
 of arms of six joints nothing falls by 0.42, nor surely at all; of what can be planted in them 98 % does, but for joints
 turned round, which change less (`benchmarks/gross_mistakes.py`). The sum, and not the mean: of an elastic arm of two
@@ -48,7 +48,7 @@ planted 0.5 and more. What comes of it is among the short motions of `benchmarks
 
 _DRIVES = 2.5
 """Standard errors by which friction's work has to be negative for it to drive its joint: in right motions that are
-short 0.7, by chance; planted mistakes of which nothing else tells give 2.7 and more."""
+short 0.7, by chance; planted faults of which nothing else tells give 2.7 and more."""
 
 _AGAINST = 0.5
 """What friction that drives its joint counts, in the same logarithm: there is no such friction."""
@@ -249,12 +249,27 @@ class HeldOutFit:
     def measure_unexplained_of_sum(
         self, motion: Motion, parts: Sequence[HeldOutFit], factors: Sequence[float]
     ) -> UnexplainedTorque:
-        """Return the unexplained shares where W is a sum of those of other judges of the same links, times factors."""
+        """Return the unexplained shares where W is a weighted sum of those of other fits of the same links.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        parts : sequence of HeldOutFit
+            The other fits.
+        factors : sequence of float
+            One factor for each of them.
+
+        Returns
+        -------
+        UnexplainedTorque
+            What such a fit leaves.
+        """
         of_joints = []
         for joint, (at, rows, sums) in enumerate(self._get_rows(motion).of_joints):
             columns, total = self._layout[joint][1], np.zeros_like(rows)
             for part, factor in zip(parts, factors, strict=True):
-                # Without gravity a joint has fewer columns, so each judge's columns are sought among those of all.
+                # Without gravity a joint has fewer columns, so each fit's columns are sought among those of all.
                 own = np.searchsorted(columns, part._layout[joint][1])
                 total[:, own] += factor * part._get_rows(motion).of_joints[joint][1]
             of_joints.append((at, total, sums))

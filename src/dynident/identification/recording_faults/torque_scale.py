@@ -325,7 +325,15 @@ def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, floa
 
 
 def compute_described_load(robot: Robot, motion: Motion) -> FloatArray | None:
-    """Return the torque (m, n) that the links need as the description has them; None without masses."""
+    """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     return compute_described_torque(robot, motion.q, motion.dq, motion.ddq)

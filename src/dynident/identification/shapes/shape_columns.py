@@ -48,11 +48,32 @@ class ShapeVariable:
         return self.search.step * steps * (np.log(2.0) if self.search.in_octaves else 1.0)
 
     def compute_change(self, low: float, high: float) -> float:
-        """Return the change from one value to another."""
+        """Return the change from one value to another.
+
+        Parameters
+        ----------
+        low : float
+            The value to begin with.
+        high : float
+            The value to end with.
+
+        Returns
+        -------
+        float
+            The difference, or that of the logarithms.
+        """
         return float(np.log(high / low)) if self.search.in_octaves else high - low
 
     def apply_change(self, value: float, change: float) -> float:
-        """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios."""
+        """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios.
+
+        Parameters
+        ----------
+        value : float
+            The value before.
+        change : float
+            The change of it, or of its logarithm.
+        """
         return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
 
 
@@ -75,7 +96,17 @@ def list_shape_variables(effects: Sequence[EffectChoice]) -> tuple[ShapeVariable
 
 
 def replace_shape_value(choice: EffectChoice, name: str, value: float) -> EffectChoice:
-    """Return a choice with another value of one of its shape constants."""
+    """Return a choice with another value of one of its shape constants.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its shape constants.
+    name : str
+        Name of the constant.
+    value : float
+        Its new value.
+    """
     return replace(choice, shape=tuple(sorted({**choice.shape_values, name: value}.items())))
 
 

@@ -204,7 +204,7 @@ def _build_unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> Shap
 def _judge_constant(
     model: Model, place: ShapeVariable, significant: bool, step: float, deviation: float, half: float
 ) -> ShapeConstant:
-    """Judge a constant by its interval; step, deviation and half-width are of it or of its logarithm (`ShapePlace`)."""
+    """Judge a constant by its interval; step, deviation and half-width as `ShapeVariable.apply_change` takes them."""
     choice, value, robot = model.effects[place.choice], place.get_value(model.effects), model.robot
     low, high = get_search_range(place, choice, robot)
     data = place.apply_change(value, step)

@@ -160,7 +160,15 @@ def reduce_poses(model: Model, recordings: Sequence[Recording]) -> Reduction:
 
 
 def evaluate_at_rest(model: Model, q: FloatArray) -> FloatArray:
-    """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration."""
+    """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration.
+
+    Parameters
+    ----------
+    model : Model
+        The model of a robot at rest.
+    q : (m, n)
+        Positions in rad or m.
+    """
     still = np.zeros_like(q)
     memory = np.zeros((len(q), model.observation.n_memory))
     reference = ReferenceParameters.massless(model.robot)
