@@ -80,6 +80,7 @@ class ComparedRecording(Framed):
         from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
+        # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
             raise DynidentError(f"there is no joint {strangers[0]!r}; the robot has: {', '.join(names)}")
@@ -262,7 +263,7 @@ def compare(
     desk_model, checked_recordings = as_model(model), as_recordings(recordings)
     if not checked_recordings:
         raise DynidentError("give at least one recording to compare with", title="Recordings needed")
-    # Only with the recordings of the fit it can be told whether a recording was fitted to or only repeats one.
+    # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.
     fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
     if learnt is not None:
         check_same_recordings(desk_model.identification, fit_recordings)

@@ -135,6 +135,7 @@ class Model:
         ModelVerdict
             Whether the model is fit for each use, why, and what to do next.
         """
+        # Checks of the recordings can veto a verdict, however small the errors are.
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 

@@ -96,6 +96,7 @@ def load_model(path: str | Path) -> Model:
     try:
         return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
     except DynidentError as error:
+        # The reader sees bytes alone, so the name of the file is added here.
         raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
 
 

@@ -133,6 +133,7 @@ def validate(
     # A test without data is no failure, but it must be seen that it was not made.
     no_data = ValidationOutcome("not_evaluated", "There are no such recordings.")
     direct = cross = no_data
+    # A model from a file has no recordings, and is still tested by what it holds.
     if desk_model.recordings:
         direct = validate_direct(
             identification, desk_model.recordings.recordings, limit, scale_progress(progress, 0.0, 0.3)

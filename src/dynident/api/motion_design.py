@@ -80,6 +80,7 @@ class DesignedMotion(Framed):
         DynidentError
             For another ending, or a folder that does not exist.
         """
+        # The ending is checked before anything is computed or written.
         path = Path(path)
         if path.suffix not in _FILE_ENDINGS:
             raise DynidentError(

@@ -105,7 +105,13 @@ class CheckedRecording(Framed):
         return Columns(samples.columns, samples.units)
 
     def plot(self) -> Figure:
-        """Draw position and torque of every joint over time."""
+        """Draw position and torque of every joint over time.
+
+        Returns
+        -------
+        Figure
+            Positions and torques over time; times outside of the windows are grey.
+        """
         from dynident.reports.figures.recording import draw_recording
 
         # Without a robot the kinds of the joints are not known, and all are drawn as revolute.
@@ -176,6 +182,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
         if repeated is not None:
             raise DynidentError(f"two recordings are called {repeated!r}; save them in folders of their own")
         folder = Path(folder)
+        # Only now, after all names are checked: a refused call leaves no empty folder.
         folder.mkdir(parents=True, exist_ok=True)
         for item in self.items:
             if item.recording.path is None:
@@ -187,6 +194,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             unfinished.replace(destination)
 
     def _columns(self) -> Columns:
+        # The stored samples, not the filtered ones: a frame is for looking at the data themselves.
         samples = [item._read_samples() for item in self.items]
         counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
         names = dict.fromkeys(name for recording_samples in samples for name in recording_samples.columns)
@@ -203,7 +211,18 @@ class Recordings(Sequence[CheckedRecording], Framed):
         )
 
     def plot(self) -> Figure:
-        """Draw position and torque of every joint over time, one recording below the other."""
+        """Draw position and torque of every joint over time, one recording below the other.
+
+        Returns
+        -------
+        Figure
+            The drawings, each under the name of its recording.
+
+        Raises
+        ------
+        DynidentError
+            Where there is no recording.
+        """
         if not self.items:
             raise DynidentError("there is no recording to draw")
         svgs = [item.plot().svg for item in self.items]
@@ -239,6 +258,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
         lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
         findings = list(_format_findings(self.items))
+        # Details of checks may be long; `findings` has them in full.
         lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
         lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
         return "\n".join([f"Recordings({len(self.items)})", *lines])

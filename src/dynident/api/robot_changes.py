@@ -98,7 +98,13 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return build_columns(names, rows)
 
     def plot(self) -> Figure:
-        """Draw every parameter that may vary, day by day, with its intervals."""
+        """Draw every parameter that may vary, day by day, with its intervals.
+
+        Returns
+        -------
+        Figure
+            The values of each parameter, day by day.
+        """
         from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
 
         return join_figures([draw_parameter_tracks(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
@@ -273,6 +279,11 @@ class Changes(Sequence[Change], Framed):
 
     def plot(self) -> Figure:
         """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
+
+        Returns
+        -------
+        Figure
+            Changes, and below them the differences of friction.
 
         Raises
         ------

@@ -122,6 +122,7 @@ def validate_bootstrap(
     BootstrapValidation
         Deviations by drawing beside the computed ones; not evaluated where the model cannot be drawn.
     """
+    # Blocks without rows cannot be drawn from, and do not count.
     stretches = int(find_occupied_blocks(identification.data.equations).sum())
     why = _find_obstacle(identification, stretches)
     if why:

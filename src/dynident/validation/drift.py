@@ -88,6 +88,7 @@ def compute_open_loop_drift(identification: Identification, recordings: Sequence
     DynidentError
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
+    # Built once for all starts: its equation of motion does not change.
     simulator = build_simulator(identification.model, identification.values)
     motions = [read_longest_piece(recording, identification.preprocessing, np.inf) for recording in recordings]
     each = max(1, _MOST_STARTS // max(len(motions), 1))

@@ -141,6 +141,7 @@ def filters_by_simulation(
     DynidentError
         Where no robot with the identified parameters can make the motion, or a cut-off is impossible.
     """
+    # Before the simulation, so that a recording without enough samples is refused at once.
     noise = sensor_noise(recording)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")

@@ -49,7 +49,7 @@ class MethodResult:
     held_out : Errors or None
         Torque errors on the validation data; on the identification's own data where there is none.
     distance : (b,) or None
-        Distance of every parameter from the reference method's, in units of their joint standard deviation.
+        Distance of every parameter from the reference method's, in units of the combined standard deviation of both.
     torque_distance : float or None
         Distance of the predicted torque from the reference method's, as a share of the measured torque.
     torque_deviation : float or None
@@ -167,6 +167,7 @@ def validate_methods(
     results: list[MethodResult] = []
     for number, method in enumerate(chosen):
         share = scale_progress(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
+        # The name of the method appears before its data are reduced, which takes longest.
         share(0.0, method.words)
         choices = method.apply_to(identification.choices)
         # What the wrench alone shows is taken out of its equations with the estimator's weights.

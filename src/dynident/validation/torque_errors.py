@@ -165,6 +165,7 @@ def _validate_torque(
 def _compute_errors_by_recording(
     identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
 ) -> tuple[RecordingErrors, ...]:
+    # Before the recordings are read, which may take minutes.
     check_limit(limit)
     if not recordings:
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")

@@ -375,6 +375,7 @@ class _ColumnInference(WorkingProposal):
 
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
+        # A copy: the values of the sample stay in the units of the file.
         q = np.array(self.values[:, list(position.columns)])
         tau = self.values[:, list(effort.columns)]
         units = [self.column_names[index].unit for index in position.columns]
@@ -403,8 +404,10 @@ class _ColumnInference(WorkingProposal):
             values = self.values[:, list(group.columns)]
             n = q.shape[1]
             correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
+            # The slope of each position with the velocity of the same joint.
             own = np.array([correlation[j, n + j] for j in range(n)])
             ratio = np.array([factor[j, n + j] for j in range(n)])
+            # A joint that stands has no slope, and cannot speak against the velocities.
             moving = q.std(axis=0) > 0.02 * q.std(axis=0).max()
             guesses = [
                 of_units.guess_rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
@@ -497,6 +500,7 @@ class _ColumnInference(WorkingProposal):
         guesses, questions = check_against_dynamics(
             self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
+        # Only where much is unexplained: else the guess about the dynamics stands with the others.
         first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         if any(question.field == "units/tau" for question in questions):

@@ -306,6 +306,7 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
     reach = float(np.nanmax(q) - np.nanmin(q))
     most = float(np.nanmax(np.abs(q)))
     if limits is not None and limits[1] > limits[0]:
+        # The stroke has to fit into the limits in one unit, and be more than nothing of them.
         fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
         fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
         if len(fits) == 1:
@@ -373,6 +374,7 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
 
     def is_fitting(unit: str) -> bool:
+        # Limits of effort bound each joint's torque; placeholders among them say nothing.
         in_si = known[unit] * most
         for index, limit in zip(of_kind, allowed, strict=True):
             own = known[unit] * float(np.nanmax(np.abs(tau[:, index])))

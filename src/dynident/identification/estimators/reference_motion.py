@@ -168,6 +168,7 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
     run: list[_Rows] = []
     longest_length, length, segment_of_best = 0, 0, 0
     for block in filtered_blocks(recording, preprocessing):
+        # A new segment is a new motion: time and positions jump.
         if block.starts_segment:
             run, length = [], 0
         # Samples come in blocks, and a piece may go on from one block to the next.

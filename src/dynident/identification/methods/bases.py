@@ -29,6 +29,7 @@ class Estimator(RegistryEntry, ABC):
     when methods are.
     """
 
+    # Facts about the class and no options of a request: warnings, checks and messages ask them instead of names.
     from_reduced: ClassVar[bool] = False
     in_steps: ClassVar[bool] = False
     weighted: ClassVar[bool] = True

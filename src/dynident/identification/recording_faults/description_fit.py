@@ -29,11 +29,20 @@ _RIDGE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class DescriptionFit:
-    """Opinion of a robot's description on faults in a motion; a fit of all parameters leaves `now` unexplained.
+    """Opinion of a robot's description on faults in a motion.
 
     In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left
     less by 0.2 and more in five of 180, the description's own masses at most 0.03 less. Where the description explains
     as much as a fit, planted faults left 0.3 less and more without the fault.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with the masses of its description.
+    motion : Motion
+        Filtered rows of the recording.
+    now : UnexplainedTorque
+        What a fit of all parameters leaves of the torque as it is.
     """
 
     robot: Robot

@@ -338,6 +338,7 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
         return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
     if not mistake.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
+    # Permutations of a request count from one.
     order = list(range(1, n + 1))
     for first, second in mistake.pairs:
         order[first], order[second] = order[second], order[first]

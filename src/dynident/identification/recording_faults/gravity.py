@@ -79,6 +79,7 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
     block = motion.block[::every]
     spread = tau.std(axis=0)
+    # Joints that carry little are left out: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.compute_load_columns(q)
     shares: list[tuple[float, float]] = []
@@ -332,6 +333,7 @@ def find_mounting(robot: Robot, motion: Motion) -> Mounting:
     # With the sign of gravity turned round, masses of the opposite sign explain the same torque.
     alike = not opposite.is_surely_above(explains)
     if alike and _has_masses(robot):
+        # Masses are positive: with the wrong sign of gravity their load has the sign opposite to the torque.
         upright = [_is_upright(replace(robot, gravity=direction * size), motion) for direction in (best, -best)]
         if upright[0] != upright[1]:
             alike = False

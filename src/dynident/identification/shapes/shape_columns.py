@@ -74,6 +74,7 @@ class ShapeVariable:
         change : float
             The change of it, or of its logarithm.
         """
+        # Clipped: a step far outside of the linearisation must not overflow.
         return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
 
 

@@ -233,6 +233,7 @@ def _group_by_posture(pieces: Sequence[FrictionPiece]) -> list[list[FrictionPiec
     """Group pieces of the same recording with the other joints in the same posture."""
     groups: list[list[FrictionPiece]] = []
     for piece in pieces:
+        # Few postures occur, so comparing with each of them is quick enough.
         for group in groups:
             number, posture = group[0].posture
             if number == piece.posture[0] and np.all(np.abs(posture - piece.posture[1]) <= _SAME_POSTURE):

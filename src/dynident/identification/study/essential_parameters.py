@@ -75,7 +75,8 @@ class EssentialPath:
     steps : tuple of EssentialStep
         The steps in the order of elimination.
     stop : str
-        Why the elimination ended: "ratio", "last", or the test.
+        Why the elimination ended: "ratio" (the rule is met), "test" (the next step would remove more than noise
+        explains) or "last" (one parameter is left).
     ratio : float
         Ratio of the largest to the smallest relative standard deviation that remains.
     refused : str or None
@@ -186,6 +187,7 @@ def _restrict_to_essential(identification: Identification, full: Solution, remov
         not_essential=removed,
         shape_constants=identification.shape_constants,
     )
+    # Parameters at zero may make the inertia matrix indefinite, which has to be known of the smaller model.
     smallest = compute_smallest_inertia_eigenvalue(identification.model, values)
     held_out = identification.data.held_out
     return replace(
