@@ -226,7 +226,7 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
     if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
         return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
-        # A lone letter behind nothing but a number is a name: q_1_a is not in amperes, but i_1_a is.
+        # A single letter counts as a unit, too: i_1_a is in amperes.
         return words[:-1], _UNITS[words[-1]]
     return words, stated
 
