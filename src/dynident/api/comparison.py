@@ -37,11 +37,12 @@ class ComparedRecording(Framed):
     reversing, standing, passive_halt). Torque is filtered and decimated. Where a joint stands its residual is the
     distance to what static friction may hold, from lower to upper.
 
-    Attributes
+    Parameters
     ----------
     recording : CheckedRecording
+        The recording that was compared.
     comparison : Comparison
-        The signals.
+        Measured and predicted signals over time.
     judgement : Judgement
         The error in comparison with the noise.
     """
@@ -69,6 +70,7 @@ class ComparedRecording(Framed):
         Returns
         -------
         Figure
+            A panel for each joint, with torque and residual over time.
 
         Raises
         ------
@@ -78,6 +80,7 @@ class ComparedRecording(Framed):
         from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
+        # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
             raise DynidentError(f"there is no joint {strangers[0]!r}; the robot has: {', '.join(names)}")
@@ -92,6 +95,7 @@ class ComparedRecording(Framed):
         comparison = self.comparison
         m, n = comparison.measured.shape
         signals = {
+            # All five in the joint's unit, each (m, n).
             "measured": comparison.measured,
             "predicted": comparison.predicted,
             "residual": comparison.residual,
@@ -151,6 +155,13 @@ class Comparisons(Sequence[ComparedRecording], Framed):
     """Recordings compared with the prediction of one model; by number, or by the recording's name.
 
     `to_frame` has one below the other: recording (its name), then the columns of `ComparedRecording`.
+
+    Parameters
+    ----------
+    model : Model
+        The model that predicted the torque.
+    items : tuple of ComparedRecording
+        The comparisons, in the order of the recordings.
     """
 
     model: Model
@@ -177,12 +188,14 @@ class Comparisons(Sequence[ComparedRecording], Framed):
         Returns
         -------
         Figure
+            A panel for each joint, with torque and residual over time.
 
         Raises
         ------
         DynidentError
             For a joint that the robot does not have.
         """
+        # One <svg> per recording, each under the recording's name.
         names = [item.name for item in self.items]
         svgs = [item.plot(joints).svg for item in self.items]
         return join_figures(svgs, f"measured and predicted torque of {', '.join(names)}", names)
@@ -228,7 +241,9 @@ def compare(
     Parameters
     ----------
     model : Model
+        The identified model, with or without its recordings.
     recordings : recordings
+        Those whose torque is to be predicted; of the same robot.
     learnt : recordings, optional
         Those that the model was identified from, where the model does not hold them. They tell whether a motion only
         repeats one of theirs.
@@ -238,6 +253,7 @@ def compare(
     Returns
     -------
     Comparisons
+        One comparison for each recording, in their order.
 
     Raises
     ------
@@ -247,6 +263,7 @@ def compare(
     desk_model, checked_recordings = as_model(model), as_recordings(recordings)
     if not checked_recordings:
         raise DynidentError("give at least one recording to compare with", title="Recordings needed")
+    # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.
     fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
     if learnt is not None:
         check_same_recordings(desk_model.identification, fit_recordings)

@@ -24,7 +24,15 @@ _LIBRARIES: tuple[FrameLibrary, ...] = ("pandas", "polars")
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Named columns of the same length, with the unit of each that has one."""
+    """Named columns of the same length, with the unit of each that has one.
+
+    Parameters
+    ----------
+    values : mapping of column name to values
+        The columns, each of the same length.
+    units : mapping of column name to unit
+        Units of columns that have one for all their rows; a column whose unit differs by row is not in it.
+    """
 
     values: Mapping[str, Sequence[object] | NDArray[np.generic]]
     units: Mapping[str, str] = field(default_factory=dict)
@@ -36,12 +44,14 @@ def build_columns(names: Sequence[str], rows: Sequence[Sequence[object]]) -> Col
     Parameters
     ----------
     names : sequence of str
+        Names of the columns.
     rows : sequence of sequences
-        Each as long as `names`.
+        One sequence a row, each as long as `names`.
 
     Returns
     -------
     Columns
+        The same values, column by column; without units.
     """
     return Columns({name: [row[k] for row in rows] for k, name in enumerate(names)})
 
@@ -63,7 +73,9 @@ class Framed(ABC):
         library : "pandas", "polars" or None
             None: pandas where it is installed, else polars.
 
-        Returns ------- data frame
+        Returns
+        -------
+        data frame
             With pandas the units are in `frame.attrs["units"]`, where columns have one each; polars has no place for
             them.
 
@@ -82,6 +94,7 @@ def _build_frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataF
     if library is not None and library not in _LIBRARIES:
         raise DynidentError(f"there are no frames of {library!r}; choose pandas or polars", pointer="library")
     for name in (library,) if library else _LIBRARIES:
+        # Imported by name and only now, as the library works without both.
         try:
             frame: pandas.DataFrame | polars.DataFrame = import_module(name).DataFrame(dict(columns.values))
         except ModuleNotFoundError as missing:

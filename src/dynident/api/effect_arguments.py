@@ -35,6 +35,7 @@ def resolve_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) 
     Parameters
     ----------
     effects : str, EffectChoice, or several of them
+        Choices as they are, and texts such as "stribeck@joint2".
 
     Returns
     -------
@@ -46,6 +47,7 @@ def resolve_effects(effects: str | EffectChoice | Iterable[str | EffectChoice]) 
     DynidentError
         For a text that cannot be read.
     """
+    # A text is iterable itself: without this test its letters would be taken for effects.
     items = [effects] if isinstance(effects, (str, EffectChoice)) else effects
     return tuple(
         choice for item in items for choice in ((item,) if isinstance(item, EffectChoice) else parse_effects([item]))
@@ -58,7 +60,9 @@ def check_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[Effe
     Parameters
     ----------
     choices : tuple of EffectChoice
+        Effects with their joints and shape constants.
     robot : Robot
+        The robot that they shall act on.
 
     Returns
     -------
@@ -70,6 +74,7 @@ def check_effects(choices: tuple[EffectChoice, ...], robot: Robot) -> tuple[Effe
     DynidentError
         Where there is no such effect or joint, or a shape constant is lacking.
     """
+    # Refused here and not minutes later, when the model is built.
     check_choices(choices, robot)
     return choices
 
@@ -82,6 +87,7 @@ def collect_added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[
     additions : iterable of diagnoses, ranked effects, effect choices and texts
         Of a diagnosis all effects that it recommends.
     robot : Robot
+        The robot that they shall act on.
 
     Returns
     -------
@@ -103,6 +109,8 @@ def collect_added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[
         elif isinstance(item, (Diagnosis, HasDiagnosis)):
             diagnosis = item if isinstance(item, Diagnosis) else item.diagnosis
             choices += diagnosis.recommended
+            # A diagnosis without findings is no error by itself: other arguments may still name effects. Its summary is
+            # the reason that is given where nothing is left to add.
             reason = "" if diagnosis.recommended else f"the diagnosis recommends nothing to add: {diagnosis.summary}"
         else:
             raise DynidentError(f"{item!r} is no diagnosis and no effect; an effect is written stribeck@joint2")

@@ -17,7 +17,15 @@ _GAP, _HEADING = 10.0, 16.0
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """One drawing: `svg` is its source, `title` says what it shows."""
+    """One drawing, which a notebook shows and `save` writes to a file.
+
+    Parameters
+    ----------
+    svg : str
+        Source of the drawing, one <svg> element.
+    title : str
+        What the drawing shows.
+    """
 
     svg: str
     title: str
@@ -28,6 +36,7 @@ class Figure:
         Parameters
         ----------
         path : path
+            The file to write; its ending has to be .svg.
 
         Raises
         ------
@@ -63,6 +72,7 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
     Returns
     -------
     Figure
+        One drawing as wide as the widest part.
     """
     # Figures arrive as markupsafe.Markup, whose string methods escape their arguments; plain strings do not.
     svgs = [str(part) for part in parts]
@@ -78,6 +88,7 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
                 f'<text x="4" y="{top - 4:g}" font-family="sans-serif" font-size="9" font-weight="bold" '
                 f'fill="#333333">{escape(headings[k])}</text>'
             )
+        # A nested <svg> needs a place and a size of its own; its viewBox still scales what is inside.
         elements.append(svg.replace("<svg", f'<svg x="0" y="{top:g}" width="{wide:g}" height="{high:g}"', 1))
         top += high + _GAP
     box = f"0 0 {width:g} {top - _GAP:g}"
@@ -86,6 +97,7 @@ def join_figures(parts: Sequence[str], title: str, headings: Sequence[str] = ())
         f'viewBox="{box}" role="img" aria-label="{escape(title, quote=True)}">'
     )
     svg_text = f'{head}<rect width="100%" height="100%" fill="#ffffff"/>{"".join(elements)}</svg>'
+    # Names come from users' files, and one control character makes the whole document invalid XML.
     return Figure(replace_control_characters(svg_text), title)
 
 
@@ -107,6 +119,7 @@ def check_folder_exists(path: Path) -> None:
 
 
 def _read_size(svg: str) -> tuple[float, float]:
+    # All figures of this library state their size in a viewBox that begins at 0 0.
     match = _BOX.search(svg)
     if match is None:
         raise ValueError("a figure without a viewBox")

@@ -45,7 +45,7 @@ class Model:
 
     A model that was read from a file has no recordings until `with_data` adds them.
 
-    Attributes
+    Parameters
     ----------
     identification : Identification
         The model as the library gives it.
@@ -133,7 +133,9 @@ class Model:
         Returns
         -------
         ModelVerdict
+            Whether the model is fit for each use, why, and what to do next.
         """
+        # Checks of the recordings can veto a verdict, however small the errors are.
         checks = {recording.name: recording.checks for recording in (*self.recordings, *self.validation)}
         return verdict(self.identification, self.recordings.recordings, self.validation.recordings, checks, validations)
 
@@ -158,6 +160,7 @@ class Model:
         DynidentError
             Where nothing would be added, an effect does not fit the robot, or the model has no data (see `with_data`).
         """
+        # Effects are read before the data are asked for, so that a misspelt effect is what the user hears of.
         added = collect_added_effects(what, self.robot)
         self.check_data("extend the model")
         extended = extend(self.identification, added, self.recordings.recordings, self.validation.recordings, progress)
@@ -169,6 +172,7 @@ class Model:
         Parameters
         ----------
         what : effect choices or texts
+            Effects such as "offset" or "stribeck@joint2"; each is taken off the joints that it names, or off all.
 
         Returns
         -------
@@ -188,11 +192,14 @@ class Model:
         Parameters
         ----------
         recordings : recordings
+            Those that the model was identified from, in the same order and read in the same way.
         validation : recordings
+            Held-out recordings; none by default.
 
         Returns
         -------
         Model
+            The same model, which can now be extended, diagnosed and judged.
 
         Raises
         ------
@@ -200,6 +207,7 @@ class Model:
             Where they have other names than those that it was identified from, or hold other samples.
         """
         fit_recordings, held_out = as_recordings(recordings), as_recordings(validation)
+        # Names first: a message that names the wrong file helps more than one about its samples.
         _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
         check_same_recordings(self.identification, fit_recordings.recordings)
         if held_out and self.identification.data.validation_names:
@@ -269,6 +277,7 @@ class Model:
         Parameters
         ----------
         path : path
+            The file to write; its ending has to be .npz.
 
         Raises
         ------
@@ -282,10 +291,17 @@ class Model:
         path.write_bytes(to_bytes(self.identification))
 
     def plot(self) -> Figure:
-        """Draw the errors of every model of the ladder, in total and joint by joint."""
+        """Draw the errors of every model of the ladder, in total and joint by joint.
+
+        Returns
+        -------
+        Figure
+            Two panels: errors in total, and joint by joint.
+        """
         return self.ladder.plot()
 
     def __repr__(self) -> str:
+        # The library's own representation, under the name of this class.
         inner = repr(self.identification).removeprefix("Identification(").removesuffix(")")
         warnings = len(self.warnings)
         words = f"; {warnings} warning{'s' if warnings > 1 else ''} (.warnings)" if warnings else ""
@@ -309,12 +325,18 @@ class Ladder(Sequence[Model], Framed):
     `to_frame` has a row for each model: model (its number, from 1), new (what it adds and leaves out, in words),
     parameters (their number), fit, fit_moving, held_out and held_out_moving (relative errors of the torque, fractions,
     on all rows and where joints move; missing where there is no such data), best and rises (on held-out data).
+
+    Parameters
+    ----------
+    items : tuple of Model
+        The models, the first one first.
     """
 
     items: tuple[Model, ...]
 
     def _columns(self) -> Columns:
         models = [model.identification for model in self.items]
+        # Without a held-out error of every model no step is best, and no column says so.
         best_step = find_best_step(models)
         rows = []
         for k, identification in enumerate(models):
@@ -332,7 +354,13 @@ class Ladder(Sequence[Model], Framed):
         return build_columns(_FRAME_COLUMNS, rows)
 
     def plot(self) -> Figure:
-        """Draw the errors of every model, in total and joint by joint."""
+        """Draw the errors of every model, in total and joint by joint.
+
+        Returns
+        -------
+        Figure
+            Two panels: errors in total, and joint by joint.
+        """
         from dynident.reports.figures.ladder import draw_models
 
         count = format_count(len(self.items), "model")
@@ -395,6 +423,7 @@ _COLUMNS = ("model", "what is new", "parameters", "fit", "held out", "")
 
 def _format_whole_change(identification: Identification) -> str:
     robot = identification.model.robot
+    # The first model of a ladder adds nothing to another: its effects are named, each once.
     if identification.step.parent is None:
         return ", ".join(dict.fromkeys(get_effect_title(choice.effect) for choice in identification.choices.effects))
     added = [_format_choice(choice, robot) for choice in identification.step.added]

@@ -42,9 +42,10 @@ class DiagnosedModel(Framed):
     recommended, separability (0 to 1), equivalent (ids with commas), evidence, and choice, the text that `Model.extend`
     takes.
 
-    Attributes
+    Parameters
     ----------
     model : Model
+        The model that was diagnosed.
     recordings : Recordings
         Those that the diagnosis was made from.
     diagnosis : AdvisedDiagnosis
@@ -105,6 +106,7 @@ class DiagnosedModel(Framed):
         Returns
         -------
         Figure
+            The ranking, and below it a panel for each joint and significant candidate.
 
         Raises
         ------
@@ -113,6 +115,7 @@ class DiagnosedModel(Framed):
         """
         from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 
+        # More bars or panels than these are too small to read.
         parts = [draw_candidates(self.candidates[:_MOST_BARS])] if self.candidates else []
         if self.evidence:
             parts.append(draw_evidence(self.evidence[:_MOST_PANELS], self.model.robot))
@@ -140,6 +143,7 @@ class DiagnosedModel(Framed):
         )
 
     def __repr__(self) -> str:
+        # A terminal shows the significant candidates alone; the notebook's table and `to_frame` have all.
         rows = format_candidates(
             (candidate for candidate in self.candidates if candidate.significant), self.model.robot
         )
@@ -177,6 +181,7 @@ def diagnose(
     Parameters
     ----------
     model : Model
+        The identified model, with or without its recordings.
     recordings : recordings, optional
         By default those that the model was identified from, so that its validation data stay independent.
     candidates : effect ids, optional
@@ -189,6 +194,7 @@ def diagnose(
     Returns
     -------
     DiagnosedModel
+        The model with the ranked candidates, and the effects that it is recommended to add.
 
     Raises
     ------
@@ -196,6 +202,7 @@ def diagnose(
         Where there are no recordings, or no such effect.
     """
     desk_model = as_model(model)
+    # The recordings of the fit are the default, so that the validation data stay unseen for what comes of it.
     if recordings is None:
         desk_model.check_data("diagnose the model")
     checked_recordings = desk_model.recordings if recordings is None else as_recordings(recordings)
@@ -216,8 +223,9 @@ def check_not_empty(recordings: Recordings, name: str) -> None:
     Parameters
     ----------
     recordings : Recordings
+        The recordings to check.
     name : str
-        The argument that they were given as.
+        The argument that they were given as, for the message.
 
     Raises
     ------

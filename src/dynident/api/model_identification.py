@@ -34,6 +34,7 @@ def identify(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings : recordings
         The parameters are fitted to them.
     validation : recordings
@@ -51,12 +52,14 @@ def identify(
     Returns
     -------
     Model
+        The model, with its recordings.
 
     Raises
     ------
     DynidentError
         Where the choices do not fit each other or the robot, or the data do not determine the parameters.
     """
+    # Arguments of their own override the options, so that a stored set of options can be varied in one call.
     all_choices = choices or IdentificationChoices()
     if effects is not None:
         all_choices = replace(all_choices, effects=check_effects(resolve_effects(effects), robot))
@@ -75,10 +78,12 @@ def load_model(path: str | Path) -> Model:
     Parameters
     ----------
     path : path
+        An .npz file.
 
     Returns
     -------
     Model
+        The model, with the models that led to it, and without recordings.
 
     Raises
     ------
@@ -91,6 +96,7 @@ def load_model(path: str | Path) -> Model:
     try:
         return Model(from_bytes(path.read_bytes()), NO_RECORDINGS, NO_RECORDINGS)
     except DynidentError as error:
+        # The reader sees bytes alone, so the name of the file is added here.
         raise DynidentError(f"{path.name}: {error.detail}", pointer=str(path), title=error.title) from error
 
 
@@ -100,9 +106,11 @@ def as_model(model: Model | Identification) -> Model:
     Parameters
     ----------
     model : Model or Identification
+        What a function was given as a model.
 
     Returns
     -------
     Model
+        The same model, in the form that the methods of this package need.
     """
     return model if isinstance(model, Model) else Model(model, NO_RECORDINGS, NO_RECORDINGS)

@@ -29,7 +29,17 @@ _WORDS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not eval
 
 @dataclass(frozen=True)
 class Validation(Outcome):
-    """One test of a model: its `kind`, its result in `judged`, and its `title` in words."""
+    """One test of a model.
+
+    Parameters
+    ----------
+    kind : str
+        Its name, as `dynident validate` has it: "direct", "cross", "inertia_matrix".
+    judged : ValidationOutcome
+        Its result and the reason.
+    title : str
+        The test in words.
+    """
 
     title: str
 
@@ -41,7 +51,13 @@ class Validation(Outcome):
 
 @dataclass(frozen=True, eq=False)
 class Validations(Sequence[Validation]):
-    """Several tests of one model."""
+    """Several tests of one model.
+
+    Parameters
+    ----------
+    items : tuple of Validation
+        The tests, in the order in which they were made.
+    """
 
     items: tuple[Validation, ...]
 
@@ -91,6 +107,7 @@ def validate(
     Parameters
     ----------
     model : Model
+        The identified model, with or without its recordings.
     validation : recordings, optional
         Recordings to which no parameter was fitted; by default the model's own validation recordings.
     limit : float
@@ -103,6 +120,7 @@ def validate(
     Returns
     -------
     Validations
+        Three tests: direct, cross and inertia matrix. Those without data are not evaluated.
 
     Raises
     ------
@@ -112,8 +130,10 @@ def validate(
     desk_model = as_model(model)
     held_out = desk_model.validation if validation is None else as_recordings(validation)
     identification = desk_model.identification
+    # A test without data is no failure, but it must be seen that it was not made.
     no_data = ValidationOutcome("not_evaluated", "There are no such recordings.")
     direct = cross = no_data
+    # A model from a file has no recordings, and is still tested by what it holds.
     if desk_model.recordings:
         direct = validate_direct(
             identification, desk_model.recordings.recordings, limit, scale_progress(progress, 0.0, 0.3)

@@ -37,9 +37,10 @@ class DesignedMotion(Framed):
     slides), dq_<joint> (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2); of a set of test motions also segment, the number of
     the motion from 1 on, 0 between them.
 
-    Attributes
+    Parameters
     ----------
     robot : Robot
+        The robot that shall make the motion.
     design : Design
         The design as the library gives it.
     """
@@ -58,6 +59,7 @@ class DesignedMotion(Framed):
             else f"; the best of {baseline.count} random motions reaches "
             f"{format_number(baseline.best.condition_number)}"
         )
+        # The limit that is used most: it is the one to relax where the motion is too poor.
         nearest = max(design.margins, key=lambda margin: margin.share)
         return (
             f"{design.duration:.3g} s from rest to rest, {design.n_samples} samples at {design.sampling_rate:g} Hz. "
@@ -68,11 +70,17 @@ class DesignedMotion(Framed):
     def save(self, path: str | Path) -> None:
         """Write the trajectory: t, q_<joint>…, dq_<joint>…, ddq_<joint>… as .csv or .parquet, or .yaml for ROS 2.
 
+        Parameters
+        ----------
+        path : path
+            The file to write; its ending decides on the format.
+
         Raises
         ------
         DynidentError
-            For another ending, or a folder that is not there.
+            For another ending, or a folder that does not exist.
         """
+        # The ending is checked before anything is computed or written.
         path = Path(path)
         if path.suffix not in _FILE_ENDINGS:
             raise DynidentError(
@@ -88,13 +96,21 @@ class DesignedMotion(Framed):
             write_design(self.design, path)
 
     def _columns(self) -> Columns:
+        # The same table that `save` writes, so that a frame and a file have the same columns.
         table = design_table(self.design)
         columns = {name: table_column_to_numbers(table.column(name)) for name in table.column_names}
         units = list_signal_units(columns, self.design.joint_names, [joint.kind for joint in self.robot.joints])
         return Columns(columns, units)
 
     def plot(self) -> Figure:
-        """Draw the joints within their limits, their velocity over position, and the path of the tool."""
+        """Draw the joints within their limits, their velocity over position, and the path of the tool.
+
+        Returns
+        -------
+        Figure
+            Positions, velocities and accelerations as shares of their limits in the upper row; velocity over position
+            and the path of the tool in the lower one.
+        """
         from dynident.reports.figures.design import draw_design
 
         return join_figures([draw_design(self.design, self.robot)], f"designed motion of {self.robot.name}")
@@ -138,6 +154,7 @@ def design(
     Parameters
     ----------
     robot : Robot
+        The robot that shall make the motion; its limits bound it.
     request : DesignRequest or diagnosis, optional
         All options: criterion, limits, surroundings, time, seed and, in its `trajectory`, the family of motions. Of a
         diagnosis, the next experiment that it proposes. The other arguments take precedence over it.
@@ -148,7 +165,7 @@ def design(
     duration : float, optional
         One period in s.
     sampling_rate : float, optional
-        Hz.
+        Rate of the samples in Hz.
     earlier : recordings
         Recordings that the motion is to complement.
     progress : function, optional
@@ -157,12 +174,14 @@ def design(
     Returns
     -------
     DesignedMotion
+        The motion from rest to rest, with the quality that it reaches.
 
     Raises
     ------
     DynidentError
         Where there is no such motion; it names the limit in the way.
     """
+    # The arguments of their own replace fields of the request one by one, so that the rest of it stays.
     design_request = _resolve_request(request)
     if kind is not None:
         design_request = replace(design_request, kind=kind)
@@ -187,4 +206,5 @@ def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRe
         raise DynidentError(
             "the diagnosis proposes no experiment: nothing is left to decide", title="Nothing to design"
         )
+    # The diagnosis proposes a whole request, so that its family of motions fits the question that it leaves open.
     return request.next_experiment.design

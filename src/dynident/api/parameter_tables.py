@@ -23,6 +23,11 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
 
     `to_frame` has a row for each: name, joint, effect, value, unit, standard_deviation, relative_standard_deviation (a
     fraction), interval_low and interval_high (95 %), judgement, essential, grouping (its standard parameters).
+
+    Parameters
+    ----------
+    items : tuple of IdentifiedParameter
+        The parameters, in the order of the model.
     """
 
     items: tuple[IdentifiedParameter, ...]
@@ -96,15 +101,24 @@ class JointError:
 
     None stands where there is no such data, or the joint never moves in it.
 
-    Attributes
+    Parameters
     ----------
-    joint, unit : str
-    fit, held_out : float
-        Relative errors (fractions) on all rows of the data of the fit, and of held-out data.
-    fit_moving, held_out_moving : float
+    joint : str
+        Name of the joint.
+    unit : str
+        Unit of its torque: N m, or N where it slides.
+    fit : float
+        Relative error (fraction) on all rows of the data of the fit.
+    fit_moving : float or None
         The same on rows where the joint moves.
-    fit_rms, held_out_rms : float
-        Root mean square in `unit`, where the joint moves.
+    fit_rms : float or None
+        Root mean square error in `unit` on rows of the fit where the joint moves.
+    held_out : float or None
+        Relative error (fraction) on all rows of held-out data.
+    held_out_moving : float or None
+        The same on rows where the joint moves.
+    held_out_rms : float or None
+        Root mean square error in `unit` on held-out rows where the joint moves.
     """
 
     joint: str
@@ -122,6 +136,11 @@ class ErrorTable(Sequence[JointError], Framed):
     """The errors of a model, one entry for each joint in the robot's order.
 
     `to_frame` has a row for each joint, with the fields of `JointError`.
+
+    Parameters
+    ----------
+    items : tuple of JointError
+        One entry a joint, in the robot's order.
     """
 
     items: tuple[JointError, ...]
@@ -133,10 +152,12 @@ class ErrorTable(Sequence[JointError], Framed):
         Parameters
         ----------
         identification : Identification
+            The identified model.
 
         Returns
         -------
         ErrorTable
+            Its errors in the fit and on held-out data.
         """
         found = identification
         return cls(
@@ -183,6 +204,7 @@ _ERROR_COLUMNS = ("joint", "fit, moving", "rms", "all rows", "held out, moving",
 
 
 def _format_parameter(parameter: IdentifiedParameter) -> tuple[str, ...]:
+    # The deviation decides how many digits of the value are shown: more would only pretend to be known.
     value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
     interval = " to ".join(format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval)
     judgement = PARAMETER_JUDGEMENTS[parameter.judgement].words if parameter.essential else "not essential"
@@ -206,6 +228,7 @@ def _format_joint_error(error: JointError) -> tuple[str, ...]:
 
 def _get_moving_error(errors: Errors | None, joint: int) -> tuple[float | None, float | None]:
     """Return relative error and rms of one joint where it moves; None for both where it never does."""
+    # Without rows the ratio would be 0 / 0, and an error of zero would look like a perfect joint.
     if errors is None or not errors.counts[joint]:
         return None, None
     return float(errors.relative[joint]), float(errors.rms[joint])

@@ -37,7 +37,15 @@ class ProposedColumns(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class InspectedFile:
-    """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed."""
+    """The probable contents of a file; `read_recordings(path, robot=robot, **found.said)` reads it as proposed.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        What was found in the file, as the library gives it.
+    rate : float, optional
+        Rate of the rows in Hz, where the user stated it because the file has no time.
+    """
 
     inspection: Inspection
     rate: float | None = None
@@ -58,6 +66,7 @@ class InspectedFile:
         proposal = self.inspection.proposal
         if proposal is None:
             return {}
+        # Copies, so that changing the proposal for a call leaves the inspection as it was.
         arguments: ProposedColumns = {"columns": dict(proposal.columns), "units": dict(proposal.units)}
         return arguments if self.rate is None else {**arguments, "metadata": RecordingMetadata(rate=self.rate)}
 
@@ -111,6 +120,7 @@ def inspect(
     Returns
     -------
     InspectedFile
+        The columns of the file, what each of them probably is, and what has to be answered first.
 
     Raises
     ------
@@ -120,6 +130,7 @@ def inspect(
         For a file that cannot be read.
     """
     readable = check_readable_path(path)
+    # Without the right gains currents look like torques of a wrong size, and the guesses would say so.
     machine = set_drive_gains(robot, drive_gains) if robot is not None and drive_gains is not None else robot
     return InspectedFile(inspect_file(readable, machine, rate), rate)
 
@@ -163,15 +174,15 @@ def read_recordings(
 
     Parameters
     ----------
-    paths : path, or several
+    *paths : path, or several
         Each recording gets the name of its file, without the ending. Files that are one recording are given as a tuple:
         ("q.csv", "dq.csv", "tau.csv").
     robot : Robot
         The columns are of its joints; its limits are checked against, and its drive gains turn currents into torques.
     columns : mapping of our name to the file's
-        {"q1": "shoulder_angle", "tau1": "torque_a"}
+        Such as {"q1": "shoulder_angle", "tau1": "torque_a"}.
     units : mapping of a kind of signal, or of one column, to its unit
-        {"q": "deg", "t": "ms"}; SI by default.
+        Such as {"q": "deg", "t": "ms"}; SI by default.
     windows : pairs (from, to)
         Seconds of t to use; all of them by default.
     drive_gains : mapping of joint name to float, or one float a joint
@@ -231,10 +242,12 @@ def _read_recording(
     edits: tuple[Revision, ...] = (),
     progress: Progress = ignore_progress,
 ) -> CheckedRecording:
+    # Only the name is wanted: the importer writes the file by itself, and Windows cannot open a file twice.
     with tempfile.NamedTemporaryFile(dir=_temporary_folder().name, suffix=".parquet", delete=False) as file:
         destination = Path(file.name)
     try:
         read = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
+    # An interrupt counts, too: a half-written file of some gigabytes must not stay behind.
     except BaseException:
         destination.unlink(missing_ok=True)
         raise
@@ -256,12 +269,14 @@ def revise(
         As `read_recordings` gives it.
     change : Revision, optional
         The `apply` of a check; or state the changes as fields.
-    fields
-        windows, exclude, columns, units, permutation, signs, scale, torque_delay, role, name, as `Revision` has them.
+    **fields : fields of Revision
+        Any of windows, exclude, columns, units, permutation, signs, scale, torque_delay, role and name. They take
+        precedence over `change`.
 
     Returns
     -------
     CheckedRecording
+        The recording as it is read with the changes; " r1", " r2" … is added to its name unless one is stated.
 
     Raises
     ------
@@ -278,8 +293,10 @@ def revise(
         field_names = ", ".join(Revision.__dataclass_fields__)
         raise DynidentError(f"{error}; a revision has: {field_names}", title="Nothing to revise") from error
     source = recording.source
+    # Edits are kept one by one beside the metadata that they lead to, so that a report can list what was changed.
     edits = (*source.edits, revision)
     revised = revision.apply_to(source.metadata)
+    # A revised recording stands beside the first one in tables: it needs a name of its own.
     if revision.name is None:
         revised = replace(revised, name=f"{source.metadata.name} r{len(edits)}")
     return _read_recording(source.path, recording.robot, revised, edits=edits)
@@ -301,6 +318,7 @@ def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) 
     """Join the errors of all files that cannot be used to one, with every blocking finding in it."""
     texts, checks = [], list[Check]()
     for path, error in failures:
+        # The error's text quotes the first failed check already; only the others are added.
         own = [check for check in error.checks if check.status == "error" and check.detail not in error.detail]
         further = [f"\n    also {check.name.replace('_', ' ')}: {_reword(check.detail)}" for check in own]
         texts.append(f"{path.name}: {_reword(error.detail)}{''.join(further)}")
@@ -315,6 +333,7 @@ def _join_errors(failures: Sequence[tuple[Path, RecordingError]], n_files: int) 
 
 
 def _reword(detail: str) -> str:
+    # In their order: later patterns see what earlier ones have written.
     for pattern, words in _REWORDINGS:
         detail = pattern.sub(words, detail)
     return detail

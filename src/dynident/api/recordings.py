@@ -27,7 +27,17 @@ _LONGEST = 160
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """The file of a recording and its metadata: as stated at first, and as changed since, in order."""
+    """The file of a recording, its metadata, and what was changed in these since it was first read.
+
+    Parameters
+    ----------
+    path : Path
+        The file that was read, or the files of one recording joined to one path.
+    metadata : RecordingMetadata
+        How the file was read at last, with all changes.
+    edits : tuple of Revision
+        The changes of the metadata since the first reading, in their order.
+    """
 
     path: Path
     metadata: RecordingMetadata
@@ -48,14 +58,16 @@ class CheckedRecording(Framed):
     (rad/s, m/s), ddq_<joint> (rad/s^2, m/s^2), q_command_<joint>, temperature_<joint> (degC) and base_fx to base_mz (N,
     N m).
 
-    Attributes
+    Parameters
     ----------
     recording : Recording
         The recording as the library has it.
     checks : tuple of Check
+        Results of the checks that were made when the file was read.
     robot : Robot, optional
-    source : Source, optional
-        The file that it was read from.
+        The robot that was recorded; it decides on the units of sliding joints.
+    source : RecordingSource, optional
+        The file that it was read from; None for a recording that was made in memory.
     """
 
     recording: Recording
@@ -79,6 +91,7 @@ class CheckedRecording(Framed):
         Parameters
         ----------
         folder : path
+            It is made where it does not exist.
 
         Raises
         ------
@@ -92,9 +105,16 @@ class CheckedRecording(Framed):
         return Columns(samples.columns, samples.units)
 
     def plot(self) -> Figure:
-        """Draw position and torque of every joint over time."""
+        """Draw position and torque of every joint over time.
+
+        Returns
+        -------
+        Figure
+            Positions and torques over time; times outside of the windows are grey.
+        """
         from dynident.reports.figures.recording import draw_recording
 
+        # Without a robot the kinds of the joints are not known, and all are drawn as revolute.
         slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)
         return join_figures([draw_recording(self.recording, slides)], f"recording {self.name}")
 
@@ -118,6 +138,11 @@ class Recordings(Sequence[CheckedRecording], Framed):
 
     `to_frame` has one below the other: recording (its name), then the columns of `CheckedRecording`; NaN where a
     recording lacks a column.
+
+    Parameters
+    ----------
+    items : tuple of CheckedRecording
+        The recordings, in the order of their files.
     """
 
     items: tuple[CheckedRecording, ...]
@@ -152,10 +177,12 @@ class Recordings(Sequence[CheckedRecording], Framed):
         DynidentError
             For a recording that is held in memory, or two of the same name.
         """
+        # Checked before anything is written: the second file would replace the first.
         repeated = next((name for name in self.names if self.names.count(name) > 1), None)
         if repeated is not None:
             raise DynidentError(f"two recordings are called {repeated!r}; save them in folders of their own")
         folder = Path(folder)
+        # Only now, after all names are checked: a refused call leaves no empty folder.
         folder.mkdir(parents=True, exist_ok=True)
         for item in self.items:
             if item.recording.path is None:
@@ -167,6 +194,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             unfinished.replace(destination)
 
     def _columns(self) -> Columns:
+        # The stored samples, not the filtered ones: a frame is for looking at the data themselves.
         samples = [item._read_samples() for item in self.items]
         counts = [len(recording_samples.columns["t"]) for recording_samples in samples]
         names = dict.fromkeys(name for recording_samples in samples for name in recording_samples.columns)
@@ -183,7 +211,18 @@ class Recordings(Sequence[CheckedRecording], Framed):
         )
 
     def plot(self) -> Figure:
-        """Draw position and torque of every joint over time, one recording below the other."""
+        """Draw position and torque of every joint over time, one recording below the other.
+
+        Returns
+        -------
+        Figure
+            The drawings, each under the name of its recording.
+
+        Raises
+        ------
+        DynidentError
+            Where there is no recording.
+        """
         if not self.items:
             raise DynidentError("there is no recording to draw")
         svgs = [item.plot().svg for item in self.items]
@@ -219,6 +258,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
         lines = [f"  {_format_line(item.recording)}" for item in self.items[:_SHOWN]]
         lines += [f"  … and {len(self.items) - _SHOWN} more"] if len(self.items) > _SHOWN else []
         findings = list(_format_findings(self.items))
+        # Details of checks may be long; `findings` has them in full.
         lines += [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in findings[:_SHOWN]]
         lines += [f"  … and {len(findings) - _SHOWN} more findings (.findings)"] if len(findings) > _SHOWN else []
         return "\n".join([f"Recordings({len(self.items)})", *lines])
@@ -254,10 +294,12 @@ def as_recordings(recordings: SomeRecordings) -> Recordings:
     Parameters
     ----------
     recordings : Recordings, CheckedRecording, Recording, or several of the latter two
+        What a function was given as recordings.
 
     Returns
     -------
     Recordings
+        The same recordings; those of the library have no checks and no source.
 
     Raises
     ------

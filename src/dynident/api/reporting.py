@@ -22,7 +22,15 @@ _ENDINGS = (".html", ".htm", ".pdf")
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A page that needs no other files; a notebook shows it in a frame."""
+    """A page that needs no other files; a notebook shows it in a frame.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the page.
+    html : str
+        The whole page, with its figures and styles in it.
+    """
 
     title: str
     html: str
@@ -33,6 +41,7 @@ class Report:
         Parameters
         ----------
         path : path
+            The file to write; its ending has to be .html, .htm or .pdf.
 
         Raises
         ------
@@ -56,6 +65,7 @@ class Report:
 
     def _repr_html_(self) -> str:
         style = "width:100%;height:700px;border:1px solid #ccc"
+        # The page goes into an attribute, in a frame of its own: its styles must not reach the notebook.
         title, page = escape(self.title, quote=True), escape(self.html, quote=True)
         return f'<iframe title="{title}" style="{style}" srcdoc="{page}"></iframe>'
 
@@ -78,6 +88,7 @@ def report(
     diagnosis : diagnosis, optional
         Of this model, or of the one that it was extended from.
     validations : validations, optional
+        Results of `validate`, for a section of their own.
     design : designed motion, optional
         The experiment that the data come from.
     title : str
@@ -88,6 +99,7 @@ def report(
     Returns
     -------
     Report
+        The page, which `save` writes as HTML or PDF.
 
     Raises
     ------
@@ -100,6 +112,7 @@ def report(
     all_recordings = [*((item, False) for item in model.recordings), *((item, True) for item in model.validation)]
     runs = []
     for index, (item, held_out) in enumerate(all_recordings):
+        # Comparing takes most of the time; the last fifth is left for drawing the page.
         share = scale_progress(progress, 0.8 * index / len(all_recordings), 0.8 * (index + 1) / len(all_recordings))
         comparison = compare(model.identification, item.recording, share)
         origin = () if item.source is None else (item.source.edits, item.source.sha256, item.source.metadata)

@@ -42,9 +42,10 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
     `to_frame` has a row for each parameter and day: parameter, effect, joint, unit, day, value, and lower and upper,
     the ends of its 95 % interval.
 
-    Attributes
+    Parameters
     ----------
     model : Model
+        The model whose parameters are followed.
     measure : Measure
         Which parameters may vary.
     days : tuple of Day
@@ -83,6 +84,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         Returns
         -------
         FollowedRobot
+            The changes over all days, the earlier and the new ones.
         """
         return _extend_series(self.model, self.measure, self.days, days, progress)
 
@@ -96,7 +98,13 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         return build_columns(names, rows)
 
     def plot(self) -> Figure:
-        """Draw every parameter that may vary, day by day, with its intervals."""
+        """Draw every parameter that may vary, day by day, with its intervals.
+
+        Returns
+        -------
+        Figure
+            The values of each parameter, day by day.
+        """
         from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
 
         return join_figures([draw_parameter_tracks(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
@@ -154,12 +162,14 @@ def series(
     Returns
     -------
     FollowedRobot
+        The changes, each with the day it began on, and the values of every parameter.
 
     Raises
     ------
     DynidentError
         Where there are fewer than two days, one has no recordings, or the model has effects of single runs.
     """
+    # Imported here: `import dynident` must not load what only a series over days needs.
     from dynident.diagnosis.monitoring import build_measure
 
     desk_model = as_model(model)
@@ -191,6 +201,7 @@ def _extend_series(
         check_not_empty(recordings, f"days[{index}]" if name is None else f"days[{name!r}]")
         # Reading and reducing the days counts as half of the work, the comparison as the other half.
         day_progress = scale_progress(progress, 0.5 * index / len(named_days), 0.5 * (index + 1) / len(named_days))
+        # Recordings of two days often have the same name, and days are told apart by name in tables and figures.
         day_name = find_free_name(recordings.names[0], known_days) if name is None else name
         known_days.append(reduce_day(measure, day_name, recordings.recordings, day_progress))
     return FollowedRobot(
@@ -216,17 +227,19 @@ _CHANGE_FRAME_COLUMNS = (
 class Changes(Sequence[Change], Framed):
     """What differs between two sets of recordings of one robot; empty where nothing does.
 
-    `to_frame` has a row for each number that differs, with the columns
+    `to_frame` has a row for each number that differs. Its columns are effect (its id), joint and parameter; before
+    (missing where the model does not have the parameter), difference, interval_low and interval_high (of the
+    difference, 95 %) and unit (of all four); p_value (of the change, in the row of its main number; missing in its
+    other rows), and evidence.
 
-    * effect (its id), joint, parameter,
-    * before (missing where the model does not have the parameter), difference, interval_low and interval_high (of the
-      difference, 95 %), unit (of all four),
-    * p_value (of the change, in the row of its main number; missing in its other rows), evidence.
-
-    Attributes
+    Parameters
     ----------
     model : Model
-    before, after : Recordings
+        The model whose effects were identified on both sets.
+    before : Recordings
+        The first set, which the other is compared with.
+    after : Recordings
+        The second set.
     diagnosis : AdvisedDiagnosis
         It also says what the model lacks before and after.
     """
@@ -267,6 +280,11 @@ class Changes(Sequence[Change], Framed):
     def plot(self) -> Figure:
         """Draw every change, and how much the friction of each joint differs, with their 95 % intervals.
 
+        Returns
+        -------
+        Figure
+            Changes, and below them the differences of friction.
+
         Raises
         ------
         DynidentError
@@ -274,6 +292,7 @@ class Changes(Sequence[Change], Framed):
         """
         from dynident.reports.figures.changes import draw_changes, draw_friction_differences
 
+        # Friction is drawn even where no effect has changed: small differences of it are worth seeing.
         change_figure = draw_changes(self.items) if self.items else None
         figures = [figure for figure in (change_figure, draw_friction_differences(self.diagnosis.friction)) if figure]
         if not figures:
@@ -295,6 +314,7 @@ class Changes(Sequence[Change], Framed):
 
     def __repr__(self) -> str:
         head = f"Changes({len(self.items)}): {self.summary}"
+        # A change of one effect may have several numbers, each a row of its own.
         rows = [row for change in self.items for row in format_change(change, self.model.robot)]
         text = format_text_table(head, CHANGE_COLUMNS, rows, len(rows), right_from=3) if rows else head
         friction = [format_friction_difference(change) for change in self.diagnosis.friction]
@@ -328,7 +348,10 @@ def changes(
     ----------
     model : Model
         Of this robot; its effects are identified again on both sets.
-    before, after : recordings
+    before : recordings
+        The first set, which the other is compared with.
+    after : recordings
+        The second set.
     candidates : effect ids, optional
         Only these are tried; the whole catalogue otherwise.
     progress : function, optional
@@ -337,6 +360,7 @@ def changes(
     Returns
     -------
     Changes
+        What differs, with intervals of 95 %.
 
     Raises
     ------

@@ -36,18 +36,21 @@ def expand_xacro(path: Path, content: str) -> str:
     Parameters
     ----------
     path : Path
+        The file; packages that it names are looked for from its folder upwards.
     content : str
         Of the file.
 
     Returns
     -------
     str
+        The URDF; `content` itself where nothing has to be expanded.
 
     Raises
     ------
     DynidentError
         The package xacro is not installed, or it cannot expand the file.
     """
+    # Plain URDF needs neither the package xacro nor trust in the file.
     if not _XACRO_SYNTAX.search(content):
         return content
     try:
@@ -81,10 +84,12 @@ def _find_packages_near(path: Path) -> Iterator[None]:
 
     xacro asks the ROS package `ament_index_python`, which is on no package index; a stand-in replaces it meanwhile.
     """
+    # sys.modules belongs to the whole process: what was there before is put back, whatever happens.
     replaced = {name: sys.modules.get(name) for name in (_ROS_INDEX, f"{_ROS_INDEX}.packages")}
     ask_ros = _get_ros_index()
 
     def get_package_share_directory(name: str) -> str:
+        # The folders near the file come before ROS: an installed package of the same name may be of another version.
         folder = find_package(name, path)
         if folder is not None:
             return str(folder)
@@ -161,6 +166,7 @@ def load_robot(
     Returns
     -------
     Robot
+        The robot, with what the arguments state in place of what the file says.
 
     Raises
     ------
@@ -183,12 +189,14 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
     Parameters
     ----------
     robot : Robot
+        The robot whose gains are replaced.
     gains : mapping of joint name to float, or one float a joint
         In N m (N) per unit of current.
 
     Returns
     -------
     Robot
+        A new robot; joints that are not named keep their drives.
 
     Raises
     ------
@@ -196,6 +204,7 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
         For a joint that the robot does not have, or another number of gains than of joints.
     """
     if not isinstance(gains, Mapping):
+        # A list has no names, so a missing gain would shift all others to wrong joints.
         if len(gains) != robot.n:
             raise DynidentError(
                 f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one each, or a "
@@ -231,6 +240,7 @@ def _read_robot(source: str | Path, name: str, stated: dict[str, Any]) -> Robot:
             if is_mjcf:
                 return robot_from_description(robot_name, Description("mjcf", content), **stated)
             return robot_from_description(robot_name, Description("urdf", expand_xacro(path, content)), **stated)
+        # Neither XML nor JSON: the only text format that is left is a Denavit-Hartenberg table.
         if not content.lstrip().startswith(("{", "[")):
             return _robot_from_table(name or path.stem, content, stated)
         document = _parse_document(content)
@@ -281,11 +291,13 @@ def _read_text(path: Path) -> str:
 
 def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[str, Any]) -> Robot:
     """Return a robot from the body of a request; the stated arguments take precedence."""
+    # An unknown field is refused: a misspelt "drives" would otherwise be ignored in silence.
     expect_mapping(document, _FIELDS, "", _ROBOT_TITLE)
     limits = {
         joint: _parse_limits(value, f"/limits/{joint}") for joint, value in _get_object(document, "limits").items()
     }
     for joint, stated_limits in stated["limits"].items():
+        # Limits that are not stated are None and must not wipe out those of the file.
         stated_values = {key: value for key, value in asdict(stated_limits).items() if value is not None}
         limits[joint] = replace(limits.get(joint, Limits()), **stated_values)
     drives = {
@@ -320,6 +332,7 @@ def _parse_description(value: object) -> Description:
     if form not in FORMATS.names:
         raise DynidentError(f"Expected {join_names(FORMATS.names)}.", pointer="/description/format", title=_ROBOT_TITLE)
     content = fields.get("content")
+    # The table may stand in the request as JSON itself instead of as text that holds JSON.
     if form == "modified_dh" and isinstance(content, (dict, list)):
         content = json.dumps(content)
     return Description(cast(DescriptionFormat, form), expect_text(content, "/description/content", _ROBOT_TITLE))
@@ -327,6 +340,7 @@ def _parse_description(value: object) -> Description:
 
 def _parse_limits(value: object, pointer: str) -> Limits:
     names = tuple(asdict(Limits()))
+    # null counts as left out, as it does in the service.
     fields = {k: v for k, v in expect_mapping(value, names, pointer, _ROBOT_TITLE).items() if v is not None}
     position = fields.pop("position", None)
     numbers: dict[str, Any] = {
@@ -350,4 +364,5 @@ def _parse_drive(value: object, pointer: str) -> Drive:
         joint: expect_number(item, f"{pointer}/coupling/{joint}", _ROBOT_TITLE) for joint, item in coupling.items()
     }
     numbers = {key: expect_number(item, f"{pointer}/{key}", _ROBOT_TITLE) for key, item in fields.items()}
+    # Drive itself decides whether the gain is given or made of ratio, constant and amplifier.
     return Drive(**numbers, coupling=shares)

@@ -74,14 +74,43 @@ def _get_default_tolerance() -> float:
 class IdentificationChoices:
     """The model structure of an identification, and how its parameters are solved for.
 
-    `estimator` is a name, or an estimator with options of its own; each kind has a file in `identification.methods`.
-    `steps` are those of the sequential strategy. `prior` None: the data alone count. `free_links` are links, named by
-    their joints, that the prior does not hold for, such as the last one where it carries an unknown payload.
-    `prior_error` is the share by which the others are usually off (see `usual_errors` and, for description_entropic,
-    whose distance is the same in every frame, `entropic`). `pole` is a of [12.29] in rad/s, for the filtered model;
-    `interval` is t_b - t_a of [12.43] in s, for the energy model; `preprocessing` the filters: None where the data
-    decide. `tolerance` decides which columns count as dependent. `covariance` says which residuals are taken to be
-    correlated (`estimation.statistics`). `weigh_turns`: see `estimation.turned`.
+    Parameters
+    ----------
+    effects : tuple of EffectChoice
+        What acts on the joints, with their joints and shape constants.
+    model : str
+        Equation type that makes the rows of W; each has a file in `identification.methods.models`.
+    strategy : str
+        Which parameters are solved for at a time.
+    estimator : str or Estimator
+        How they are solved for: a name, or an estimator with options of its own.
+    steps : str
+        Steps of the sequential strategy, "link_by_link" or "wrist_then_shoulder".
+    prior : str or None
+        Prior from the robot's description; None where the data alone count.
+    free_links : tuple of str
+        Links, named by their joints, that the prior does not hold for, such as the last one where it carries an unknown
+        payload.
+    prior_error : float
+        Share by which the description's inertias are usually off (`robot.inertia_uncertainty`, and for the prior
+        description_entropic `identification.prior.entropic`).
+    pole : float or None
+        The a of [12.29] in rad/s, for the filtered model; None where the data decide.
+    interval : float or None
+        The t_b - t_a of [12.43] in s, for the energy model; None where the data decide.
+    preprocessing : Preprocessing or None
+        Filters of the recordings; None where the data decide.
+    tolerance : float
+        Relative size below which a column counts as dependent on others.
+    covariance : str
+        Which residuals are taken to be correlated (`estimation.statistics`).
+    weigh_turns : bool
+        Whether rows at reversals count by a noise of their own (`estimation.reversal_weights`).
+
+    Raises
+    ------
+    DynidentError
+        For an unknown name, a value out of its range, or choices that do not fit each other.
     """
 
     effects: tuple[EffectChoice, ...] = declare_field("What acts on the joints", default=DEFAULT_EFFECTS, option="-")

@@ -10,9 +10,18 @@ from dynident.identification.parameters.standard_parameters import StandardParam
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Estimates, their uncertainty, and the warnings about how they came about.
+    """The result of an estimator or a strategy.
 
-    `standard`: the standard parameters, where the estimator solves for these.
+    Parameters
+    ----------
+    solution : Solution
+        Estimated base parameters.
+    statistics : Statistics
+        Their covariance.
+    warnings : tuple of str
+        How they came about, as far as the user has to know.
+    standard : StandardParameters or None
+        The standard parameters, where the estimator solves for these.
     """
 
     solution: Solution

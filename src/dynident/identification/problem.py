@@ -37,9 +37,18 @@ class ProblemChoices(Protocol):
 class Problem:
     """Equations of data in the columns of a model, and prior knowledge of its parameters.
 
-    `known` is what is known of the parameters beside the data, None where that is nothing; `covariance` says which
-    residuals are taken to be correlated. `trust` in the description decides, for estimators that look for standard
-    parameters, what data and `known` leave open.
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    data : Data
+        Recordings reduced to the model's columns.
+    known : PriorInformation or None
+        What is known of the parameters beside the data; None where that is nothing.
+    covariance : str
+        Which residuals are taken to be correlated.
+    trust : DescriptionTrust
+        It decides, for estimators that look for standard parameters, what data and `known` leave open.
     """
 
     model: Model
@@ -51,6 +60,20 @@ class Problem:
     @classmethod
     def from_choices(cls, model: Model, choices: ProblemChoices, data: Data) -> Problem:
         """Return the problem of all parameters and all data, with the chosen prior and weights.
+
+        Parameters
+        ----------
+        model : Model
+            The model, with its base parameters' columns.
+        choices : IdentificationChoices
+            What is identified, and how.
+        data : Data
+            Recordings reduced to the model's columns.
+
+        Returns
+        -------
+        Problem
+            The problem, with rows at reversals weighted where the choices say so.
 
         Raises
         ------

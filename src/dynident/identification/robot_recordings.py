@@ -26,6 +26,12 @@ def build_recorded_joints(robot: Robot) -> RecordedJoints:
     Parameters
     ----------
     robot : Robot
+        The robot.
+
+    Returns
+    -------
+    RecordedJoints
+        The joints with their limits, gains and coupling.
     """
     return RecordedJoints(
         robot.joint_names,
@@ -43,9 +49,13 @@ def import_for_robot(
     Parameters
     ----------
     robot : Robot
+        The robot.
     source, destination : Path
+        The user's file, and the Parquet file to write.
     metadata : RecordingMetadata
+        How the file is to be read.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -67,12 +77,24 @@ def import_for_robot(
 
 
 MOST_CURES = 5
-"""Mistakes that are mended one after the other; a file with more of them is not what it is said to be."""
+"""Faults that are mended one after the other; a file with more of them is not what it is said to be."""
 
 
 @dataclass(frozen=True, eq=False)
 class CuredRecording:
-    """A recording, its checks, and the corrections of its metadata that made it usable."""
+    """A recording that may have been refused at first, and the cures that made it usable.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording as it was read at last.
+    checks : tuple of Check
+        Its checks, with a note for each cure.
+    revisions : tuple of Revision
+        The cures, in the order in which they were applied.
+    metadata : RecordingMetadata
+        How the file was read at last.
+    """
 
     recording: Recording
     checks: tuple[Check, ...]
@@ -96,15 +118,20 @@ def import_cured(
     Parameters
     ----------
     robot : Robot
+        The robot.
     source, destination : Path
+        The user's file, and the Parquet file to write.
     metadata : RecordingMetadata
+        How the file is to be read.
     progress : Progress
+        Called with the fraction done and a message.
     most : int
         Largest number of cures, one after the other; none with 0.
 
     Returns
     -------
-    Cured
+    CuredRecording
+        The recording, its checks, and the cures.
 
     Raises
     ------

@@ -22,10 +22,12 @@ from dynident.identification.shapes.shape_constants import linearise_shapes
 from dynident.progress import Progress, ignore_progress
 from dynident.validation.outcome import ValidationOutcome
 
+# Deviations differ where their ratio is off by more than so many of its own standard deviations.
 _TWICE = 2.0
 _MOST_OUTSIDE = 0.1
 """Share of the parameters that may be outside: of deviations known so well, one in twenty would be by chance."""
 
+# Share of the draws that may be lost before the rest is no fair sample of them.
 _MOST_LOST = 0.1
 
 
@@ -33,8 +35,20 @@ _MOST_LOST = 0.1
 class DrawnParameter:
     """A parameter, or a shape constant in the units of its search (its logarithm where that is in equal ratios).
 
-    `told` and `drawn` are its standard deviations without and with drawing; their ratio is expected between `low` and
-    `high`.
+    Parameters
+    ----------
+    name : str
+        Name of the parameter; of a shape constant its name and joints, with "ln" before a logarithm.
+    unit : str
+        Unit of the value and of both deviations, "-" where there is none.
+    told : float
+        Standard deviation that the identification computed.
+    drawn : float
+        Standard deviation over the draws.
+    low : float
+        Smallest ratio of `drawn` over `told` that so few blocks of time explain.
+    high : float
+        Largest such ratio.
     """
 
     name: str
@@ -57,7 +71,24 @@ class DrawnParameter:
 
 @dataclass(frozen=True)
 class BootstrapValidation:
-    """Deviations by drawing beside those told. `kind`, `stretches`, `draws`: how; `lost` draws were no use."""
+    """Computed standard deviations beside those of a bootstrap.
+
+    Parameters
+    ----------
+    parameters : tuple of DrawnParameter
+        The parameters and behind them the shape constants; empty where nothing was drawn.
+    kind : str or None
+        How was drawn: "wild" with random weights for the residuals, else blocks with replacement; None where nothing
+        was drawn.
+    stretches : int
+        Number of blocks of time that hold rows.
+    draws : int
+        Number of draws.
+    lost : int
+        Draws that did not determine all parameters and were left out.
+    judged : ValidationOutcome
+        Whether the deviations agree, and the reason.
+    """
 
     parameters: tuple[DrawnParameter, ...]
     kind: Drawing | None
@@ -78,21 +109,26 @@ def validate_bootstrap(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     draws : int
         How often blocks are drawn.
     seed : int
         Of the random numbers.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     BootstrapValidation
+        Deviations by drawing beside the computed ones; not evaluated where the model cannot be drawn.
     """
+    # Blocks without rows cannot be drawn from, and do not count.
     stretches = int(find_occupied_blocks(identification.data.equations).sum())
     why = _find_obstacle(identification, stretches)
     if why:
         return BootstrapValidation((), None, stretches, 0, 0, ValidationOutcome("not_evaluated", why))
     progress(0.0, "drawing stretches of time")
+    # Shape constants are drawn together with the parameters: their errors are correlated.
     names, units, reduction, solution, statistics = _select_bootstrap_inputs(identification)
     result = bootstrap_estimates(reduction, solution, draws=draws, seed=seed)
     # Two sources let the ratio scatter: the deviation itself, known to 1 / sqrt(2 ν) of its value, and the finite
@@ -131,6 +167,7 @@ def _select_bootstrap_inputs(
     shapes = None
     if data.shaped is not None:
         shapes = linearise_shapes(model, estimate.solution, identification.choices.covariance, data.shaped)
+    # Without shape constants to look at, or where the data do not tell them, the parameters alone are drawn.
     if shapes is None:
         return names, units, data.equations, estimate.solution, estimate.statistics
     for place in list_shape_variables(model.effects):
@@ -143,6 +180,7 @@ def _select_bootstrap_inputs(
 def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches: int) -> ValidationOutcome:
     how = "with Webb's weights for the residuals" if result.kind == "wild" else "with replacement"
     drawn = f"{result.draws} draws of {stretches} stretches of time {how}"
+    # Lost draws are those with unlucky blocks. Leaving many of them out would make deviations look small.
     if result.lost > _MOST_LOST * result.draws:
         return ValidationOutcome(
             "not_evaluated",
@@ -162,6 +200,7 @@ def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap,
 
 
 def _name_worst(outside: list[DrawnParameter]) -> str:
+    # By the logarithm of the ratio, so that half as much and twice as much count alike.
     worst = sorted(outside, key=lambda parameter: -abs(np.log(max(parameter.ratio, 1e-9))))[:6]
     more = f" and {len(outside) - len(worst)} more" if len(outside) > len(worst) else ""
     return ", ".join(f"{parameter.name} ({parameter.ratio:.2f})" for parameter in worst) + more

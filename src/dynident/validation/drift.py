@@ -25,17 +25,30 @@ from dynident.recordings.phases import STANDS
 AFTER = (0.1, 0.5, 2.0)
 """Seconds: a few samples of a controller, a quick move, and a whole motion from point to point."""
 
+# Step of the integration in s.
 _STEP = 1e-3
+# Seconds between starts: closer ones tell the same again.
 _APART = 0.5
+# Starts over all recordings: a mean over more of them hardly changes, and each costs a simulation.
 _MOST_STARTS = 60
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Root mean square distance (3, n) of the simulated from the recorded positions after `AFTER` s, rad or m.
+    """How far a simulated robot drifts from the recorded one under the measured torque.
 
-    `way` (3, n): how far the joints moved meanwhile. Infinite where the simulation diverged, nan where no stretch of
-    the recordings is that long. `starts`: how often it was left alone.
+    Infinite where the simulation diverged, nan where no segment of the recordings is that long.
+
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    distance : (3, n)
+        Root mean square distance of the simulated from the recorded positions after `AFTER` s, in rad or m.
+    way : (3, n)
+        Root mean square of how far the joints moved meanwhile, in rad or m.
+    starts : int
+        Number of states that simulations were started from.
     """
 
     joint_names: tuple[str, ...]
@@ -61,17 +74,21 @@ def compute_open_loop_drift(identification: Identification, recordings: Sequence
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
+        Recordings of the same robot, held out as a rule.
 
     Returns
     -------
     Drift
+        Distances after each of `AFTER`, over all starts.
 
     Raises
     ------
     DynidentError
         Where no robot can have the identified parameters, or no recording has a motion to follow.
     """
+    # Built once for all starts: its equation of motion does not change.
     simulator = build_simulator(identification.model, identification.values)
     motions = [read_longest_piece(recording, identification.preprocessing, np.inf) for recording in recordings]
     each = max(1, _MOST_STARTS // max(len(motions), 1))
@@ -92,6 +109,7 @@ def _choose_starts(motion: RecordedMotion, most: int) -> list[int]:
     """Return the samples that simulations start from, spread over the motion; the longest horizon fits where it can."""
     t = motion.reference.t
     length = float(t[-1] - t[0])
+    # A segment that is too short for the longest horizon still serves the shorter ones.
     last = length - AFTER[-1] if length > AFTER[-1] else length - AFTER[0]
     if last < 0:
         return []
@@ -123,6 +141,7 @@ def _simulate_without_control(
     rows = np.rint(after / _STEP).astype(np.intp)
     measured = np.column_stack([np.interp(t[rows], whole.t, column) for column in whole.q.T])
     away, way = np.full((len(AFTER), n), np.nan), np.full((len(AFTER), n), np.nan)
+    # A state that is no number has diverged: infinitely far, and not missing.
     away[: len(after)] = np.nan_to_num(np.abs(q[rows] - measured), nan=np.inf)
     way[: len(after)] = np.abs(measured - whole.q[start])
     return away, way
@@ -130,6 +149,7 @@ def _simulate_without_control(
 
 def _compute_rms(values: FloatArray) -> FloatArray:
     """Return the root mean square (3, n) over the starts (k, 3, n) that reach so far; nan where none does."""
+    # Infinite distances stay in the mean, so that one diverged start shows.
     there = ~np.isnan(values)
     counts = there.sum(axis=0)
     squares = np.where(there, values, 0.0) ** 2

@@ -52,10 +52,21 @@ _NEGLIGIBLE = 0.1
 class FilterTrial:
     """One choice of cut-offs.
 
-    `error`: root mean square over draws of the noise of ||W (χ̂ - χ)|| / ||Y||, the share of the torque that wrong
-    parameters cost; `bias` the part of it that no draw changes; `worst` the parameter whose mean error is largest in
-    units of the identification's standard deviations, and `worst_bias` how large. `problem`: why it could not be tried,
-    else "".
+    Parameters
+    ----------
+    preprocessing : Preprocessing
+        The filters that were tried.
+    error : float or None
+        Root mean square over draws of the noise of ||W (χ̂ - χ)|| / ||Y||: the share of the torque that wrong
+        parameters cost. None where the choice could not be tried.
+    bias : float or None
+        The part of `error` that no draw changes.
+    worst : str
+        Parameter whose mean error is largest in units of the identification's standard deviations.
+    worst_bias : float or None
+        How large that is.
+    problem : str
+        Why the choice could not be tried, else "".
     """
 
     preprocessing: Preprocessing
@@ -68,7 +79,21 @@ class FilterTrial:
 
 @dataclass(frozen=True, eq=False)
 class FiltersBySimulation:
-    """All trials; `chosen` is the one with the smallest parameter error, `used` that of the identification."""
+    """All choices of filters that were tried on simulated recordings.
+
+    Parameters
+    ----------
+    noise : SensorNoise
+        Noise of the simulated sensors, as that of the recording.
+    trials : tuple of FilterTrial
+        All trials, the identification's own filters first.
+    used : FilterTrial
+        Trial of the filters of the identification.
+    chosen : FilterTrial
+        Trial with the smallest parameter error.
+    judged : ValidationOutcome
+        Whether the filters that were used are good, and the reason.
+    """
 
     noise: SensorNoise
     trials: tuple[FilterTrial, ...]
@@ -94,6 +119,7 @@ def filters_by_simulation(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recording : Recording
         Its longest unbroken segment gives the motion, its noise that of the simulated sensors.
     cutoffs : sequence of float, optional
@@ -103,16 +129,19 @@ def filters_by_simulation(
     seed : int
         Of the first draw of the noise.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     FiltersBySimulation
+        All trials, with the best one and that of the identification's own filters.
 
     Raises
     ------
     DynidentError
         Where no robot with the identified parameters can make the motion, or a cut-off is impossible.
     """
+    # Before the simulation, so that a recording without enough samples is refused at once.
     noise = sensor_noise(recording)
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     progress(0.0, "simulating the recorded motion")
@@ -128,6 +157,7 @@ def filters_by_simulation(
         progress(share, f"cut-offs {_word_cutoffs(preprocessing)}")
         trials.append(_try_filters(identification, simulator.values, preprocessing, draws))
     solved = [trial for trial in trials if trial.error is not None]
+    # The own filters come first. If not even these can be tried, there is nothing to compare with.
     if trials[0].error is None or not solved:
         raise DynidentError(f"the simulated recording cannot be identified: {trials[0].problem}", pointer="/kind")
     best = min(solved, key=lambda trial: trial.error or 0.0)
@@ -167,6 +197,7 @@ def _draw_recording(
 def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[float] | None) -> list[Preprocessing]:
     """Return the identification's own choice first, then the others, each once."""
     highest = _HIGHEST * 0.5 * recording.sampling_rate
+    # The own cut-off is the middle of the search: the best one is seldom far from what the motion and noise ask for.
     middle = own.position_cutoff or own.torque_cutoff or _SHARE_OF_RATE * recording.sampling_rate
     positions = [middle * factor for factor in _MULTIPLES] if cutoffs is None else list(cutoffs)
     for index, cutoff in enumerate(positions):
@@ -180,12 +211,16 @@ def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[floa
     for position in positions:
         for factor in (0.5, 1.0, 2.0):
             request = {
+                # Three digits, so that the figure is one that a user can type.
                 "position_cutoff": float(f"{position:.3g}"),
                 "torque_cutoff": float(f"{position * factor:.3g}"),
                 "filter_order": own.filter_order,
             }
+            # Multiples that no filter can be designed for are left out. Cut-offs of the user are tried whatever they
+            # are, so that the error says why one is impossible.
             if max(request["position_cutoff"], request["torque_cutoff"]) <= highest or cutoffs is not None:
                 grid.append(replace(preprocessing_from_request(request, [recording]), reasons=()))
+    # The own choice may be among the multiples: it is tried once, in its place at the front.
     return list(dict.fromkeys(grid))
 
 
@@ -198,6 +233,7 @@ def _try_filters(
             reduce_recordings(model.observation, [draw], preprocessing, identification.estimate.reference)
             for draw in draws
         ]
+        # Weighted least squares, whatever the estimator of the model: the filters are judged, not the estimator.
         estimates = np.array([weighted(reduction).values for reduction in reductions])
     except DynidentError as error:
         return FilterTrial(preprocessing, None, None, "", None, error.detail)
@@ -228,6 +264,7 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
         f"The filters used ({_word_cutoffs(used.preprocessing)}) leave a parameter error worth "
         f"{used.error:.2%} of the torque"
     )
+    # The smallest of many errors is small by luck, too: a little better is no reason to change.
     if used.error <= _AS_GOOD * best.error:
         return ValidationOutcome(
             "pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}."

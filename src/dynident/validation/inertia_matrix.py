@@ -34,9 +34,22 @@ _ITERATIONS = 80
 class InertiaMatrixValidation:
     """The worst posture that was found.
 
-    `posture` (n,) in rad or m; `smallest_eigenvalue` of A(q) scaled to a unit diagonal there, and its
-    `standard_deviation` from the parameters' (both None where nothing was evaluated); `sampled` the smallest eigenvalue
-    among the random postures alone; `evaluations` postures that were tried in all.
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    posture : (n,) or None
+        The worst posture in rad or m; None where nothing was evaluated.
+    smallest_eigenvalue : float or None
+        Smallest eigenvalue there of A(q) scaled to a unit diagonal.
+    standard_deviation : float or None
+        Standard deviation of that eigenvalue, from the covariance of the parameters.
+    sampled : float or None
+        Smallest eigenvalue among the random postures alone, before the descents.
+    evaluations : int
+        Number of postures that were tried in all.
+    judged : ValidationOutcome
+        Whether the matrix is positive definite, and the reason.
     """
 
     joint_names: tuple[str, ...]
@@ -60,13 +73,16 @@ def validate_inertia_matrix(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     seed : int
         Of the random postures.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     InertiaMatrixValidation
+        The worst posture; not evaluated for a model without inertial parameters or of poses at rest.
     """
     model, values = identification.model, identification.values
     if not any(get_effect(column.effect).is_inertia for column in model.kept):
@@ -82,6 +98,7 @@ def validate_inertia_matrix(
     progress(0.0, "sampling postures")
     sampled = search.sample(postures)
     low, high = get_joint_range(model.robot)
+    # A descent finds only the nearest minimum, so several are started, from the worst of the random postures.
     starts = postures[np.argsort(sampled)[:_STARTS]]
     for number, start in enumerate(starts):
         progress((number + 1) / (len(starts) + 1), f"searching for the worst posture, start {number + 1}")
@@ -111,6 +128,7 @@ class _PostureSearch:
     def sample(self, postures: FloatArray) -> FloatArray:
         """Return the smallest scaled eigenvalue (k,) at postures (k, n)."""
         n = postures.shape[1]
+        # CasADi puts the matrices side by side; one call for all is much faster than one a posture.
         stacked = np.asarray(self._matrix.map(len(postures))(postures.T), dtype=np.float64)
         matrices = stacked.reshape(n, len(postures), n).transpose(1, 0, 2)
         return np.array([self._evaluate_posture(q, a)[0] for q, a in zip(postures, matrices, strict=True)])
@@ -161,6 +179,7 @@ def _compute_smallest_eigenvalue(a: FloatArray) -> tuple[float, FloatArray, Floa
     A diagonal entry that is not positive is scaled to minus one: the matrix is indefinite there.
     """
     diagonal = np.abs(np.diag(a))
+    # The bound keeps an entry of zero from a division by zero; it is far below any real inertia.
     scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * max(float(diagonal.max()), 1e-300)))
     values, vectors = np.linalg.eigh(a * np.outer(scale, scale))
     return float(values[0]), vectors[:, 0], scale
@@ -181,6 +200,7 @@ def _build_functions(model: Model, values: FloatArray) -> tuple[ca.Function, ca.
     matrix = 0.5 * (matrix + matrix.T)
     stacked = ca.horzcat(*(ca.densify(ca.reshape(each, n * n, 1)) for each in parts))
     u, w = ca.SX.sym("u", n), ca.SX.sym("w", n)
+    # With u and w held fixed, the gradient of this form is that of the eigenvalue.
     form = ca.mtimes([u.T, matrix, u]) - ca.dot(w, ca.fabs(ca.diag(matrix)))
     gradient = ca.gradient(form, signals.q)
     return (

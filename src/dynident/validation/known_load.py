@@ -21,9 +21,20 @@ _AS_STATED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PayloadValidation:
-    """The load of one recording: its `stated` mass in kg, and what it weighs by the runs without and with it.
+    """The load of one recording: its stated mass, and what it weighs by the runs without and with it.
 
-    `gains`: what the drive gains would have to be for the stated mass; None where the runs do not determine them.
+    Parameters
+    ----------
+    name : str
+        Name of the recording with the load.
+    stated : float
+        Stated mass in kg.
+    weighed : PayloadVerdict
+        The mass that the runs give, with its interval.
+    gains : DriveGains or None
+        What the drive gains would have to be for the stated mass; None where the runs do not determine them.
+    judged : ValidationOutcome
+        Whether the two masses agree, and the reason.
     """
 
     name: str
@@ -41,7 +52,8 @@ def validate_payload(
     Parameters
     ----------
     identification : Identification
-        Its effects and filters are used; effects that need a load or belong to some runs alone are left out.
+        The identified model. Its effects and filters are used; effects that need a load or belong to some runs alone
+        are left out.
     unloaded : sequence of Recording
         Runs without the load, such as those of the identification.
     loaded : Recording
@@ -52,6 +64,7 @@ def validate_payload(
     Returns
     -------
     PayloadValidation
+        The stated and the weighed mass, and whether they agree.
 
     Raises
     ------
@@ -64,6 +77,7 @@ def validate_payload(
     effects = tuple(choice for choice in identification.choices.effects if _is_usable_effect(choice))
     robot, filters = identification.model.robot, identification.preprocessing
     weighed = payload_from_pair(robot, unloaded, loaded, effects=effects, preprocessing=filters)
+    # The mass is given with the call where the recording does not state it.
     known = replace(loaded, payload={**(loaded.payload or {}), "mass": stated})
     try:
         # The gains explain a wrong mass, but the comparison does not need them.
@@ -84,6 +98,7 @@ def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
     low, high = weighed.interval
     off = weighed.mass - stated
     text = f"The load weighs {weighed.mass:.3f} kg ({low:.3f} to {high:.3f}); it is said to be {stated:.4g} kg"
+    # Right within its uncertainty, or as near as gains are usually known.
     if low <= stated <= high or abs(off) <= _AS_STATED * stated:
         return ValidationOutcome("pass", f"{text}.")
     return ValidationOutcome(

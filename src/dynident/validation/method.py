@@ -16,7 +16,18 @@ from dynident.schema.registry import format_kind
 class Method:
     """One way to identify: the rows, the strategy, the estimator, and what is known beforehand.
 
-    `steps` are those of the sequential strategy; of another they say nothing.
+    Parameters
+    ----------
+    model : str
+        Equation type of the rows of W: "dynamic", "filtered", "power", "energy" or "base_wrench".
+    strategy : str
+        The order in which parameters are estimated: "global", "sequential" or "separate_friction".
+    estimator : str or Estimator
+        How they are estimated, by its name or with options of its own.
+    prior : str or None
+        Prior from the robot's description; None where the data alone count.
+    steps : str
+        Steps of the sequential strategy, "link_by_link" or "wrist_then_shoulder"; without a meaning for others.
     """
 
     model: ModelName = declare_field(default="dynamic", kinds=MODELS)
@@ -40,13 +51,26 @@ class Method:
             strategy=self.strategy,
             estimator=self.estimator,
             prior=self.prior,
+            # Links without the prior have no meaning where there is none, and would be refused.
             free_links=() if self.prior is None else choices.free_links,
             steps=self.steps,
         )
 
 
 def get_method(choices: IdentificationChoices) -> Method:
-    """Return the method of an identification's choices."""
+    """Return the method of an identification's choices.
+
+    Parameters
+    ----------
+    choices : IdentificationChoices
+        Options of an identification.
+
+    Returns
+    -------
+    Method
+        Its equation type, strategy, estimator and prior.
+    """
+    # Of other strategies the steps say nothing. One value for all of them makes equal methods compare equal.
     steps = choices.steps if choices.strategy == "sequential" else "link_by_link"
     return Method(choices.model, choices.strategy, choices.estimator, choices.prior, steps)
 
@@ -62,6 +86,7 @@ def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
     Returns
     -------
     tuple of Method
+        The methods, each once.
     """
     own = get_method(choices)
     methods = [own]
@@ -69,6 +94,7 @@ def available_methods(choices: IdentificationChoices) -> tuple[Method, ...]:
         Method(model, strategy, steps=steps)
         for model in MODELS.names
         for strategy in STRATEGIES.names
+        # Both orders of the sequential strategy; the others count once.
         for steps in (get_args(StepsName) if strategy == "sequential" else get_args(StepsName)[:1])
     ]
     methods += [Method(choices.model, "global", estimator) for estimator in ESTIMATORS.names]

@@ -35,12 +35,36 @@ _SURE = 2.0
 class MethodResult:
     """What a method finds on the data that all of them share.
 
-    `held_out`: torque errors on the validation data, on the identification's own where there is none; `fit_moving` and
-    `held_out_moving`: on the rows where each joint moves. `distance` (b,)
-    of every parameter from the reference method's, in units of their joint standard deviation. `torque_distance`: how
-    far its predicted torque is from that of the reference method, as a share of the measured torque, and
-    `torque_deviation` what the uncertainty of its own parameters makes of that. `problem`: why
-    there is no result, else "". `seconds` that the solution took, the reduction of the data not counted.
+    Fields are None where there is no result.
+
+    Parameters
+    ----------
+    method : Method
+        The method.
+    values : (b,) or None
+        Its base parameters.
+    standard_deviations : (b,) or None
+        Their standard deviations.
+    fit : Errors or None
+        Torque errors on the data of the fit.
+    held_out : Errors or None
+        Torque errors on the validation data; on the identification's own data where there is none.
+    distance : (b,) or None
+        Distance of every parameter from the reference method's, in units of the combined standard deviation of both.
+    torque_distance : float or None
+        Distance of the predicted torque from the reference method's, as a share of the measured torque.
+    torque_deviation : float or None
+        What the uncertainty of its own parameters makes of `torque_distance`.
+    seconds : float
+        Time that the solution took in s, the reduction of the data not counted.
+    warnings : tuple of str
+        Warnings of the solution.
+    problem : str
+        Why there is no result, else "".
+    fit_moving : Errors or None
+        As `fit`, on the rows where each joint moves.
+    held_out_moving : Errors or None
+        As `held_out`, on the rows where each joint moves.
     """
 
     method: Method
@@ -70,9 +94,18 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class MethodsValidation:
-    """All methods on the same data; the first of `results` is the one that others are held against.
+    """All methods on the same data.
 
-    `held_out`: whether errors are those of data that no parameter saw.
+    Parameters
+    ----------
+    parameters : tuple of str
+        Names of the base parameters, in the order of the model.
+    results : tuple of MethodResult
+        One entry a method; the first one with a result is what the others are compared with.
+    held_out : bool
+        Whether errors are those of data that no parameter saw.
+    judged : ValidationOutcome
+        Whether the methods agree, and the reason.
     """
 
     parameters: tuple[str, ...]
@@ -97,6 +130,7 @@ def validate_methods(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
         What the model was identified from.
     validation : sequence of Recording
@@ -104,10 +138,12 @@ def validate_methods(
     methods : sequence of Method, optional
         All that are available where none are given.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     MethodsValidation
+        The results of all methods, in their order.
 
     Raises
     ------
@@ -127,10 +163,12 @@ def validate_methods(
         if validation
         else None
     )
+    # Reduced once for each kind of rows. An error is kept, too, so that each method of that kind tells it.
     data: dict[tuple[ModelName, bool], Data | DynidentError] = {}
     results: list[MethodResult] = []
     for number, method in enumerate(chosen):
         share = scale_progress(progress, 0.1 + 0.9 * number / len(chosen), 0.1 + 0.9 * (number + 1) / len(chosen))
+        # The name of the method appears before its data are reduced, which takes longest.
         share(0.0, method.words)
         choices = method.apply_to(identification.choices)
         # What the wrench alone shows is taken out of its equations with the estimator's weights.
@@ -173,11 +211,13 @@ def _run_method(
         if isinstance(data, DynidentError):
             raise data
         estimate = solve_by_strategy(choices, Problem.from_choices(identification.model, choices, data))
+    # A method that fails is a result: the others are still compared.
     except DynidentError as error:
         return MethodResult(
             method, None, None, None, None, None, None, None, perf_counter() - start, (), problem=error.detail
         )
     values, deviations = estimate.solution.values, estimate.statistics.standard_deviations
+    # Taken here: the errors below cost the same for every method.
     seconds = perf_counter() - start
     torque_rows = data.torque if held_out_data is None else held_out_data.torque
     solved = ((result.values, result.standard_deviations) for result in before)
@@ -201,6 +241,7 @@ def _run_method(
 
 def _compute_distance(gap: FloatArray, deviations: FloatArray) -> FloatArray:
     """Return (b,): a difference of parameters in units of its standard deviations; 0 where there is none."""
+    # Zero over zero is no distance: the reference method, and parameters that are fixed alike.
     size = np.abs(gap)
     return np.asarray(np.where(size > 0, size / np.maximum(deviations, np.finfo(float).tiny), 0.0))
 
@@ -210,6 +251,7 @@ def _compute_torque_deviation(reduction: Reduction, covariance: FloatArray) -> f
     squares = measured = 0.0
     for equation in reduction.equations:
         k = len(equation.columns)
+        # The factor stands for all rows: W C Wᵀ and R C Rᵀ have the same trace.
         w = equation.joint_factor[:, :k]
         squares += float(np.einsum("ij,jk,ik->", w, covariance[np.ix_(equation.columns, equation.columns)], w))
         measured += float(equation.joint_factor[:, k] @ equation.joint_factor[:, k])
@@ -224,13 +266,16 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     Parameters
     ----------
     identification : Identification
+        The identified model.
     results : sequence of MethodResult
+        Results of the methods, the reference first.
     held_out : bool
         Whether the errors are those of data that no parameter saw.
 
     Returns
     -------
-    Judged
+    ValidationOutcome
+        Pass, fail, or not evaluated with fewer than two results; and the reason.
     """
     solved = [result for result in results if result.held_out is not None]
     if len(solved) < 2:
@@ -241,6 +286,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     on = "on data that no parameter saw" if held_out else "on the identification's own data"
     totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
     best = min(totals)
+    # Worse only counts against the model where the method minimises what is compared, the torque errors.
     worse = [
         f"{result.method.words} ({total:.1%})"
         for result, total in zip(solved, totals, strict=True)

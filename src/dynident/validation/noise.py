@@ -19,7 +19,15 @@ _LEFT = 924.0
 
 @dataclass(frozen=True, eq=False)
 class SensorNoise:
-    """Standard deviations (n,) of white noise on positions (rad or m) and torques (N m or N)."""
+    """White noise of a recording's sensors.
+
+    Parameters
+    ----------
+    position : (n,)
+        Standard deviation of the noise on positions, in rad or m.
+    torque : (n,)
+        Standard deviation of the noise on torques, in N m or N.
+    """
 
     position: FloatArray
     torque: FloatArray
@@ -31,10 +39,12 @@ def sensor_noise(recording: Recording) -> SensorNoise:
     Parameters
     ----------
     recording : Recording
+        The recording whose noise is estimated.
 
     Returns
     -------
     SensorNoise
+        Standard deviations joint by joint.
 
     Raises
     ------
@@ -48,6 +58,7 @@ def sensor_noise(recording: Recording) -> SensorNoise:
         used = np.flatnonzero(block.used)
         # Differences must not reach across a gap between used samples: the jump there is no noise.
         for run in np.split(used, np.flatnonzero(np.diff(used) > 1) + 1):
+            # Short runs have few differences, which all share the same samples.
             if len(run) > 2 * _DIFFERENCES:
                 position.append(np.diff(block.q[run], _DIFFERENCES, axis=0))
                 torque.append(np.diff(block.tau[run], _DIFFERENCES, axis=0))

@@ -11,28 +11,40 @@ Verdict = Literal["pass", "fail", "not_evaluated"]
 
 @dataclass(frozen=True)
 class ValidationOutcome:
-    """Verdict of a validation: pass, fail or not evaluated, and the reason in a sentence."""
+    """Verdict of a validation, and the reason.
+
+    Parameters
+    ----------
+    verdict : "pass", "fail" or "not_evaluated"
+        The verdict.
+    reason : str
+        The reason in a sentence, with the figures that it rests on.
+    """
 
     verdict: Verdict
     reason: str
 
 
 def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> ValidationOutcome:
-    """Combine the verdicts of several tries into one: one that fails makes all fail, and at least one has to pass.
+    """Combine the verdicts of several validations into one.
+
+    One that fails makes all fail, and at least one has to pass.
 
     Parameters
     ----------
-    parts : sequence of (name, Judged)
+    parts : sequence of (name, ValidationOutcome)
+        The validations, each with the name that its reason is given under.
 
     Returns
     -------
-    Judged
-        The reasons are those of the tries with the common verdict, each with its name.
+    ValidationOutcome
+        The reasons are those of the validations with the common verdict, each with its name.
     """
     words = [judged.verdict for _, judged in parts]
     verdict: Verdict = "fail" if "fail" in words else "pass" if "pass" in words else "not_evaluated"
     if not parts:
         return ValidationOutcome(verdict, "Nothing was tried.")
+    # A single reason needs no name in front of it.
     if len(parts) == 1:
         return parts[0][1]
     return ValidationOutcome(

@@ -38,7 +38,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ValidationData:
-    """What a validation works on; `others` depends on the kind: data of the fit, or runs without a load."""
+    """What a validation works on.
+
+    Parameters
+    ----------
+    model : Identification
+        The identified model.
+    recordings : sequence of Recording
+        Recordings to validate on.
+    others : sequence of Recording
+        They depend on the kind: data of the fit, or runs without a load.
+    progress : Progress
+        Called with the fraction done and a message.
+    """
 
     model: Identification
     recordings: Sequence[Recording]
@@ -268,6 +280,7 @@ TRIALS = _Trials()
 
 def _build_request_class() -> type:
     """Build the flat request class: the fields of all kinds, each with the kinds that take it in its words."""
+    # A field that several kinds take is declared by the first of them; its words name all.
     takers: dict[str, list[str]] = {}
     firsts: dict[str, Field[Any]] = {}
     for kind in TRIALS.by_name.values():
@@ -293,11 +306,14 @@ def build_trial(kind: str, stated: Mapping[str, object]) -> Trial:
     Parameters
     ----------
     kind : str
+        Name of a validation, one of `TRIALS.names`.
     stated : mapping of field name to value
+        Fields of the request; those that are None count as left out.
 
     Returns
     -------
     Trial
+        The validation, with its fields in their ranges.
 
     Raises
     ------

@@ -34,10 +34,24 @@ _OFF = 0.02
 class SimulationValidation:
     """A simulated robot that followed the recorded motion.
 
-    `torque`: errors of the simulated torque against the measured one while each joint moves, both behind the same
-    low-pass; `position` (n,)
-    root mean square distance of the simulated from the recorded positions, rad or m, and `position_share` (n,) the same
-    over the range that the joint moved through; `duration` in s. None where nothing could be simulated.
+    Fields are None where nothing could be simulated.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    duration : float
+        Simulated time in s.
+    torque : Errors or None
+        Errors of the simulated torque against the measured one while each joint moves, both behind the same low-pass.
+    position : (n,) or None
+        Root mean square distance of the simulated from the recorded positions, in rad or m.
+    position_share : (n,) or None
+        The same over the range that the joint moved through.
+    limit : float
+        Largest relative torque error over all joints that passes.
+    judged : ValidationOutcome
+        Whether the simulated robot behaves as the recorded one, and the reason.
     """
 
     name: str
@@ -65,16 +79,20 @@ def validate_simulation(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recording : Recording
+        The recording whose motion is simulated.
     limit : float
         Largest relative torque error over all joints that passes.
     longest : float
         Seconds that are simulated at most, from the longest unbroken segment of the recording.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     SimulationValidation
+        Errors of the simulated torque and of the motion, judged against the limit.
 
     Raises
     ------
@@ -86,6 +104,7 @@ def validate_simulation(
         raise DynidentError(f"longest is {longest} s; give a duration above 0", pointer="/longest")
     motion = read_longest_piece(recording, identification.preprocessing, longest)
     duration = motion.reference.duration
+    # Before the simulation: negative friction or inertia would make it diverge without saying why.
     impossible = _name_impossible_parameters(identification.estimate)
     if impossible:
         judged = ValidationOutcome("fail", f"No robot has the identified parameters: {impossible}.")
@@ -98,12 +117,14 @@ def validate_simulation(
             "fail", f"No robot with the identified parameters makes this motion: {error.detail}."
         )
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
+    # The simulation may end a sample early or late, by rounding of the duration.
     count = min(len(measured.tau), len(motion.tau))
     still = np.abs(motion.reference.dq[:count]) < SLOW
     errors = _compute_torque_errors(identification, recording, measured.tau[:count], motion.tau[:count], still)
     off = measured.truth.q[:count] - motion.reference.q[:count]
     position = np.sqrt(np.mean(off**2, axis=0))
     span = np.maximum(np.ptp(motion.reference.q, axis=0), 1e-9)
+    # A joint that hardly moves has no range to be off by: its share would be noise over nearly zero.
     share = np.where(np.ptp(motion.reference.q, axis=0) > 1e-3, position / span, 0.0)
     judged = _judge_response(identification, motion, errors, share, limit)
     return SimulationValidation(recording.name, duration, errors, position, share, limit, judged)
@@ -130,6 +151,7 @@ def _compute_torque_errors(
     taps = low_pass(recording.sampling_rate, identification.preprocessing.torque_cutoff)
     if len(measured) < 2 * len(taps):
         return None
+    # Only where the filter is filled: its ends would compare a transient, not the torque.
     smooth = [fftconvolve(tau, taps[:, None], mode="valid", axes=0) for tau in (measured, simulated)]
     # A filtered row is used only where the joint moves over the whole length of the filter.
     touched = fftconvolve(still.astype(np.float64), np.ones((len(taps), 1)), mode="valid", axes=0) > 0.5

@@ -20,7 +20,17 @@ from dynident.validation.outcome import ValidationOutcome
 
 @dataclass(frozen=True, eq=False)
 class RecordingErrors:
-    """Errors of a model on one recording, on the joints' filtered torques: all rows, and those where a joint moves."""
+    """Errors of a model on one recording, on the joints' filtered torques.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    errors : Errors
+        Errors on all rows.
+    moving : Errors
+        Errors on the rows where each joint moves.
+    """
 
     name: str
     errors: Errors
@@ -29,9 +39,20 @@ class RecordingErrors:
 
 @dataclass(frozen=True, eq=False)
 class TorqueValidation:
-    """Errors on every recording and on all together; `judged` against `limit`, a relative error.
+    """Errors on every recording and on all together.
 
-    `total_moving`: on the rows of all recordings where each joint moves.
+    Parameters
+    ----------
+    recordings : tuple of RecordingErrors
+        Errors of each recording.
+    total : Errors
+        Errors on all rows of all recordings.
+    total_moving : Errors
+        Errors on the rows of all recordings where each joint moves.
+    limit : float
+        Largest relative error over all joints that passes.
+    judged : ValidationOutcome
+        The errors judged against the limit, and the reason.
     """
 
     recordings: tuple[RecordingErrors, ...]
@@ -53,14 +74,18 @@ def validate_direct(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
+        Those that the model was identified from.
     limit : float
         Largest relative error over all joints that passes.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     TorqueValidation
+        The errors, judged against the limit.
 
     Raises
     ------
@@ -85,14 +110,18 @@ def validate_cross(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
+        Recordings that no parameter was fitted to.
     limit : float
         Largest relative error over all joints that passes.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     TorqueValidation
+        The errors, judged against the limit and against those of the fit.
 
     Raises
     ------
@@ -100,6 +129,8 @@ def validate_cross(
         For a limit that is not above zero, or no recording at all.
     """
     validation = _validate_torque(identification, recordings, limit, "data that no parameter saw", progress)
+    # A slower motion has less torque, and the same residual is a larger share of it. So the residual itself has to have
+    # grown as well.
     error, own = validation.total.relative_total, identification.fit.relative_total
     if (
         validation.judged.verdict != "pass"
@@ -124,6 +155,7 @@ def check_limit(limit: float) -> None:
 def _validate_torque(
     identification: Identification, recordings: Sequence[Recording], limit: float, on_what: str, progress: Progress
 ) -> TorqueValidation:
+    # Squares are added up, not relative errors: long recordings count for more.
     each = _compute_errors_by_recording(identification, recordings, limit, progress)
     total = _add_errors([recording_errors.errors for recording_errors in each])
     moving = _add_errors([recording_errors.moving for recording_errors in each])
@@ -133,6 +165,7 @@ def _validate_torque(
 def _compute_errors_by_recording(
     identification: Identification, recordings: Sequence[Recording], limit: float, progress: Progress
 ) -> tuple[RecordingErrors, ...]:
+    # Before the recordings are read, which may take minutes.
     check_limit(limit)
     if not recordings:
         raise DynidentError("give at least one measurement to validate on", pointer="/measurement_ids")
@@ -167,6 +200,7 @@ def _judge_errors(
             "not_evaluated", "No sample is left inside the windows and clear of the segments' ends."
         )
     relative = total.relative
+    # A joint that never moves is judged on all its rows: there is nothing else of it.
     where_moving = np.where(moving.counts > 0, moving.relative, relative)
     useless = [f"{name} ({where_moving[j]:.0%})" for j, name in enumerate(names) if where_moving[j] > LARGEST_OF_JOINT]
     worst = int(np.argmax(relative))

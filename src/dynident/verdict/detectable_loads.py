@@ -30,23 +30,35 @@ FEWEST_BLOCKS = 15
 SEEN = 0.95
 """Share of postures along the held-out motion and of directions in which the force that is stated shows."""
 
+# Seconds of a block: the largest values of blocks hardly depend on each other, as neighbouring samples do.
 _BLOCK = 1.0
 _ONE_SIDED_95 = 1.645
 _EULER = 0.5772156649
 # Scale of Gumbel's distribution over its standard deviation.
 _GUMBEL = 6.0**0.5 / np.pi
+# Postures along the motion and directions in each that a force is tried in.
 _POSTURES, _DIRECTIONS = 60, 60
+# Jacobian (m/rad) below which a force moves no joint; its square bounds the lift from below.
 _SMALL = 1e-6
+# Steps of the numerical derivatives: joints in rad or m, time in s.
 _MOVE, _TIME = 1e-6, 1e-3
+# Share of the largest singular value below which an arm feels no force in a direction.
 _FLAT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class DetectableForce:
-    """The `force` (N) at the tool that is seen in nearly all postures and directions.
+    """The force at the tool that is seen in nearly all postures and directions.
 
-    `thresholds` (n,): of every joint's residual, N m or N, behind the filters of the identification, infinite of joints
-    that move too seldom to have one; `seconds` of held-out motion that they come from.
+    Parameters
+    ----------
+    force : float
+        The force in N.
+    thresholds : (n,)
+        Threshold on every joint's residual, in N m or N, behind the filters of the identification; infinite for joints
+        that move too seldom to have one.
+    seconds : float
+        Held-out motion in s that the thresholds come from.
     """
 
     force: float
@@ -60,12 +72,14 @@ def compute_detectable_force(robot: Robot, comparisons: Sequence[Comparison]) ->
     Parameters
     ----------
     robot : Robot
+        The robot, for the Jacobian of its tool.
     comparisons : sequence of Comparison
         The model on held-out recordings.
 
     Returns
     -------
     DetectableForce or None
+        None where the data are too short for a threshold, or no joint feels a force at the tool.
     """
     blocks = [_BlockMaxima.from_comparison(comparison) for comparison in comparisons]
     seconds = _BLOCK * sum(len(block.maxima) for block in blocks)
@@ -91,9 +105,21 @@ def compute_detectable_force(robot: Robot, comparisons: Sequence[Comparison]) ->
 
 
 def compute_detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> float | None:
-    """Compute from which mass in kg on a load at the tool shows along the held-out motion; None where no mass does.
+    """Compute from which mass in kg on a load at the tool shows along the held-out motion.
 
     The mass that the residual itself looks like counts, and its 95 % interval from blocks of time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, for the torque of a mass at its tool.
+    comparisons : sequence of Comparison
+        The model on held-out recordings.
+
+    Returns
+    -------
+    float or None
+        The mass in kg; None where no mass at the tool has a torque.
     """
     above, below, blocks = 0.0, 0.0, []
     for comparison in comparisons:
@@ -115,7 +141,20 @@ def compute_detectable_mass(robot: Robot, comparisons: Sequence[Comparison]) -> 
 
 
 def compute_tool_jacobian(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the Jacobian (m, 3, n) of the last joint's origin at postures q (m, n), by central differences."""
+    """Compute the Jacobian of the last joint's origin by central differences.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : (m, n)
+        Postures in rad or m.
+
+    Returns
+    -------
+    (m, 3, n)
+        Change of the origin's position (m) by joint (rad or m), in the base frame.
+    """
     columns = []
     for joint in range(robot.n):
         step = np.zeros(robot.n)
@@ -139,6 +178,7 @@ def _compute_lift(jacobian: FloatArray, thresholds: FloatArray) -> FloatArray | 
     directions = np.random.default_rng(0).normal(size=(_DIRECTIONS, rank))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     forces = np.einsum("mir,dr->mdi", left_vectors[:, :, :rank], directions)
+    # Jᵀ F, the torque of each joint by the force; the joint that is nearest to its threshold sees it.
     torque = np.abs(np.einsum("mdi,mij->mdj", forces, jacobian))
     return np.asarray((torque / np.maximum(thresholds, 1e-300)).max(axis=2).reshape(-1))
 
@@ -155,6 +195,7 @@ def _compute_threshold(maxima: Sequence[FloatArray], share: float) -> float:
 
 def _compute_gumbel_quantile(share: float, count: float) -> float:
     """Return the upper quantile of the standard Gumbel distribution, plus what `count` values leave open about it."""
+    # log1p, since the share is below 3e-4, and one minus it would lose its digits.
     y = -np.log(-np.log1p(-share))
     # Standard error of the quantile by the method of moments (Kite 1977), in standard deviations of the values.
     k = _GUMBEL * (y - _EULER)

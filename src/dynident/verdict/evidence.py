@@ -26,7 +26,15 @@ FEWEST_ROWS = 10
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a validation of the model ended; `kind` as `dynident validate` names it."""
+    """How a validation of the model ended.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the validation, as `dynident validate` names it.
+    judged : ValidationOutcome
+        Its verdict and the reason.
+    """
 
     kind: str
     judged: ValidationOutcome
@@ -34,7 +42,15 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class PhaseErrors:
-    """Rms (n,) of the residual in a phase over that of the joint's torque on all rows; nan where there are few rows."""
+    """Errors of the joints in one phase of their motion.
+
+    Parameters
+    ----------
+    name : str
+        The phase in words.
+    share : (n,)
+        Rms of the residual in the phase over that of the joint's torque on all rows; nan where there are few rows.
+    """
 
     name: str
     share: FloatArray
@@ -44,7 +60,18 @@ class PhaseErrors:
 class HeldOutEvidence:
     """A model, the held-out recordings with their residuals, and the outcomes of validations.
 
-    `held_out`: errors on all rows, which a model that comes out of a file has without its recordings.
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    held_out : Errors
+        Errors on all held-out rows, which a model from a file has without its recordings.
+    recordings : tuple of Recording
+        Held-out recordings, at most `LONGEST` s of each.
+    comparisons : tuple of Comparison
+        The model on those of them that are long enough to be compared.
+    outcomes : tuple of Outcome
+        How validations of the model ended.
     """
 
     identification: Identification
@@ -61,7 +88,24 @@ class HeldOutEvidence:
         validation: Sequence[Recording],
         outcomes: Sequence[Outcome],
     ) -> HeldOutEvidence:
-        """Compare the model with its held-out recordings; those that are too short for that are left out."""
+        """Compare the model with its held-out recordings; those that are too short for that are left out.
+
+        Parameters
+        ----------
+        identification : Identification
+            The identified model.
+        held_out : Errors
+            Its errors on all held-out rows.
+        validation : sequence of Recording
+            Held-out recordings; none where the model comes from a file.
+        outcomes : sequence of Outcome
+            How validations of the model ended.
+
+        Returns
+        -------
+        HeldOutEvidence
+            What the verdicts on all uses rest on.
+        """
         shortened = tuple(_shorten_recording(recording) for recording in validation)
         comparisons = []
         for recording in shortened:
@@ -132,9 +176,14 @@ def compute_joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
     Parameters
     ----------
     errors : Errors
-        On all rows.
+        Errors on all rows.
     moving : Errors or None
-        On the rows where each joint moves.
+        Errors on the rows where each joint moves.
+
+    Returns
+    -------
+    array (n,)
+        Relative errors (n,), as fractions.
     """
     relative = np.where(errors.counts > 0, errors.relative, 0.0)
     if moving is None:
@@ -143,6 +192,7 @@ def compute_joint_errors(errors: Errors, moving: Errors | None) -> FloatArray:
 
 
 def _select_starts(comparison: Comparison) -> BoolArray:
+    # The joint moves, but so near to a halt that the filters mix both: it has just started, or is about to stop.
     return np.asarray((comparison.phase == Phase.STANDING) & comparison.off_halts)
 
 
@@ -158,6 +208,7 @@ def _shorten_recording(recording: Recording) -> Recording:
     begin = recording.segments[0].start_time
     if recording.segments[-1].start_time + recording.segments[-1].length * recording.period <= begin + LONGEST:
         return recording
+    # Without windows all of the recording counts, so its beginning becomes the only window.
     if not recording.windows:
         return recording.with_windows(((begin, begin + LONGEST),))
     begin = min(start for start, _ in recording.windows)

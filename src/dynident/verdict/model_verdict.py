@@ -33,10 +33,26 @@ from dynident.verdict.use_findings import (
 class ModelVerdict:
     """What a model is fit for.
 
-    `held_out` and `held_out_moving` are the errors that it was judged by (None where there are none); `stop` says why
-    it is not to be used at all, None where it may; `common` what held-out data share with those of the fit;
-    `next_steps` what to do about the error, in the order of what it usually costs. `drift`: how far a simulation runs
-    away; `force`: which force at the tool shows; `mass` (kg): which load shows; None where nothing tells.
+    Parameters
+    ----------
+    uses : tuple of Use
+        Each use with its state, the reason and a next step.
+    held_out : Errors or None
+        Errors on held-out data that the model was judged by; None where there are none.
+    held_out_moving : Errors or None
+        The same where each joint moves.
+    stop : Stop or None
+        Why the model is not to be used at all; None where it may.
+    common : tuple of DataOverlap
+        What held-out data share with those of the fit.
+    next_steps : tuple of str
+        What to do about the error, in the order of what it usually costs.
+    drift : Drift or None
+        How far a simulation without a controller drifts; None where nothing tells.
+    force : DetectableForce or None
+        Which force at the tool shows; None where nothing tells.
+    mass : float or None
+        Mass in kg from which on a load shows; None where nothing tells.
     """
 
     uses: tuple[Use, ...]
@@ -92,10 +108,12 @@ def verdict(
     Parameters
     ----------
     identification : Identification
-        The model.
-    recordings, validation : sequence of Recording
-        What the model was identified from, and the held-out data. Without them neither overlaps between the two nor the
+        The identified model.
+    recordings : sequence of Recording
+        What the model was identified from. Without them and the held-out data neither overlaps between the two nor the
         cause of a gross mistake are looked for, and uses that need the residual in time are not judged.
+    validation : sequence of Recording
+        The held-out data.
     checks : mapping of a recording's name to its checks, optional
         What the checks found when the recordings were read. Where they say that size, sign or gravity are wrong, the
         model is fit for nothing, however small its errors are: a wrong scale is fitted as well as the right one.
@@ -105,6 +123,7 @@ def verdict(
     Returns
     -------
     ModelVerdict
+        The state of each use, with reasons and next steps.
     """
     common = find_overlaps(recordings, validation)
     # What is looked for in the columns of a stopped model shows in motion alone.
@@ -196,6 +215,7 @@ def _find_universal_objection(
     if identification.model.is_at_rest:
         sentence = "Poses at rest tell nothing of motion."
         return UseFinding("no", sentence, "Record a designed motion: dynident design ROBOT.")
+    # Before the size of the error: on copied data it is as small as in the fit, and says nothing.
     copied = [overlap for overlap in common if overlap.kind == "copied"]
     if copied:
         return UseFinding("not_judged", " ".join(map(str, copied)), "Hold out a recording of another motion.")
@@ -205,6 +225,7 @@ def _find_universal_objection(
         )
         sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
         return UseFinding("no", sentence, "Look at the cause above first.")
+    # Last, since a gross error has a cause of its own that helps more.
     veto = _find_veto(checks)
     return UseFinding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
 
@@ -229,7 +250,18 @@ def _judge_poses(identification: Identification) -> str:
 
 
 def is_stopped(identification: Identification) -> bool:
-    """Return whether a model is not to be used: its errors are too large, or its held-out data are those of the fit."""
+    """Tell whether a model is not to be used, since its errors are too large or its held-out data those of the fit.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+
+    Returns
+    -------
+    bool
+        True where it is not to be used at all.
+    """
     return bool(identification.data.copied) or is_hopeless(identification.held_out) or is_hopeless(identification.fit)
 
 
@@ -245,6 +277,7 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
             "Look at the checks of the recordings, one by one.",
             "Compare the description with the robot: axes, gravity.",
         ]
+    # Disturbances come first: they shift all parameters, and cost a window of time to leave out.
     steps = [
         f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
         for span in find_outlying_spans(identification.data.training).spans
@@ -267,6 +300,7 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
 def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
     """Advise to look for effects: in a model that was extended already only where its error is still unusual."""
     alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
+    # A model with all usual effects is not sent to the diagnosis for ever: only an unusual error is worth another try.
     if was_extended:
         still = f"Diagnose this model, too: with all effects {full} are usual, and it was extended already."
         return [still] if error > USUAL_IN_FULL[1] else []

@@ -21,9 +21,18 @@ SCALED = 5.0
 
 @dataclass(frozen=True)
 class Stop:
-    """The most probable cause of a gross mistake; `apply` cures the recording of that name, where that is known.
+    """The most probable cause of a gross mistake.
 
-    `records_more` says that nothing is wrong but that the data determine too little.
+    Parameters
+    ----------
+    cause : str
+        The cause, in a sentence or two.
+    recording : str or None
+        Name of the recording that shows it; None where it is no single one.
+    apply : Revision or None
+        Change of the metadata that cures that recording, where it is known.
+    records_more : bool
+        Whether nothing is wrong but that the data determine too little.
     """
 
     cause: str
@@ -33,7 +42,19 @@ class Stop:
 
 
 def is_hopeless(errors: Errors | None) -> bool:
-    """Return whether an error is so large that the model is not to be used."""
+    """Tell whether an error is so large that the model is not to be used.
+
+    Parameters
+    ----------
+    errors : Errors or None
+        Errors of the fit or on held-out data.
+
+    Returns
+    -------
+    bool
+        False where there are no errors to judge by.
+    """
+    # Written with `not`, so that an error that is no number counts as too large.
     return errors is not None and bool(errors.counts.any()) and not errors.relative_total <= STOP
 
 
@@ -50,14 +71,18 @@ def find_stop_cause(
     Parameters
     ----------
     identification : Identification
-    fitted, held_out : sequence of Recording
-        Data of the fit, and held-out data.
-    common : sequence of Common
+        The identified model.
+    fitted : sequence of Recording
+        Data of the fit.
+    held_out : sequence of Recording
+        Held-out data.
+    common : sequence of DataOverlap
         What the two share.
 
     Returns
     -------
     Stop or None
+        The cause; None where the model may be used.
     """
     copied = next((overlap for overlap in common if overlap.kind == "copied"), None)
     if copied is not None:
@@ -66,10 +91,12 @@ def find_stop_cause(
         return None
     error, data_name = _select_worst_errors(identification)
     robot = identification.model.robot
+    # Where only held-out data fail, the fault is most probably in one of them.
     for recording in (*held_out, *fitted) if data_name == "held out" else fitted:
         cause = _find_failed_check(robot, recording)
         if cause is not None:
             return cause
+    # If the joints are explained while they move, columns and units are right, and the rows at rest are to blame.
     moving = identification.held_out_moving if data_name == "held out" else identification.fit_moving
     if moving is not None and moving.counts.any() and moving.relative_total <= STOP:
         return Stop(
@@ -120,6 +147,7 @@ def _find_failed_check(robot: Robot, recording: Recording) -> Stop | None:
 
 
 def _get_severity(check: Check) -> bool:
+    # Errors sort before warnings; among equals the order of the checks stays.
     return check.status != "error"
 
 

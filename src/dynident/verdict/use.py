@@ -18,9 +18,18 @@ _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
 @dataclass(frozen=True)
 class Use:
-    """Whether a model is fit for a use: the reason in a sentence or two, and one thing to do next.
+    """Whether a model is fit for a use, with the reason and one thing to do next.
 
-    `state`: "limited" is fit within a limit that the reason says, "not_judged" that nothing was there to tell by.
+    Parameters
+    ----------
+    use : str
+        The use: "simulation", "feed_forward", "collision_detection" or "payload".
+    state : str
+        "yes", "limited" (fit within a limit that the reason says), "no" or "not_judged" (nothing was there to tell by).
+    reason : str
+        The reason in a sentence or two.
+    next_step : str
+        What to do next.
     """
 
     use: UseName
@@ -46,7 +55,17 @@ class Use:
 
 @dataclass(frozen=True)
 class UseFinding:
-    """Result of one test of a use in a whole sentence, and what to do about it where it is not good."""
+    """Result of one test of a use.
+
+    Parameters
+    ----------
+    state : str
+        "yes", "limited", "no" or "not_judged".
+    sentence : str
+        The result in a whole sentence.
+    next_step : str
+        What to do about it where it is not good.
+    """
 
     state: State
     sentence: str
@@ -59,15 +78,18 @@ def combine_findings(name: UseName, findings: Sequence[UseFinding], when_good: s
     Parameters
     ----------
     name : UseName
-    findings : sequence of Finding
-        In the order in which they are to be cured.
+        The use.
+    findings : sequence of UseFinding
+        Results of its tests, in the order in which they are to be cured.
     when_good : str
         What to do next where nothing speaks against the use.
 
     Returns
     -------
     Use
+        The gravest state, with the sentences of that state and the first next step among them.
     """
+    # What was not judged is graver than a limit: it may hide a reason against the use.
     state = next(grade for grade in _GRAVEST_FIRST if any(finding.state == grade for finding in findings))
     # Where there is nothing to tell by, figures say nothing; a limit stands beside the figures that it limits.
     reported = (state, "yes") if state == "limited" else (state,)

@@ -28,7 +28,20 @@ _LONGER = f"Hold out at least {FEWEST_BLOCKS} s of motion of the joints that car
 
 
 def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce | None) -> list[UseFinding]:
-    """Judge the force at the tool that a threshold on the residual detects at one false alarm an hour."""
+    """Judge the force at the tool that a threshold on the residual detects at one false alarm an hour.
+
+    Parameters
+    ----------
+    evidence : HeldOutEvidence
+        The model with its held-out recordings, residuals and validations.
+    force : DetectableForce or None
+        Which force at the tool shows; None where nothing tells.
+
+    Returns
+    -------
+    list of UseFinding
+        Findings for and against the use.
+    """
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
     if force is None:
         if not evidence.comparisons:
@@ -54,12 +67,26 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
 
 # Limits of nature that are named; of more their number is said.
 _NAMED = 3
+# Postures of the held-out motion that the mass matrix is computed in, spread evenly.
 _POSTURES = 200
 CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
 
 
 def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[UseFinding]:
-    """Judge the links, the mass matrix along the motion, and the drift of a simulation without a controller."""
+    """Judge the links, the mass matrix along the motion, and the drift of a simulation without a controller.
+
+    Parameters
+    ----------
+    evidence : HeldOutEvidence
+        The model with its held-out recordings, residuals and validations.
+    drift : Drift or None
+        Drift of a simulation without a controller; None where it could not be computed.
+
+    Returns
+    -------
+    list of UseFinding
+        Findings for and against the use.
+    """
     findings = [*_judge_bodies(evidence), *_judge_mass_matrix(evidence)]
     if drift is not None:
         return [*findings, _judge_drift(drift)]
@@ -111,6 +138,7 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
 def _judge_mass_matrix(evidence: HeldOutEvidence) -> list[UseFinding]:
     """Judge whether the mass matrix is positive definite along the held-out motion, and in random postures."""
     identification = evidence.identification
+    # Random postures are judged when the model is identified; the motion itself matters more, and is looked at first.
     along = np.inf
     if evidence.comparisons:
         q = np.concatenate([comparison.q for comparison in evidence.comparisons])
@@ -175,13 +203,27 @@ def judge_units(evidence: HeldOutEvidence) -> list[UseFinding]:
 
 
 def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFinding]:
-    """Judge the scale of the torques by a known load, and the mass that shows."""
+    """Judge the scale of the torques by a known load, and the mass that shows.
+
+    Parameters
+    ----------
+    evidence : HeldOutEvidence
+        The model with its held-out recordings, residuals and validations.
+    mass : float or None
+        Mass in kg from which on a load shows; None where nothing tells.
+
+    Returns
+    -------
+    list of UseFinding
+        Findings for and against the use.
+    """
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
     error = evidence.held_out.relative_total
     if error > LARGEST_TO_WEIGH:
         sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
         findings.append(UseFinding("no", sentence, DIAGNOSE))
     parameters = evidence.identification.parameters
+    # Parameters that may be zero are left out: small ones are never determined, and do no harm.
     links = [
         parameter
         for parameter in parameters
@@ -195,6 +237,7 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
         )
         findings.append(UseFinding("no", sentence, "Record a longer, designed motion: dynident design."))
     checked = evidence.list_passed("payload")
+    # A wrong gain scales torque and parameters alike: residuals stay small, so that only a known load shows it.
     if not checked:
         sentence = "Nothing has checked the drive gains: with wrong ones every load is as wrong, and no error shows it."
         findings.append(UseFinding("not_judged", sentence, GAINS))
@@ -231,6 +274,7 @@ def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
 def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
     """Judge the error while joints move, reverse, and start: the worst joint counts."""
     error, each, joints = evidence.held_out.relative_total, evidence.joint_errors, evidence.joints
+    # One poor joint spoils the whole motion, whatever the others do.
     worst = int(np.argmax(each))
     figures = [f"moving {each[worst]:.0%} ({joints[worst]})"]
     findings = judge_errors(evidence)

@@ -37,6 +37,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     Returns
     -------
     Clock or None
+        None where no column runs as a clock.
     """
     names, values = work.sample.names, work.sample.values
     running = find_clock_columns(values) if len(values) > 2 else []
@@ -44,6 +45,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         clock for column in running if (clock := read_clock(values, column, work.column_names[column].unit)) is not None
     ]
     by_name = [clock for clock in clocks if work.column_names[clock.column].signal == "t"]
+    # A column that is called a time and counts rows is a weaker clock than one in seconds.
     by_name.sort(key=lambda clock: is_counter(values, clock.column))
     even = [
         clock
@@ -60,6 +62,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
         work.add_question("columns/t", detail, names)
         return None
     sure = choice.sure and bool(by_name or even)
+    # A counter of rows gives an order but no rate.
     if not by_name and is_counter(values, choice.column):
         sure = False
     name = names[choice.column]
@@ -106,7 +109,28 @@ def guess_efforts_at_poses(
     q: FloatArray | None,
     kind: EffortKind,
 ) -> EffortKind:
-    """Take the efforts for what their names say, and report what gravity leaves of them."""
+    """Take the efforts for what their names say, and report what gravity leaves of them.
+
+    Parameters
+    ----------
+    work : WorkingProposal
+        Gets the columns, their unit, and what gravity leaves of them.
+    fits : DynamicsFits or PoseFits
+        Fits of the robot to the sample.
+    tau : (m, n)
+        Efforts as the file has them.
+    effort : ColumnGroup
+        Their columns.
+    q : (m, n) or None
+        Positions in rad or m; None where they are not known.
+    kind : str
+        What the efforts' names say, or "unknown".
+
+    Returns
+    -------
+    str
+        What they are taken for.
+    """
     signal = "current" if effort.signal == "current" else "tau"
     if signal == "current" and kind == "unknown":
         kind = "motor_current"

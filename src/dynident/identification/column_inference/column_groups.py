@@ -22,7 +22,22 @@ _AT_ZERO, _MOST = 1e-3, 2.0 * np.pi
 
 
 def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[str, str], n: int) -> list[str]:
-    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs."""
+    """Return the columns of joints that a robot of n joints lacks, where all of its own joints have theirs.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    columns : mapping of str to str
+        Our names of columns to the file's.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    list of str
+        Names of the columns, as the file has them.
+    """
     if f"q{n}" not in columns or not {"tau1", "current1"} & set(columns):
         return []
     used = set(columns.values())
@@ -34,7 +49,15 @@ def find_columns_of_other_joints(named: Sequence[ColumnName], columns: Mapping[s
 
 
 def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Question | None:
-    """Ask to lock joints that have no column at all; None where the positions are not those of most joints."""
+    """Ask to lock joints that have no column at all; None where the positions are not those of most joints.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    robot : Robot
+        The robot.
+    """
     positions = _find_columns_of_most_joints(named, robot, _POSITIONS)
     if positions is None:
         return None
@@ -50,8 +73,10 @@ def find_torque_of_most_joints(
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
+        What the names of all columns say.
     robot : Robot
+        The robot.
     positions : (m, n)
         Of all joints, in any unit.
     empty : int
@@ -59,7 +84,7 @@ def find_torque_of_most_joints(
 
     Returns
     -------
-    Group, Question or None
+    ColumnGroup, Question or None
         None where there are no such torques.
     """
     torques = _find_columns_of_most_joints(named, robot, _EFFORTS)
@@ -109,15 +134,17 @@ def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Ro
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
         What the names of all columns say.
     rest : sequence of int
         The columns that belong to no group yet.
     robot : Robot
+        The robot.
 
     Returns
     -------
-    list of Group
+    list of ColumnGroup
+        Groups with one column for each joint.
     """
     slides = all(joint.kind == "prismatic" for joint in robot.joints)
     signals = {index: _get_signal(named[index], slides=slides) for index in rest}
@@ -184,7 +211,23 @@ _PENDANT = (("base",), ("shoulder",), ("elbow",), ("wrist", "1"), ("wrist", "2")
 
 @dataclass(frozen=True)
 class ColumnGroup:
-    """Columns (by index) of one signal in the robot's order of joints, with the signal and how that is known."""
+    """Columns of one signal, in the robot's order of joints.
+
+    Parameters
+    ----------
+    columns : tuple of int
+        Numbers of the columns.
+    signal : str or None
+        The signal; None where the names do not say.
+    unit : str or None
+        Unit that the names state.
+    rank : int
+        Rank of the worst of its columns: the lower, the more it is the measured signal.
+    named : ColumnName
+        What the first column's name says.
+    reason : str
+        How the group is known, as a clause.
+    """
 
     columns: tuple[int, ...]
     signal: Signal | None
@@ -205,13 +248,14 @@ def group_columns(
 
     Parameters
     ----------
-    named : sequence of Named
+    named : sequence of ColumnName
+        What the names of all columns say.
     joint_names, followers : sequence of str
         Joints that are driven, and those that follow them.
 
     Returns
     -------
-    groups, rest, following : list of Group, columns (by index) that belong to none, and those of `followers`
+    groups, rest, following : list of ColumnGroup, columns (by index) that belong to none, and those of `followers`
     """
     ours = _group_by_own_names(named, joint_names)
     in_ours = {index for group in ours for index in group.columns}
@@ -228,6 +272,7 @@ def group_columns(
             joint, stem = hit
             by_stem.setdefault(stem, {}).setdefault(joint, index)
             reasons[stem] = "the joint's name stands in the column's"
+    # Columns of a stem that some joints lack are free for the numbers again.
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
     by_stem = {stem: group for stem, group in by_stem.items() if len(group) == len(joint_names)}
@@ -285,14 +330,36 @@ def find_incomplete_groups(
 
 
 def hold_same_values(values: FloatArray, groups: Sequence[ColumnGroup]) -> bool:
-    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation."""
+    """Tell whether the columns (m, c) of several groups hold the same numbers, but for interpolation.
+
+    Parameters
+    ----------
+    values : (m, c)
+        Values of all columns.
+    groups : sequence of ColumnGroup
+        The groups to compare, at least one.
+    """
     first, *others = (values[:, list(group.columns)] for group in groups)
+    # A joint that stands has no spread of its own to compare with.
     spread = np.maximum(first.std(axis=0), 0.1 * first.std(axis=0).max())
     return all(bool((np.abs(other - first).mean(axis=0) <= _SAME * spread).all()) for other in others)
 
 
 def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
-    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them."""
+    """Describe columns that are counted beyond the robot's n joints, as where a gripper is recorded with them.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    n : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    str
+        A sentence with a space before it; "" where there are none.
+    """
     counted: dict[tuple[str, ...], list[ColumnName]] = {}
     for column in named:
         if len(column.numbers) == 1:
@@ -316,7 +383,7 @@ def infer_by_elimination(
 
     Parameters
     ----------
-    groups, whole : sequence of Group
+    groups, whole : sequence of ColumnGroup
         Those with a signal, and those without.
     unexplained : function
         Returns the share of torques that the motion of positions leaves, given the columns of both.
@@ -326,6 +393,7 @@ def infer_by_elimination(
         return []
     only, have = ranked[0], {group.signal for group in groups}
     efforts = [group for group in groups if group.signal in ("tau", "current", "effort")]
+    # One signal is missing and one is left.
     if "q" in have and not efforts and len(whole) == 1:
         return [replace(only, signal="effort", reason="it is the only signal left")]
     if "q" not in have and efforts:

@@ -83,7 +83,33 @@ _PART = re.compile(r"[A-Z]+(?![a-zµ])|[A-Z]?[a-zäöüßµμ]+|\d+|[°‰%]")
 
 @dataclass(frozen=True)
 class ColumnName:
-    """What a column's name says: signal, unit, words, numbers, and marks such as commanded or measured."""
+    """What a column's name says.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    signal : str or None
+        The kind of signal; "other" where it is none of a joint, None where the name does not say.
+    unit : str or None
+        The unit that the name, or the file, states.
+    words : tuple of str
+        Its words in small letters, numbers among them.
+    numbers : tuple of int
+        The numbers in it.
+    commanded : bool
+        Whether it is called a command.
+    measured : bool
+        Whether it is called measured.
+    external : bool
+        Whether it is called external, as torques without the robot's own dynamics are.
+    compensated : bool
+        Whether it is called gravity-compensated.
+    motor : bool
+        Whether it is one of a motor.
+    link : bool
+        Whether it is one of a link, beside the joint's own.
+    """
 
     name: str
     signal: Signal | None
@@ -116,13 +142,16 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
     Parameters
     ----------
     names : sequence of str
+        Names of the columns, as the file has them.
     units : mapping of str to str
         Units by name that the file states elsewhere.
 
     Returns
     -------
-    list of Named
+    list of ColumnName
+        What each name says, in the order of the columns.
     """
+    # Abbreviations count only where all of a logger's names are there: alone they may mean anything.
     heads = {name.rstrip("0123456789") for name in names}
     meant = {word: text for needed, words in _LOGGERS if needed <= heads for word, text in words.items()}
     columns = []
@@ -135,6 +164,7 @@ def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[ColumnNam
 
 def read_name(name: str, unit: str = "") -> ColumnName:
     """Read a column's name; `unit` is what the file states elsewhere."""
+    # Makers' words are put into plain ones before the name is taken apart.
     for word, meaning in _MAKER_WORDS.items():
         name = name.replace(word, meaning)
     bracket = _BRACKET.search(name)
@@ -145,6 +175,7 @@ def read_name(name: str, unit: str = "") -> ColumnName:
     ending = _ENDING.search(text)
     if stated is None and ending is not None:
         stated, text = _UNITS[ending.group(1).casefold()], text[: ending.start()]
+    # Capitals separate words, as in jointPosition, so they are lowered only after the split.
     words = tuple(word.casefold() for word in _PART.findall(text))
     words, stated = _split_unit(words, stated)
     plain = [word for word in words if not word.isdigit()]
@@ -195,12 +226,13 @@ def _split_unit(words: tuple[str, ...], stated: str | None) -> tuple[tuple[str, 
     if stated is None and words[-2:] in (("nano", "sec"), ("nano", "secs")):
         return words[:-2], "ns"
     if stated is None and len(words) >= 2 and words[-1] in _SUFFIXES:
-        # A lone letter behind nothing but a number is a name: q_1_a is not in amperes, but i_1_a is.
+        # A single letter counts as a unit, too: i_1_a is in amperes.
         return words[:-1], _UNITS[words[-1]]
     return words, stated
 
 
 def _classify_signal(plain: list[str], words: tuple[str, ...]) -> Signal | None:
+    # Such words rule a joint's signal out, whatever else the name says.
     if any(word in _OTHER for word in plain):
         return "other"
     kind: Signal | None = None

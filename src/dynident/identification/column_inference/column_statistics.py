@@ -14,7 +14,19 @@ SLOPE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Consecutive rows of a file: its columns' names, values (m, columns), stated units, and how it was read."""
+    """Consecutive rows of a file.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the columns.
+    values : (m, columns)
+        Their values; NaN where there is no number.
+    units : dict of str to str
+        Units that the file states, by column.
+    remarks : tuple of str
+        How the file was read, for the user.
+    """
 
     names: tuple[str, ...]
     values: FloatArray
@@ -24,7 +36,25 @@ class Sample:
 
 @dataclass(frozen=True)
 class Clock:
-    """The column that holds time, how to get seconds from it, and the reason for it."""
+    """The column that holds time.
+
+    Parameters
+    ----------
+    column : int
+        Number of the column.
+    unit : str
+        Its unit.
+    factor : float
+        Makes seconds of it.
+    rate : float
+        Rate of the rows in Hz.
+    jitter : float
+        Standard deviation of its steps over their median.
+    sure : bool
+        Whether the unit is sure.
+    reason : str
+        The reason, as a clause.
+    """
 
     column: int
     unit: str
@@ -72,7 +102,9 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
     Parameters
     ----------
     values : (m, columns)
+        Values of all columns.
     column : int
+        Number of the column.
     unit : str, optional
         What its name states.
     """
@@ -82,6 +114,7 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
     middle = float(np.median(steps))
     jitter = float(np.std(steps[steps < 5 * middle]) / middle)
     mean = float(np.mean(steps[steps < 5 * middle]))
+    # Units are a factor of a thousand apart, as is the range of rates, so that one of them fits.
     fits = [name for name, factor in CLOCK_FACTORS.items() if _SLOWEST <= 1.0 / (mean * factor) <= _FASTEST]
     if unit in CLOCK_FACTORS:
         rate = 1.0 / (mean * CLOCK_FACTORS[unit])
@@ -99,7 +132,16 @@ def read_clock(values: FloatArray, column: int, unit: str | None) -> Clock | Non
 
 
 def is_counter(values: FloatArray, column: int) -> bool:
-    """Tell whether a column counts rows: it goes up by one."""
+    """Tell whether a column counts rows: it goes up by one.
+
+    Parameters
+    ----------
+    values : (m, columns)
+        Values of all columns.
+    column : int
+        Number of the column.
+    """
+    # Rows may be missing, so nearly all steps are enough.
     return bool((np.diff(values[:, column]) == 1.0).mean() > 0.999)
 
 
@@ -133,6 +175,7 @@ def correlate_slopes(t: FloatArray, values: FloatArray) -> tuple[FloatArray, Flo
     t : (m,)
         In s.
     values : (m, c)
+        Values of all columns.
 
     Returns
     -------
@@ -170,6 +213,13 @@ def compute_roughness(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the roughness of every column (c,): near 0 for positions, large for torques.
 
     It is the rms of the second difference over the standard deviation.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times in s.
+    values : (m, c)
+        Values of the columns.
     """
     values = fill_gaps(values)
     first, second = np.diff(values, axis=0), np.diff(values, n=2, axis=0)

@@ -29,10 +29,12 @@ def condition_sample(
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
+        Fits of the robot to the sample.
     rows : Sample
         The rows with a time.
-    position, effort : Group
+    position, effort : ColumnGroup
+        Columns of the positions, and of the torques or currents.
     q : (m, n)
         Positions in rad or m.
 
@@ -104,7 +106,15 @@ class DynamicsFits:
         return condition_arrays(self._t, q, tau, RecordedJoints(self.robot.joint_names, limits), self._segment)
 
     def to_motion(self, q: FloatArray, tau: FloatArray) -> Motion | None:
-        """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few."""
+        """Return the filtered rows of positions (m, n) in rad or m and torques (m, n); None where there are too few.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions in rad or m.
+        tau : (m, n)
+            Torques in any unit.
+        """
         recording = self.to_recording(q, tau)
         return None if recording is None else filter_motion(recording)
 

@@ -43,7 +43,7 @@ def ask_for_gains(
         What the names state.
     gains : sequence of float or None
         The robot's drive gains.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     columns : pair of (m, n)
         Positions in SI, and currents.
@@ -128,6 +128,7 @@ def _is_computed(q: FloatArray, tau: FloatArray) -> bool | None:
 
 def _compute_unexplained(rows: FloatArray, target: FloatArray) -> float:
     """Return the share of the second half's variance that a fit to the first half leaves."""
+    # Fitted to the first half and judged by the second: many columns explain noise that they were fitted to.
     half = len(target) // 2
     size = np.sqrt((rows**2).mean(axis=0)) + np.finfo(float).tiny
     solution, *_ = np.linalg.lstsq(rows[:half] / size, target[:half], rcond=1e-12)
@@ -172,7 +173,17 @@ _NOTHING = 0.9
 
 @dataclass(frozen=True)
 class EffortGuess:
-    """The kind of an effort, the confidence (0 to 1), and the reason."""
+    """A guess of what an effort is.
+
+    Parameters
+    ----------
+    kind : str
+        The kind, "unknown" where nothing tells.
+    confidence : float
+        From 0 to 1.
+    reason : str
+        The reason, as a clause.
+    """
 
     kind: EffortKind
     confidence: float
@@ -192,7 +203,7 @@ def classify_effort(
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     q, tau : (m, n)
         Positions in rad or m, and efforts in any unit.
@@ -204,8 +215,10 @@ def classify_effort(
     Returns
     -------
     EffortGuess
+        The kind, how sure it is, and the reason.
     """
     commanded = is_commanded(q, tau)
+    # A command explains itself, so it has to be told before the dynamics are asked.
     if commanded:
         reason = "its noise is that of the positions before, as a controller computes it, to a thousandth"
         return EffortGuess("commanded", 0.9, reason)
@@ -232,6 +245,7 @@ def _classify_measured(
         return EffortGuess(
             "external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)"
         )
+    # Without gravity in the robot nothing tells whether it is in the torque.
     told_apart = 1.0
     if _has_gravity(fits.robot):
         without = measure_unexplained_share(_remove_gravity(fits.robot), motion)
@@ -265,7 +279,9 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     torque_factor, current_factor : float
         Make N m and A of the numbers; None where the currents' unit is not known.
     """
@@ -320,7 +336,15 @@ def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float)
 
 @dataclass(frozen=True, eq=False)
 class TorqueScales:
-    """Measured over described torque of every joint (n,), and the joints for which it can be trusted."""
+    """Measured over described torque of every joint.
+
+    Parameters
+    ----------
+    values : (n,)
+        The ratios.
+    trusted : (n,)
+        Joints whose ratio can be trusted, as the description's load explains much of their torque.
+    """
 
     values: FloatArray
     trusted: BoolArray
@@ -358,7 +382,9 @@ def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | Non
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     if robot.inertias is None:
         return None
@@ -368,6 +394,7 @@ def compare_with_description(robot: Robot, motion: Motion) -> TorqueScales | Non
     values, trusted = np.zeros(robot.n), np.zeros(robot.n, dtype=bool)
     for joint in range(robot.n):
         speed = dq[:, joint]
+        # Friction, inertia of the drive and an offset are free: only what the load adds is compared.
         friction = np.column_stack(
             [speed, np.tanh(speed / (0.05 * speed.std() + 1e-12)), ddq[:, joint], np.ones(len(q))]
         )
@@ -391,9 +418,12 @@ def is_as_described(fits: DynamicsFits, q: FloatArray, currents: FloatArray, gai
 
     Parameters
     ----------
-    fits : Fits
+    fits : DynamicsFits
+        Fits of the robot to the sample.
     q, currents : (m, n)
+        Positions in rad or m, and currents.
     gains : sequence of float or None
+        Drive gains of the joints; None where one is not known.
     """
     known = np.array([np.nan if gain is None else gain for gain in gains])
     motion = fits.to_motion(q, currents) if np.isfinite(known).all() else None

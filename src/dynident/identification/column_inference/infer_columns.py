@@ -72,12 +72,16 @@ def propose(sample: Sample, robot: Robot) -> Proposal:
     Parameters
     ----------
     sample : Sample
+        Consecutive rows of the file.
     robot : Robot
+        The robot.
 
     Returns
     -------
     Proposal
+        Columns and units, with guesses and questions.
     """
+    # Masses in grams would make every torque look wrong; the description is read in SI units first.
     units = find_description_units(robot)
     return _ColumnInference(sample, robot if units is None else units.to_si(robot), robot).run()
 
@@ -194,6 +198,7 @@ class _ColumnInference(WorkingProposal):
 
     def _find_segment_column(self) -> FloatArray | None:
         for index, name in enumerate(self.column_names):
+            # A label of runs is a whole number that stays for many rows.
             values = self.sample.values[:, index]
             if name.signal != "segment" or not np.isfinite(values).all() or (values != np.rint(values)).any():
                 continue
@@ -206,6 +211,7 @@ class _ColumnInference(WorkingProposal):
     def _group_unnamed(self, groups: list[ColumnGroup], rest: list[int], n: int) -> list[ColumnGroup]:
         """Return groups of the columns whose names say no signal."""
         have = {group.signal for group in groups}
+        # The names say enough: content must not overrule them.
         if "q" in have and have & {"tau", "current", "effort"}:
             return []
         silent = [index for group in groups if group.signal is None for index in group.columns]
@@ -369,6 +375,7 @@ class _ColumnInference(WorkingProposal):
 
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
         """Return the positions (m, n) in SI, and note their unit."""
+        # A copy: the values of the sample stay in the units of the file.
         q = np.array(self.values[:, list(position.columns)])
         tau = self.values[:, list(effort.columns)]
         units = [self.column_names[index].unit for index in position.columns]
@@ -397,8 +404,10 @@ class _ColumnInference(WorkingProposal):
             values = self.values[:, list(group.columns)]
             n = q.shape[1]
             correlation, factor = correlate_slopes(self.t, np.column_stack([q, values]))
+            # The slope of each position with the velocity of the same joint.
             own = np.array([correlation[j, n + j] for j in range(n)])
             ratio = np.array([factor[j, n + j] for j in range(n)])
+            # A joint that stands has no slope, and cannot speak against the velocities.
             moving = q.std(axis=0) > 0.02 * q.std(axis=0).max()
             guesses = [
                 of_units.guess_rate_unit("dq", joint.kind, 1.0 / ratio[j] if ratio[j] > 0 else 0.0, group.unit)
@@ -491,6 +500,7 @@ class _ColumnInference(WorkingProposal):
         guesses, questions = check_against_dynamics(
             self.described_robot, self.fits, q, tau, (positions, torques), in_si=in_si, silent=self.silent
         )
+        # Only where much is unexplained: else the guess about the dynamics stands with the others.
         first = [guess for guess in guesses[:1] if guess.confidence < of_units.SURE and guess.value.endswith("left")]
         self.guesses = [*first, *self.guesses, *guesses[len(first) :]]
         if any(question.field == "units/tau" for question in questions):

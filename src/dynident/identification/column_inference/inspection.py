@@ -27,7 +27,23 @@ SHOWN_ROWS = 20
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """The result of an inspection; `proposal` is None without a robot. `rows` (m, columns) are the first ones."""
+    """The result of an inspection of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, or the files of one recording joined to one path.
+    format : str
+        Format of the file.
+    columns : tuple of str
+        Names of its columns.
+    rows : (m, columns)
+        Its first rows, as they are.
+    n_rows_seen : int
+        Number of rows that were read.
+    proposal : Proposal or None
+        What the columns probably are; None without a robot.
+    """
 
     path: Path
     format: str
@@ -57,6 +73,7 @@ def inspect_file(path: Path, robot: Robot | None, rate: float | None = None) -> 
     Returns
     -------
     Inspection
+        Format, columns, first rows and, with a robot, the proposal.
 
     Raises
     ------
@@ -110,7 +127,9 @@ def read_sample(path: Path, rate: float | None = None) -> Sample:
     Parameters
     ----------
     path : Path
+        The file.
     rate : float, optional
+        Rate of the rows in Hz, where the file has no time.
 
     Raises
     ------
@@ -121,6 +140,7 @@ def read_sample(path: Path, rate: float | None = None) -> Sample:
     parts: list[FloatArray] = []
     n_rows = 0
     for block in source.blocks():
+        # Only as many rows as are needed: a file may be larger than memory.
         parts.append(block[: source.sample_rows - n_rows])
         n_rows += len(parts[-1])
         if n_rows >= source.sample_rows:

@@ -10,7 +10,19 @@ from dynident.recordings.metadata import EffortKind
 
 @dataclass(frozen=True)
 class Guess:
-    """One guess: the field of the metadata, its value, the confidence (0 to 1), and the reason."""
+    """One guess about a file.
+
+    Parameters
+    ----------
+    field : str
+        Field of the metadata that it is about, such as "columns/q".
+    value : str
+        The proposed value.
+    confidence : float
+        From 0 to 1.
+    reason : str
+        The reason, as a clause.
+    """
 
     field: str
     value: str
@@ -20,9 +32,18 @@ class Guess:
 
 @dataclass(frozen=True)
 class Question:
-    """A question that has to be answered before the file can be used; `choices` are the answers that make sense.
+    """A question that has to be answered before the file can be used.
 
-    `check` is the name of the check that asks, if one does: to accept it is an answer, too.
+    Parameters
+    ----------
+    field : str
+        Field of the metadata that it is about.
+    detail : str
+        The question.
+    choices : tuple of str
+        Answers that make sense; none where any may be right.
+    check : str
+        Name of the check that asks, if one does: to accept it is an answer, too.
     """
 
     field: str
@@ -35,7 +56,18 @@ class Question:
 class Proposal:
     """Proposed metadata of a file.
 
-    `columns` are ours to the file's, `units` by kind of signal, as `RecordingMetadata` takes them.
+    Parameters
+    ----------
+    columns : mapping of str to str
+        Our names of columns to the file's, as `RecordingMetadata` takes them.
+    units : mapping of str to str
+        Units by kind of signal, or by column.
+    effort_kind : str
+        What the efforts are: torques of joints or motors, currents, commands, …
+    guesses : tuple of Guess
+        The guesses with their reasons.
+    questions : tuple of Question
+        Questions that are open.
     """
 
     columns: Mapping[str, str]

@@ -43,7 +43,7 @@ def check_against_dynamics(
     ----------
     robot : Robot
         As it was given.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     q, tau : (m, n)
         Positions in rad or m; torques, in N m or N where that is known, which `in_si` says.

@@ -25,9 +25,18 @@ CLEARLY = 1.25
 
 @dataclass(frozen=True)
 class UnitGuess:
-    """A unit, the confidence (0 to 1), and the reason.
+    """A guess of a unit.
 
-    Below `SURE` it has to be confirmed, as one of `choices`, if any.
+    Parameters
+    ----------
+    unit : str
+        The unit.
+    confidence : float
+        From 0 to 1; below `SURE` the unit has to be confirmed.
+    reason : str
+        The reason, as a clause.
+    choices : tuple of str
+        Units to choose from, if any.
     """
 
     unit: str
@@ -63,16 +72,18 @@ def guess_counts_unit(
     Parameters
     ----------
     robot : Robot
+        The robot.
     turning : sequence of int
         Its revolute joints.
     q, tau : (m, n)
         As the file has them; without torques only limits decide.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
 
     Returns
     -------
     UnitGuess or None
+        The unit with its confidence; None where no count is possible.
     """
     low, high = np.nanmin(q[:, turning], axis=0), np.nanmax(q[:, turning], axis=0)
     units = [
@@ -192,11 +203,12 @@ def guess_position_unit(
     Parameters
     ----------
     robot : Robot
+        The robot.
     q, tau : (m, n)
         As the file has them.
     stated : str, optional
         What the names say.
-    fits : Fits
+    fits : DynamicsFits
         Of the sample.
     """
     turning = [index for index, joint in enumerate(robot.joints) if joint.kind == "revolute"]
@@ -282,6 +294,7 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
     Parameters
     ----------
     q : (m,)
+        Positions as the file has them.
     limits : pair of float, optional
         In m.
     stated : str, optional
@@ -293,6 +306,7 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
     reach = float(np.nanmax(q) - np.nanmin(q))
     most = float(np.nanmax(np.abs(q)))
     if limits is not None and limits[1] > limits[0]:
+        # The stroke has to fit into the limits in one unit, and be more than nothing of them.
         fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
         fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
         if len(fits) == 1:
@@ -312,6 +326,7 @@ def guess_rate_unit(signal: str, kind: str, factor: float, stated: str | None) -
     Parameters
     ----------
     signal, kind : str
+        Signal ("dq" or "ddq") and kind of the joint.
     factor : float
         Slope of the positions in SI over the column.
     stated : str, optional
@@ -340,7 +355,9 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     Parameters
     ----------
     robot : Robot
+        The robot.
     tau : (m, n)
+        Torques as the file has them.
     stated : str, optional
         What the names say.
     reach : float
@@ -357,6 +374,7 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     small, large = ("mN m", "kN m") if kind == "revolute" else ("mN", "kN")
 
     def is_fitting(unit: str) -> bool:
+        # Limits of effort bound each joint's torque; placeholders among them say nothing.
         in_si = known[unit] * most
         for index, limit in zip(of_kind, allowed, strict=True):
             own = known[unit] * float(np.nanmax(np.abs(tau[:, index])))
@@ -387,8 +405,11 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
     Parameters
     ----------
     i : (m, n)
+        Currents as the file has them.
     gains : sequence of float or None
+        Drive gains of the joints; None where one is not known.
     robot : Robot
+        The robot.
     stated : str, optional
         What the names say.
     """
@@ -402,12 +423,14 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
         if gain is not None and (limit := joint.limits.effort) and limit < _PLACEHOLDER
     ]
     if shares:
+        # The joint that comes nearest to its limit tells most.
         share = max(shares)
         if 0.01 <= share <= 2.0:
             return UnitGuess("A", 0.95, f"with the drive gains they make at most {share:.0%} of the limits of torque")
         if 10.0 <= share <= 2000.0:
             return UnitGuess("mA", 0.95, f"as A they would make {share:.0f} times the limits of torque")
     peak = float(most.max())
+    # Without gains the size alone decides: drives of arms take up to some tens of A.
     if peak > 150.0:
         return UnitGuess("mA", 0.9, f"the largest is {peak:.4g}, which no joint of a robot draws in A")
     if peak < 60.0:

@@ -19,7 +19,19 @@ _GAP = 3.0
 
 @dataclass(frozen=True)
 class UnnamedColumns:
-    """Columns (by index) by what they hold, in the order of the file; `rates` are those of the positions."""
+    """Columns by what they hold, in the order of the file.
+
+    Parameters
+    ----------
+    positions : tuple of int
+        Numbers of the columns of positions.
+    rates : tuple of int
+        Those of the positions' slopes; none where there are none.
+    efforts : tuple of int
+        Those of torques or currents.
+    reason : str
+        How they were told apart, as a clause.
+    """
 
     positions: tuple[int, ...]
     rates: tuple[int, ...]
@@ -41,6 +53,7 @@ def identify_unnamed_columns(
     t : (m,)
         In s.
     values : (m, c)
+        Values of all columns.
     columns : sequence of int
         Those in question.
     n : int
@@ -50,7 +63,7 @@ def identify_unnamed_columns(
 
     Returns
     -------
-    Kinds or None
+    UnnamedColumns or None
         None where there are not as many columns as that needs, or they do not differ clearly.
     """
     part = values[:, list(columns)]
@@ -65,6 +78,7 @@ def identify_unnamed_columns(
         return _split_three_blocks(t, part, columns, n, np.median) or by_slope
     if len(columns) != 2 * n:
         return None
+    # Positions are integrals of what torques cause, and much smoother.
     rough = compute_roughness(t, part)
     order = np.argsort(rough)
     if rough[order[n]] < _GAP * rough[order[n - 1]]:
@@ -79,6 +93,7 @@ def identify_unnamed_columns(
 
 
 def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n: int) -> UnnamedColumns | None:
+    # The velocity is the column that the slope of a position is most like.
     correlation, _ = correlate_slopes(t, part)
     np.fill_diagonal(correlation, 0.0)
     follower = correlation.argmax(axis=1)
@@ -150,14 +165,39 @@ def _list_layouts(n: int, signals: int) -> list[list[list[int]]]:
 
 
 def select_whole_signals(columns: Sequence[int], values: FloatArray, alive: BoolArray, n: int) -> list[int]:
-    """Return the columns that change; or all of them, where only all make whole signals of n joints."""
+    """Return the columns that change; or all of them, where only all make whole signals of n joints.
+
+    Parameters
+    ----------
+    columns : sequence of int
+        Numbers of the columns in question.
+    values : (m, c)
+        Values of all columns.
+    alive : (c,)
+        Which columns change.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    list of int
+        Numbers of the columns that are left.
+    """
     numbers = [index for index in columns if np.isfinite(values[:, index]).all()]
     moving = [index for index in numbers if alive[index]]
     return numbers if len(moving) % n and not len(numbers) % n else moving
 
 
 def sort_by_number(named: Sequence[ColumnName], columns: list[int]) -> list[int]:
-    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged."""
+    """Return columns in the order of the number in their names, where that alone tells them apart; else unchanged.
+
+    Parameters
+    ----------
+    named : sequence of ColumnName
+        What the names of all columns say.
+    columns : list of int
+        Numbers of the columns in question.
+    """
     numbers = [named[index].numbers for index in columns]
     stems = {tuple(word for word in named[index].words if not word.isdigit()) for index in columns}
     if len(stems) != 1 or any(len(number) != 1 for number in numbers) or len(set(numbers)) < len(numbers):
@@ -176,7 +216,9 @@ def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntAr
     Parameters
     ----------
     t : (m,)
+        Times in s.
     q, tau : (m, n)
+        Positions and torques, in any unit.
 
     Returns
     -------
@@ -190,6 +232,7 @@ def assign_torques(t: FloatArray, q: FloatArray, tau: FloatArray) -> tuple[IntAr
     shares = np.zeros((n, n))
     for joint in range(n):
         own = rate[::width, joint]
+        # A joint's own friction is in no other joint's torque.
         rows = np.column_stack([np.tanh(own / (0.05 * own.std() + 1e-12)), own, np.ones(len(own))])
         for other in range(n):
             target = tau[::width, other]

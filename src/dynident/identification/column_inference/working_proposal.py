@@ -17,7 +17,25 @@ from dynident.robot import Robot
 
 @dataclass
 class WorkingProposal:
-    """A proposal in the making. `given` is the robot as described; `robot` has its masses in SI units."""
+    """A proposal in the making.
+
+    Parameters
+    ----------
+    sample : Sample
+        Consecutive rows of the file.
+    robot : Robot
+        The robot, with the masses of its description in SI units.
+    described_robot : Robot
+        The robot as it was described.
+    columns : dict of str to str
+        Our names of columns to the file's, as found so far.
+    units : dict of str to str
+        Units by kind of signal, as found so far.
+    guesses : list of Guess
+        The guesses so far.
+    questions : list of Question
+        The questions so far.
+    """
 
     sample: Sample
     robot: Robot
@@ -33,15 +51,47 @@ class WorkingProposal:
         return read_names(self.sample.names, self.sample.units)
 
     def add_guess(self, name: str, value: str, confidence: float, reason: str) -> None:
-        """Add a guess, its confidence, and its reason."""
+        """Add a guess, its confidence, and its reason.
+
+        Parameters
+        ----------
+        name : str
+            Field of the metadata, such as "columns/q".
+        value : str
+            The proposed value.
+        confidence : float
+            From 0 to 1.
+        reason : str
+            The reason, as a clause.
+        """
         self.guesses.append(Guess(name, value, round(confidence, 2), reason))
 
     def add_question(self, name: str, detail: str, choices: tuple[str, ...] = ()) -> None:
-        """Add a question that only a person can answer."""
+        """Add a question that only a person can answer.
+
+        Parameters
+        ----------
+        name : str
+            Field of the metadata.
+        detail : str
+            The question.
+        choices : tuple of str
+            Answers that make sense; none where any may be right.
+        """
         self.questions.append(Question(name, detail, choices))
 
     def take_unit(self, key: str, guess: of_units.UnitGuess, usual: str) -> None:
-        """Take a guessed unit, and ask where it is not sure."""
+        """Take a guessed unit, and ask where it is not sure.
+
+        Parameters
+        ----------
+        key : str
+            Kind of signal, or one of our names of columns.
+        guess : UnitGuess
+            The unit with its confidence.
+        usual : str
+            The unit in SI, which need not be stated.
+        """
         if guess.unit != usual:
             self.units[key] = guess.unit
         self.add_guess(f"units/{key}", guess.unit, guess.confidence, guess.reason)
@@ -53,7 +103,21 @@ class WorkingProposal:
     def take_effort_unit(
         self, signal: str, tau: FloatArray, effort: ColumnGroup, gains: list[float | None], reach: float
     ) -> None:
-        """Guess the unit of torques or currents."""
+        """Guess the unit of torques or currents.
+
+        Parameters
+        ----------
+        signal : str
+            "tau" or "current".
+        tau : (m, n)
+            Efforts as the file has them.
+        effort : ColumnGroup
+            Their columns.
+        gains : list of float or None
+            Drive gains of the joints; None where one is not known.
+        reach : float
+            Reach of the robot in m.
+        """
         if signal == "current":
             guess = of_units.guess_current_unit(tau, gains, self.robot, effort.unit)
             self.take_unit("current", guess, "A")
@@ -73,7 +137,15 @@ class WorkingProposal:
                 )
 
     def assign_columns(self, signal: str, group: ColumnGroup) -> None:
-        """Assign the columns of a group to a signal of the joints."""
+        """Assign the columns of a group to a signal of the joints.
+
+        Parameters
+        ----------
+        signal : str
+            "q", "dq", "tau" or "current".
+        group : ColumnGroup
+            One column for each joint.
+        """
         for joint, column in enumerate(group.columns):
             name = self.sample.names[column]
             self.columns[f"{'tau' if name == NOT_RECORDED else signal}{joint + 1}"] = name

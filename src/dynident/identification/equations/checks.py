@@ -28,8 +28,11 @@ def find_undetermined_parameters(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     reduction : Reduction
-    known : Information, optional
+        Factors of W and the torque, one equation a joint.
+    known : PriorInformation, optional
+        Rows of a prior, in the model's columns.
     """
     units = np.array([_get_row_unit(equation, known) for equation in reduction.equations])
     factor = build_weighted_factor(reduction, units, known)[:-1, :-1]
@@ -37,8 +40,10 @@ def find_undetermined_parameters(
     largest = float(norms.max(initial=0.0))
     lost = norms <= _TINY * largest
     names = [column.name for column in model.kept]
+    # Columns of zeros first: the scaling below would divide by their norms.
     if lost.any() or largest == 0.0:
         return [names[k] for k in np.flatnonzero(lost)]
+    # Columns of equal size, or the units of the parameters would decide what counts as small.
     _, singular, vt = np.linalg.svd(factor / norms)
     null = vt[singular <= _TINY * singular[0]]
     # All parameters with a noticeable part in an undetermined direction: naming only one of them would be arbitrary.
@@ -48,6 +53,7 @@ def find_undetermined_parameters(
 
 def _get_row_unit(equation: EquationFactors, known: PriorInformation | None) -> float:
     """Return the unit that rows are counted in: 1 N m where nothing stands beside them, else the size of the torque."""
+    # Rms of the torque: the norm of its column of the factor over the root of the number of rows.
     size = float(np.linalg.norm(equation.joint_factor[:, -1])) / max(float(equation.counts.sum()), 1.0) ** 0.5
     return 1.0 if known is None or size == 0 else size
 
@@ -58,7 +64,9 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
     Parameters
     ----------
     robot : Robot
+        The robot.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -86,11 +94,13 @@ def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> Non
     name : str
         Of the equation type.
     recordings : sequence of Recording
+        Recordings of the robot.
 
     Raises
     ------
     DynidentError
     """
+    # Work of a joint whose torque is missing cannot be told from work of the others in a sum.
     lacking = [recording for recording in recordings if recording.joints_without_torque]
     if lacking and name in ("power", "energy"):
         raise DynidentError(
@@ -109,7 +119,9 @@ def check_temperature(
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -138,7 +150,9 @@ def check_runs(
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -163,6 +177,7 @@ def check_runs(
                 pointer=f"/effects/{index}/runs",
                 title="Unknown run",
             )
+        # A payload that the metadata state says in which runs the effect is.
         stated = any(recording.payload is not None for recording in recordings)
         if get_effect(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
             raise DynidentError(
@@ -179,6 +194,7 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     name : str
         Of the equation type.
     equations, torque : Reduction
@@ -214,7 +230,9 @@ def check_torque(model: Model, torque: Reduction) -> None:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     torque : Reduction
+        Rows of the joints' torques.
 
     Raises
     ------
@@ -240,8 +258,10 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     reduction : Reduction
-    known : Information, optional
+        Factors of W and the torque, one equation a joint.
+    known : PriorInformation, optional
         Rows of a prior.
 
     Raises
@@ -294,6 +314,7 @@ def _describe_ratios(model: Model, reduction: Reduction) -> str:
     _, singular, right = np.linalg.svd(w[:, nonzero] / sizes[nonzero])
     share = right[-1]
     moments = [k for k, column in enumerate(nonzero) if model.kept[column].parameter in ("MX", "MY", "MZ")]
+    # Two small singular values would be two free directions, and no set of ratios.
     if not moments or singular[-1] > _HOMOGENEOUS * singular[-2]:
         return ""
     # Ratios are given to a first moment: gravity acts on it, so it is the best determined one of a robot that swings.
@@ -306,6 +327,7 @@ def _describe_ratios(model: Model, reduction: Reduction) -> str:
     positive = [k for k, column in enumerate(parameters) if column.parameter in ("XX", "YY", "ZZ", "Ia", "Fv", "Fc")]
     if sum(values[k] * sizes[nonzero[k]] for k in positive) < 0:
         values = -values
+    # The parameters that shape the motion most are named first.
     order = [k for k in np.argsort(-np.abs(share)) if k != lead][:_MOST_RATIOS]
     named = ", ".join(f"{parameters[k].name} = {values[k]:.3g} {parameters[k].unit}" for k in (lead, *order))
     return f"; up to one common factor {named}"

@@ -41,11 +41,15 @@ def build_wrench_equations(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
         With the columns of the wrench.
     preprocessing : Preprocessing
+        Filters of the recordings.
     progress : Progress
+        Called with the fraction done and a message.
 
     Raises
     ------
@@ -56,6 +60,7 @@ def build_wrench_equations(
     check_wrench_effects(model)
     check_wrenches(recordings)
     wrench = build_wrench_model(model, tolerance=rows.tolerance)
+    # The wrench holds only what the base feels; a parameter that it does not show would be any number.
     if wrench.unseen:
         raise EstimationError(
             f"the base's wrench does not determine {', '.join(wrench.unseen)} of this robot; choose another model",
@@ -65,6 +70,7 @@ def build_wrench_equations(
     # The columns of the links need no predicted load, so any reference parameters will do.
     nothing = ReferenceParameters.massless(model.robot)
     reduction = reduce_form(wrench.form, stream_equations, recordings, preprocessing, nothing, progress)
+    # Nothing to eliminate from: the caller raises the error of no rows.
     if reduction.n_rows == 0:
         return reduction.combine_columns(wrench.coordinates[:, wrench.n_extra :])
     # Columns that only the wrench shows come first; they are eliminated so that the rest is in the model's
@@ -116,13 +122,16 @@ def find_constants(
 
     Parameters
     ----------
-    rows : RowsAsked
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
 
     Returns
     -------
-    tuple of RowsAsked and Preprocessing
+    tuple of RowOptions and Preprocessing
 
     Raises
     ------
@@ -151,11 +160,17 @@ def build_equations(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
+        The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
+        Called with the fraction done and a message.
 
     Raises
     ------
@@ -164,6 +179,7 @@ def build_equations(
     """
     if rows.model == "base_wrench":
         return build_wrench_equations(model, rows, recordings, preprocessing, progress)
+    # Found here once more for callers that did not: with constants given, nothing is searched.
     rows, _ = find_constants(rows, recordings, preprocessing)
     form, treatment = _select_form(model, rows)
     # F(s) starts from rest, which the robot does not. Rows count only once the filter has forgotten where it began.
@@ -195,6 +211,7 @@ def _choose_pole(recordings: Sequence[Recording], preprocessing: Preprocessing) 
     if cutoff is None:
         # The torque is not filtered, so the band of the motion itself has to serve.
         cutoff, source = _HARMONICS * find_motion_band(recordings), f"{_HARMONICS:g} times the band of the motion"
+    # The pole in rad/s whose corner is the cut-off in Hz.
     pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
     return pole, (
         f"Filtered model: a = {pole:g} rad/s in F(s), 2 pi times {source} of {cutoff:.3g} Hz (not below "

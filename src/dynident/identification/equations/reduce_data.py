@@ -24,10 +24,23 @@ from dynident.regressors.row_cache import CachedRows, reduce_and_cache
 class Data:
     """Recordings reduced to one model's columns, and where they come from.
 
-    `equations` are the rows that the chosen model makes of them; `torque` those of the joints' torques, one equation a
-    joint, which errors are reported in whatever the model (for the dynamic model the same object). `recordings` are
-    there for estimators that go through the samples again; `rows` the filtered rows of `torque` where they are few.
-    `friction` are tests of single joints' friction: the strategy separate_friction alone uses them.
+    Parameters
+    ----------
+    equations : Reduction
+        The rows that the chosen equation type makes of the recordings.
+    torque : Reduction
+        Rows of the joints' torques, one equation a joint, which errors are reported in whatever the equation type. For
+        the dynamic model it is the same object as `equations`.
+    recordings : tuple of Recording
+        For estimators that go through the samples again.
+    preprocessing : Preprocessing
+        Filters of the recordings.
+    reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
+    rows : CachedRows or None
+        The filtered rows of `torque`, where they are few.
+    friction : tuple of Recording
+        Tests of single joints' friction, which the strategy separate_friction alone uses.
     """
 
     equations: Reduction
@@ -56,6 +69,7 @@ def split_friction_tests(recordings: Sequence[Recording]) -> tuple[tuple[Recordi
     Parameters
     ----------
     recordings : sequence of Recording
+        Recordings of the robot.
 
     Returns
     -------
@@ -93,19 +107,24 @@ def reduce_to_rows(
     Parameters
     ----------
     model : Model
-    rows : RowsAsked
+        The model, with its base parameters' columns.
+    rows : RowOptions
         The equation type and its constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of a model that this one extends.
 
     Returns
     -------
     Data
+        The data that a model is solved from.
 
     Raises
     ------
@@ -113,6 +132,7 @@ def reduce_to_rows(
         Where the model cannot make equations of these columns or recordings.
     """
     ordinary, friction = split_friction_tests(recordings)
+    # Other equation types take a second pass over the samples.
     share = 1.0 if rows.model == "dynamic" else 0.5
     # Always reduce the joints' torques as well: errors of all equation types are compared in them.
     data = reduce_torque(model, ordinary, preprocessing, reference, scale_progress(progress, 0.0, share), known)
@@ -120,6 +140,7 @@ def reduce_to_rows(
     if rows.model == "dynamic":
         return data
     equations = build_equations(model, rows, ordinary, preprocessing, reference, scale_progress(progress, share, 1.0))
+    # Refused here, where it can still be said that the torques would show what these rows do not.
     check_equations(model, rows.model, equations, data.torque)
     return replace(data, equations=equations)
 
@@ -137,12 +158,16 @@ def reduce_torque(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of a model that this one extends.
     """
     reduction, rows = reduce_and_cache(model, recordings, preprocessing, reference, progress, known)

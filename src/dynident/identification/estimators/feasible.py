@@ -4,8 +4,8 @@ The standard parameters φ are the unknowns and the base parameters are β = G �
 parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and no
 rotor inertia is negative, nor friction where it is Coulomb and viscous alone. The data determine β alone. Of the φ that
 give it, those nearest to the description are taken; the distance is measured by how far descriptions usually are off
-(`usual_errors`), and without a prior this decides nothing that the data can decide. With the entropic prior the
-distance from the description's bodies is part of the cost (`entropic`).
+(`robot.inertia_uncertainty`), and without a prior this decides nothing that the data can decide. With the entropic
+prior the distance from the description's bodies is part of the cost (`prior.entropic`).
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ def solve_feasible(request: Problem) -> Fit:
     Parameters
     ----------
     request : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
@@ -75,6 +76,7 @@ def solve_feasible(request: Problem) -> Fit:
     unconstrained = weighted(data.equations, known)
     believed = build_standard_prior(model, request.trust, unconstrained)
     problem = build_problem(model, data.equations, known, believed.approximate_at(believed.belief.mean))
+    # Beside a prior rows count as information: correlated ones must not count as independent samples.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     noise = unconstrained.noise
     converged = False
@@ -100,10 +102,18 @@ def solve_feasible(request: Problem) -> Fit:
 
 @dataclass(frozen=True, eq=False)
 class NearestFeasible:
-    """The feasible base parameters (b,) nearest to estimated ones.
+    """The feasible parameters nearest to estimated ones.
 
-    `distance`: how far the estimated ones are from feasible, in their own standard deviations; `limits` name the active
-    constraints. `standard`: standard parameters with these base parameters.
+    Parameters
+    ----------
+    values : (b,)
+        The feasible base parameters.
+    standard : StandardParameters
+        Standard parameters with these base parameters.
+    distance : float
+        Distance of the estimated parameters from them, in their own standard deviations.
+    limits : tuple of str
+        Names of the active constraints.
     """
 
     values: FloatArray
@@ -125,26 +135,32 @@ def find_nearest_feasible(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     equations : Reduction
         That the solution is from.
     solution : Solution
-    trust : Trust
+        Estimated base parameters.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
     weak : float
         What a usual error of the description counts for in what the data leave open, in standard deviations.
 
     Returns
     -------
     NearestFeasible
+        The parameters, and their distance from the solution.
 
     Raises
     ------
     DynidentError
         Where nothing that is possible was found.
     """
+    # Without the prior: the distance shall be one from what the data say, and the description only fills in the rest.
     believed = build_standard_prior(model, replace(trust, prior=None), solution)
     problem = build_problem(model, equations, solution.known, believed.approximate_at(believed.belief.mean))
     constrained = problem.solve_nearest_to(solution, weak)
     values = problem.to_base_parameters(constrained)
+    # The factor is the root of the information matrix, so this is the distance in standard deviations.
     distance = float(np.linalg.norm(solution.factor @ (values - solution.values)))
     limits = [model.columns[k].name for k in constrained.zeros] + [
         problem.bodies[place].name for place in constrained.edges
@@ -161,13 +177,18 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     equations : Reduction
+        Equations that the solution is from.
     fitted : Fit
-    trust : Trust
+        The fit.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
     """
     # An effect of some runs alone, such as a payload, is a difference between runs, and the question is whether it
     # exists at all. Constrained to a body that can exist, it would always seem to.
@@ -178,6 +199,7 @@ def move_where_free(model: Model, equations: Reduction, fitted: Fit, trust: Desc
     except DynidentError:
         return fitted
     before, after = (compute_errors(equations, values).rms_total for values in (fitted.solution.values, nearest.values))
+    # Without an active limit the fit was feasible already, and stays exactly as it is.
     if not nearest.limits or after > FREE * before:
         return fitted
     return replace(fitted, solution=replace(fitted.solution, values=nearest.values), standard=nearest.standard)
@@ -193,7 +215,7 @@ def minimise_entropic_cost(
 
     Returns
     -------
-    tuple of FeasibleProblem and Constrained
+    tuple of FeasibleProblem and ConstrainedSolution
         The problem at the minimum, and its solution.
     """
     prior, unit = believed.entropic, problem.unit
@@ -211,9 +233,12 @@ def minimise_entropic_cost(
     for _ in range(_MOST_STEPS):
         problem = build_problem(model, problem.equations, problem.known, believed.approximate_at(unit * values))
         constrained = problem.solve(noise)
+        # The minimiser of the normal approximation is Newton's step, as the approximation has the slope and curvature
+        # of the cost.
         step = constrained.values - values
         rows, goal = problem.build_rows(noise, problem.known, problem.rest)
         slope = 2.0 * float((rows @ values - goal) @ (rows @ step))
+        # The slope along the step says what it would still gain: below this it has settled.
         if slope > -_SETTLED:
             return problem, replace(constrained, values=np.asarray(values))
         share, before = 1.0, compute_cost(values)
@@ -250,6 +275,7 @@ def _list_warnings(
         )
     if sentences:
         sentences.append("Standard deviations take these limits as certain.")
+    # A constraint that costs much says that the data contradict the model, or do not determine it.
     before = compute_errors(equations, unconstrained.values).rms_total
     after = compute_errors(equations, problem.to_base_parameters(constrained)).rms_total
     if before > 0 and after > FREE * before:

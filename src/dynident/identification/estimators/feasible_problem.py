@@ -39,9 +39,16 @@ _NULL = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class StandardPrior:
-    """Prior on standard parameters; `prior` is false where it only decides what the data leave open.
+    """Prior on standard parameters.
 
-    `entropic`: the distance of bodies from the description's, where that is the prior.
+    Parameters
+    ----------
+    belief : NormalPrior
+        Mean and standard deviation of the standard parameters.
+    prior : bool
+        False where it only decides what the data leave open.
+    entropic : EntropicPrior or None
+        Distance of bodies from the description's, where that is the prior.
     """
 
     belief: NormalPrior
@@ -64,8 +71,28 @@ class StandardPrior:
 class FeasibleProblem:
     """The least-squares problem in units in which standard parameters are about one: φ = unit · u.
 
-    `grouping` (b, c) takes u to base parameters; `rest` are rows for u and `mean` (c,) its value where they are zero;
-    `open` are rows for what neither data nor prior determine.
+    Parameters
+    ----------
+    equations : Reduction
+        Equations of the data.
+    known : PriorInformation or None
+        What is known of the base parameters.
+    grouping : (b, c)
+        It takes u to base parameters.
+    written : (b, c)
+        The part of `grouping` that base parameters are named by.
+    unit : (c,)
+        Sizes of the standard parameters.
+    mean : (c,)
+        The u that the rows of `rest` and `open` are zero at.
+    rest : (k, c)
+        Rows for u of what the prior says beyond the base parameters.
+    open : (j, c)
+        Rows for what neither data nor prior determine.
+    bodies : tuple of Body
+        Bodies whose pseudo-inertia must have no negative eigenvalue.
+    not_negative : (k,)
+        Numbers of the parameters that cannot be negative.
     """
 
     equations: Reduction
@@ -86,10 +113,26 @@ class FeasibleProblem:
     def build_rows(
         self, noise: FloatArray, known: PriorInformation | None, rest: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return [rows | right] of u: equations weighted by 1 / noise (n,), the prior, its rest, and what is open."""
+        """Build the rows of u: equations weighted by their noise, the prior, its rest, and what is open.
+
+        Parameters
+        ----------
+        noise : (n,)
+            Standard deviation of each equation; rows are weighted by one over it.
+        known : PriorInformation or None
+            What is known of the base parameters.
+        rest : (k, c)
+            Rows for u of what the prior says beyond these.
+
+        Returns
+        -------
+        rows, right : (r, c), (r,)
+            Rows, and their right-hand side.
+        """
         factor = build_weighted_factor(self.equations, noise, known)
         b = len(factor) - 1
         of_data = factor[:b, :b] @ self.grouping
+        # Too small a weight would be lost in rounding beside the rows of exact data.
         weak = max(WEAK, _LEAST_SHARE * float(np.abs(of_data).max(initial=0.0)))
         rows = np.vstack([of_data, rest, weak * self.open])
         return rows, np.concatenate([factor[:b, b], rest @ self.mean, weak * (self.open @ self.mean)])
@@ -104,6 +147,7 @@ class FeasibleProblem:
         Parameters
         ----------
         solution : Solution
+            Estimated base parameters.
         weak : float
             What a usual error counts for in what the solution leaves open, in standard deviations.
         """
@@ -113,6 +157,8 @@ class FeasibleProblem:
         return self._solve_constrained(np.vstack([of_data, weak * self.open]), right)
 
     def _solve_constrained(self, rows: FloatArray, right: FloatArray) -> ConstrainedSolution:
+        # One matrix inequality for each body: its pseudo-inertia, in units of its usual error, at least a small
+        # multiple of the identity.
         bounds = [MatrixBound(body.columns, PSEUDO_INERTIA_PARTS, -_LEAST * np.eye(4)) for body in self.bodies]
         try:
             constrained = solve_constrained(rows, right, bounds, self.not_negative)
@@ -136,6 +182,7 @@ class FeasibleProblem:
         """
         if not len(constrained.held):
             return None
+        # Base parameters in units of their own size: kg m² and kg would not compare.
         size = np.linalg.norm(self.written, axis=1)
         directions, singular, _ = np.linalg.svd(
             (self.written / size[:, None]) @ compute_null_space(constrained.held), full_matrices=False
@@ -147,6 +194,7 @@ class FeasibleProblem:
 
     def to_standard_parameters(self, constrained: ConstrainedSolution) -> StandardParameters:
         """Return the standard parameters with their standard deviations."""
+        # Noise of correlated residuals: deviations must not fall with every sample more.
         noise = compute_correlated_noise(self.equations, self.to_base_parameters(constrained))
         b = len(self.grouping)
         rows = np.vstack([build_weighted_factor(self.equations, noise, self.known)[:b, :b] @ self.written, self.rest])
@@ -161,11 +209,14 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
     unconstrained : Solution
         Least squares, for these units.
     """
     belief = build_normal_prior(model, trust)
+    # Only where the prior is one of bodies: the others are a normal distribution.
     entropic = build_entropic_prior(model, trust.error, belief) if trust.of_bodies else None
     sized = replace(belief, size=_estimate_sizes(model, belief, unconstrained))
     return StandardPrior(sized, trust.prior is not None, entropic)
@@ -174,16 +225,35 @@ def build_standard_prior(model: Model, trust: DescriptionTrust, unconstrained: S
 def build_problem(
     model: Model, equations: Reduction, known: PriorInformation | None, believed: StandardPrior
 ) -> FeasibleProblem:
-    """Build the problem with a normal prior; an entropic one replaces what is known."""
+    """Build the problem with a normal prior; an entropic one replaces what is known.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    equations : Reduction
+        Equations of the data.
+    known : PriorInformation or None
+        What is known of the base parameters.
+    believed : StandardPrior
+        Prior on the standard parameters, with its normal approximation.
+
+    Returns
+    -------
+    FeasibleProblem
+        The problem in units in which standard parameters are about one.
+    """
     belief = believed.belief
     rest = np.zeros((0, len(belief.size)))
     if believed.prior:
         both = split_prior(model, belief)
         rest = both.rest
+        # The entropic prior is linearised anew in each step, so its rows replace those from before.
         if believed.entropic is not None:
             known = both.base
     grouping = model.base.grouping * belief.size
     written = np.where(model.base.written, grouping, 0.0)
+    # What data or prior determine; its null space is what the description may decide.
     determined = np.vstack([written / np.linalg.norm(written, axis=1)[:, None], rest])
     return FeasibleProblem(
         equations=equations,
@@ -204,6 +274,7 @@ def build_problem(
 def _estimate_sizes(model: Model, belief: NormalPrior, unconstrained: Solution) -> FloatArray:
     """Return orders of magnitude (c,) of all standard parameters; outside of bodies, from the torque they explain."""
     factor = unconstrained.factor @ model.base.grouping
+    # A parameter is of the size that would explain all of the torque by itself.
     torque = float(np.linalg.norm(unconstrained.factor @ unconstrained.values))
     columns = np.linalg.norm(factor, axis=0)
     bodies = {int(k) for body in find_bodies(model.columns) for k in body.columns}

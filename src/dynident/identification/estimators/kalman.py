@@ -71,10 +71,12 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -83,12 +85,14 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
     """
     model, data, known = problem.model, problem.data, problem.known
     torque = TorqueFunction(model)
+    # The filter is linearised at a filtered acceleration, so there has to be a position filter.
     if data.preprocessing.position_cutoff is None:
         data = replace(data, preprocessing=choose_preprocessing(data.recordings))
     initial = _solve_beginning(model, data, known)
     run = run_filter(torque, model, data, initial.known, estimate_noise(data, initial.residual))
     values = run.values[-1]
     before, after = (compute_errors(data.torque, chi).relative_total for chi in (run.values[0], values))
+    # Written so that an error that is no number counts as divergence.
     if not after <= _WORSE * before + _ALLOWED:
         raise divergence_error(
             f"its parameters end with a torque error of {after:.1%}, those it began with had {before:.1%}"
@@ -115,6 +119,7 @@ def _count_changing(run: KalmanRun, uncertainty: Statistics) -> int:
 def estimate_noise(data: Data, residual: FloatArray) -> KalmanNoise:
     """Return the noises from the spectra of the recordings, and from the residual (n,) of the initial parameters."""
     spectra_of_all = [estimate_spectra(recording) for recording in data.recordings]
+    # White noise of density S over the band up to half the rate has the variance S times that band.
     position = np.max([np.sqrt(spectrum.noise * 0.5 * spectrum.rate) for spectrum in spectra_of_all], axis=0)
     # The torque's noise is the floor of its spectrum at high frequencies, where no motion is left.
     floors = [
@@ -126,6 +131,7 @@ def estimate_noise(data: Data, residual: FloatArray) -> KalmanNoise:
     used = sum(int(np.count_nonzero(block.used)) for block in blocks)
     return KalmanNoise(
         np.maximum(position, _LEAST_NOISE),
+        # What the model leaves counts as noise, too: the filter would otherwise trust the torque too much.
         np.maximum(np.max(floors, axis=0), residual),
         _UNKNOWN * np.sqrt(squares / max(used, 1)),
     )
@@ -137,6 +143,7 @@ def _cut_beginning(recordings: tuple[Recording, ...], share: float) -> tuple[Rec
     remaining = share * sum(end - start for _, start, end in spans)
     windows: dict[int, list[tuple[float, float]]] = {}
     for recording, start, end in spans:
+        # Spans are used up in their order until the share is reached.
         cut = min(end, start + remaining)
         remaining = max(0.0, remaining - (end - start))
         if cut - start > recording.period:
@@ -155,6 +162,7 @@ def _iterate_spans(recording: Recording) -> Iterator[tuple[float, float]]:
 
 def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -> _FilterStart:
     """Solve the beginning of the data by weighted least squares; a prior keeps its certainty."""
+    # As little of the data as determines the parameters: the filter shall learn from the rest.
     for share in START_SHARES:
         first = _cut_beginning(data.recordings, share)
         try:

@@ -38,11 +38,13 @@ class TorqueFunction:
 
     def __init__(self, model: Model) -> None:
         robot, n = model.robot, model.robot.n
+        # The sign of the velocity has no derivative at zero, so a steep smooth function stands in for it.
         signals = Signals(robot, smooth_sign=_SIGN_WIDTH * get_slowest_velocity(robot))
         all_columns = {column.key: column for column in build_columns(model.effects, signals)}
         columns = [all_columns[column.key] for column in model.kept]
         motion = {symbol.name() for part in (signals.q, signals.dq, signals.ddq) for symbol in ca.symvar(part)}
         for column in columns:
+            # By their names: the symbols of another set of signals are other objects.
             if {symbol.name() for symbol in ca.symvar(column.torque)} - motion:
                 raise DynidentError(
                     f"{column.effect} depends on more than position, velocity and acceleration: a filter that takes "
@@ -58,6 +60,7 @@ class TorqueFunction:
         outputs = ca.cse([ca.horzcat(torque, *slopes, w)])
         self._n = n
         self._function = ca.Function("torque", [signals.q, signals.dq, signals.ddq, values], outputs)
+        # Buffers are bound once: converting arrays in every call would cost more than the function itself.
         self._buffer, self._evaluate = self._function.buffer()
         self._inputs = [np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(len(columns))]
         self._out = np.zeros((1 + 3 * n + len(columns), n))
@@ -95,10 +98,19 @@ _BLOCK = 1024
 class KalmanRun:
     """Record of a filter's pass through recordings.
 
-    `times` (k,) in seconds of data that it has seen, `values` and `deviations` (k, b) of the parameters then by its own
-    covariance, the last row at the end. `rows`: the equations of the parameters that the samples make, with noise of
-    size one if it is as assumed, one equation a joint with all parameters. `surprise`: mean ratio of the squared
-    innovations to those that the filter expects.
+    Parameters
+    ----------
+    times : (k,)
+        Seconds of data that the filter has seen; the last is the end.
+    values : (k, b)
+        The parameters then.
+    deviations : (k, b)
+        Their standard deviations then, by the filter's own covariance.
+    rows : Reduction
+        The equations of the parameters that the samples make, with noise of size one if it is as assumed, one equation
+        a joint with all parameters.
+    surprise : float
+        Mean ratio of the squared innovations to those that the filter expects.
     """
 
     times: FloatArray
@@ -116,15 +128,20 @@ def run_filter(
     Parameters
     ----------
     torque : TorqueFunction
+        The torque with its derivatives.
     model : Model
+        The model, with its base parameters' columns.
     data : Data
-    start : Information
+        Recordings reduced to the model's columns.
+    start : PriorInformation
         Prior on χ.
     noise : KalmanNoise
+        Noises of positions, torques and accelerations.
 
     Returns
     -------
     KalmanRun
+        The parameters over time, and the equations of the samples.
 
     Raises
     ------
@@ -141,6 +158,7 @@ def run_filter(
             title="Too few samples",
         )
     surprise = way.surprise / way.samples
+    # Written so that a value that is no number counts as divergence.
     if not surprise < _LOST_ON_AVERAGE:
         raise divergence_error(f"its innovations vary {surprise:.2g} times as much as its noises say")
     way.record_state()
@@ -155,6 +173,7 @@ class _FilterPass:
         self, torque: TorqueFunction, model: Model, data: Data, start: PriorInformation, noise: KalmanNoise
     ) -> None:
         self._torque, self._model, self._data, self._noise = torque, model, data, noise
+        # The prior is given as rows; their solution is the mean, the inverse of their normal matrix the covariance.
         self.values: FloatArray = np.asarray(np.linalg.lstsq(start.factor, start.right)[0])
         self.covariance: FloatArray = invert_information(compute_r_factor(start.factor))
         self.seen, self.samples, self.surprise = 0.0, 0, 0.0
@@ -201,6 +220,7 @@ class _FilterPass:
             step = kalman.step(now.q, now.tau, now.ddq, now.doubt)
         except EstimationError as error:
             raise divergence_error(f"at t = {now.t:.2f} s of {recording.name} {error.detail}") from error
+        # A single outlier is no divergence, but many in a row are.
         self._lost = self._lost + 1 if step.surprise > _LOST else 0
         if self._lost > _LOST_SAMPLES or not np.isfinite(kalman.values).all():
             raise divergence_error(
@@ -233,12 +253,14 @@ class _Sample(NamedTuple):
 
 def _iterate_samples(recording: Recording, filters: Preprocessing, phases: RowPhases) -> Iterator[_Sample]:
     """Yield measured positions and torques, unfiltered, with the acceleration of the filtered motion."""
+    # Both passes yield the same samples in the same order, so the raw positions are read beside the filtered ones.
     raw = (q for block in filtered_blocks(recording, Preprocessing(None, None)) for q in block.q)
     place = -1
     before = np.zeros(recording.n)
     for block in filtered_blocks(recording, filters):
         if block.starts_segment:
             place = -1
+        # A standing joint's static friction takes any value, so that its torque must not move the parameters.
         doubt = np.where(phases.find_used_rows(block.segment, block.t), 1.0, _TELLS_NOTHING)
         for k, used in enumerate(block.used):
             q = next(raw)

@@ -20,9 +20,16 @@ _DELAY_ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class CommandedMotion:
-    """The command of every segment, delayed by `delay` (n,) in s, which brings it nearest to the measured motion.
+    """The command of every segment, as late as the robot was.
 
-    `rest`: the rms difference between the two over the size of the motion, for the joint where that is largest.
+    Parameters
+    ----------
+    segments : tuple of RecordedMotion
+        The delayed command of each segment.
+    delay : (n,)
+        Delay of each joint in s, which brings the command nearest to the measured motion.
+    rest : float
+        The rms difference between the two over the size of the motion, for the joint where that is largest.
     """
 
     segments: tuple[RecordedMotion, ...]
@@ -48,7 +55,9 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
     Returns
     -------
     CommandedMotion
+        The delayed command, and how well the robot followed it.
     """
+    # Both behind the same filter, so that its delay and band cancel in the comparison.
     measured = read_whole_segments(recording, smooth)
     ahead = read_whole_segments(replace_by_command(recording), smooth)
     delay = np.zeros(recording.n)
@@ -60,6 +69,7 @@ def align_commanded_motion(recording: Recording, smooth: Preprocessing) -> Comma
         # Least squares for a shift in time: to first order the gap between both motions is the velocity times the
         # missing delay.
         delay = delay - np.sum(gap * slope, axis=0) / np.where(squares > 0, squares, np.inf)
+    # Commands that are no numbers give no delay: they are reported as not followed.
     if not np.isfinite(delay).all():
         return CommandedMotion(measured, np.zeros(recording.n), np.inf)
     late = tuple(_delay_motion(motion, delay) for motion in ahead)
@@ -90,9 +100,18 @@ _Rows = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatA
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """Consecutive samples of a recording: the filtered motion, and the torque (m, n) measured along it.
+    """Consecutive samples of a recording.
 
-    `sampling_rate` in Hz is the recording's, `label` that of its run.
+    Parameters
+    ----------
+    reference : Reference
+        The filtered motion.
+    tau : (m, n)
+        Torque that was measured along it, in N m or N.
+    sampling_rate : float
+        Rate of the recording in Hz.
+    label : str
+        Label of its run.
     """
 
     reference: Reference
@@ -107,11 +126,14 @@ def read_whole_segments(recording: Recording, preprocessing: Preprocessing) -> t
     Parameters
     ----------
     recording : Recording
+        The recording.
     preprocessing : Preprocessing
+        Filters of the recordings.
 
     Returns
     -------
     tuple of RecordedMotion
+        One motion for each segment.
 
     Raises
     ------
@@ -131,7 +153,9 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
     Parameters
     ----------
     recording : Recording
+        The recording.
     preprocessing : Preprocessing
+        Filters of the recordings.
     longest : float
         In s.
 
@@ -144,6 +168,7 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
     run: list[_Rows] = []
     longest_length, length, segment_of_best = 0, 0, 0
     for block in filtered_blocks(recording, preprocessing):
+        # A new segment is a new motion: time and positions jump.
         if block.starts_segment:
             run, length = [], 0
         # Samples come in blocks, and a piece may go on from one block to the next.

@@ -1,9 +1,10 @@
 """Robust regression by iteratively reweighted least squares: rows that nothing explains lose their weight.
 
 A contact or a glitch of the torque is no noise: squared, a hundredth of the rows can outweigh all others. Every row of
-every joint's torque gets a weight from its own residual (see `estimation.robust`), from Huber's function to convergence
-and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) / mean ψ'. Its
-cluster-robust covariance is that of the robust estimate: residuals stay correlated and are not counted as independent.
+every joint's torque gets a weight from its own residual (`estimation.robust_weights`), from Huber's function to
+convergence and then from the bisquare. The last solution is that of least squares on pseudo-observations ŷ + ψ(e) /
+mean ψ'. Its cluster-robust covariance is that of the robust estimate: residuals stay correlated and are not counted as
+independent.
 """
 
 from __future__ import annotations
@@ -43,10 +44,12 @@ def estimate_robustly(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------

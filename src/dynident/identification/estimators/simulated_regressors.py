@@ -59,10 +59,12 @@ def estimate_by_instrumental_variables(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -71,6 +73,7 @@ def estimate_by_instrumental_variables(problem: Problem) -> Fit:
     """
     model, data, known = problem.model, problem.data, problem.known
     references = _choose_references(data, _HARMONICS * find_motion_band(data.recordings))
+    # Closures pass the figures of the last round out to the summary.
     strength = 1.0
 
     def solve(both: Reduction) -> Fit:
@@ -100,10 +103,12 @@ def estimate_by_output_error(problem: Problem) -> Fit:
     Parameters
     ----------
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -117,6 +122,7 @@ def estimate_by_output_error(problem: Problem) -> Fit:
 
     def solve(both: Reduction) -> Fit:
         nonlocal error
+        # The simulated columns stand first; the measured ones behind them are for instruments only.
         simulated = both.select_columns(np.arange(c))
         solution = weighted(simulated, known)
         uncertainty = statistics(simulated, solution, problem.covariance)
@@ -146,6 +152,7 @@ def _choose_references(data: Data, measured: float | None) -> _References:
     These are filtered below `measured` Hz. Commands hold no noise of encoders, and may be taken up to what the data's
     own filter leaves.
     """
+    # Measured positions hold noise, so they are cut lower than commands.
     cutoff, wide = _limit_cutoff(data, measured), _limit_cutoff(data, None)
     motions, warnings, delays = [], [], []
     for recording in data.recordings:
@@ -188,8 +195,10 @@ def _alternate(
         deviations = np.maximum(fitted.statistics.standard_deviations, np.finfo(float).tiny)
         change = float(np.max(np.abs(fitted.solution.values - values) / deviations))
         values = fitted.solution.values
+        # A further round would move the estimates by less than their uncertainty.
         if change < _SETTLED:
             return _AlternationResult(fitted, number, ())
+    # Unsettled estimates are still the best there are; the warning says that they are not final.
     assert fitted is not None
     unsettled = (
         f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "

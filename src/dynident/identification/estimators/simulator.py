@@ -37,13 +37,22 @@ _STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """The simulated motion along a recording: q, dq, ddq (m, n) of each segment, sample for sample."""
+    """The simulated motion along a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    segments : tuple of (q, dq, ddq)
+        Positions, velocities and accelerations (m, n) of each segment, sample for sample.
+    """
 
     recording: Recording
     segments: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
 
     def replace_motion(self, measured: SampleBlock) -> SampleBlock:
         """Return a block of the recording with the simulated motion in place of the measured one."""
+        # The simulated motion has all samples of the segment; the block's time says which of them it needs.
         rate = self.recording.sampling_rate
         first = round((measured.t[0] - self.recording.segments[measured.segment].start_time) * rate)
         rows = slice(first, first + len(measured.t))
@@ -61,7 +70,9 @@ def build_movable_simulator(model: Model, values: FloatArray) -> Simulator:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
 
     Raises
     ------
@@ -92,7 +103,9 @@ def simulate_recording(
     Parameters
     ----------
     simulator : Simulator
+        A robot with the identified parameters.
     recording : Recording
+        The recording.
     motions : sequence of RecordedMotion
         One for each segment.
 
@@ -107,9 +120,16 @@ def simulate_recording(
 
 @dataclass(frozen=True, eq=False)
 class Simulator:
-    """A virtual robot, and the base parameters (b,) that it really has.
+    """A virtual robot, and the base parameters that it really has.
 
     They are the identified ones, but for friction and rotors below zero, which no robot has: these are zero.
+
+    Parameters
+    ----------
+    robot : VirtualRobot
+        The virtual robot.
+    values : (b,)
+        Its base parameters.
     """
 
     robot: VirtualRobot
@@ -121,11 +141,14 @@ class Simulator:
         Parameters
         ----------
         motion : RecordedMotion
+            The motion to follow.
         progress : Progress
+            Called with the fraction done and a message.
 
         Returns
         -------
-        Measurement
+        SimulatedRecording
+            Positions, torques and the true motion.
 
         Raises
         ------
@@ -149,10 +172,13 @@ def build_simulator(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
     links : (n, 10), optional
         Inertial parameters that stand in for those of `values`, the rotors' included.
     controller : Controller, optional
+        Joint control; that of the virtual robot by default.
     longest_step : float
         Longest internal step in s.
 
@@ -172,6 +198,7 @@ def build_simulator(
         elif get_role(column) == "rotor":
             standard[k] = standard[k] if links is None else 0.0
             rotors[robot.joint_names.index(column.link)] = standard[k]
+    # A rotor without inertia would only cost time.
     turning = [rotor for rotor in spread_over_joints(robot, *ROTOR_INERTIA, rotors) if rotor.values[0][1] > 0]
     virtual = VirtualRobot(
         _remove_effort_limits(robot),
@@ -191,10 +218,13 @@ def compute_possible_standard(model: Model, values: FloatArray) -> FloatArray:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
+        Base parameters.
     """
     inertias = model.compute_standard_inertia(values).reshape(-1, 10)
     rotors = model.build_reference(values).rotors
+    # Other parameters are base parameters themselves, or were absorbed by others and are zero here.
     own = dict(zip(model.base.kept, values, strict=True))
     standard = np.zeros(len(model.columns))
     for k, column in enumerate(model.columns):
@@ -229,6 +259,7 @@ def _locate_parameter(model: Model, column: Column) -> tuple[int, int]:
 def _list_other_effects(model: Model, standard: FloatArray) -> list[TrueEffect]:
     """Return what acts on a robot with these standard parameters (c,) besides its links and rotors."""
     effects: dict[TrueEffect, list[tuple[str, float]]] = {}
+    # Effects whose columns were absorbed have no value of their own and are in the others.
     for k in model.base.kept:
         column = model.columns[k]
         effect = get_effect(column.effect)

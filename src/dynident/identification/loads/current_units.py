@@ -35,9 +35,24 @@ _STATES = 400
 
 @dataclass(frozen=True)
 class CurrentParameter:
-    """One parameter of a joint's current: χ / g with its unit, and the base parameters that it is a sum of.
+    """One parameter of a joint's current, χ / g.
 
-    `interval` holds the true value in 95 of 100 cases; `judgement` is what the interval says of the value.
+    Parameters
+    ----------
+    name : str
+        Name of the base parameter.
+    value : float
+        Its estimate in `unit`.
+    unit : str
+        Unit of χ over that of the gain.
+    standard_deviation : float
+        Standard deviation of the estimate in `unit`.
+    interval : tuple of float
+        Ends of the interval that holds the true value in 95 of 100 cases.
+    judgement : str
+        What the interval says of the value: "determined", "uncertain" or "zero_in_interval".
+    grouping : str
+        The base parameters that it is a sum of.
     """
 
     name: str
@@ -53,9 +68,22 @@ class CurrentParameter:
 class CurrentModel:
     """Model of the current of one joint.
 
-    `base` groups the model's base parameters by what this joint's equation tells apart; `solution` and `statistics`
-    are of these, in units of χ over those of the gain; `fit` and `held_out` are the errors of its current (A), in the
-    row of the joint alone.
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    base : BaseParameters
+        The model's base parameters, grouped by what this joint's equation tells apart.
+    parameters : tuple of CurrentParameter
+        The parameters with their uncertainty.
+    solution : Solution
+        Their estimates, in units of χ over those of the gain.
+    statistics : Statistics
+        Covariance of the estimates, in the same units.
+    fit : Errors
+        Errors of the current (A) on the data of the fit, in the row of the joint alone.
+    held_out : Errors or None
+        The same on held-out data; None where there is none.
     """
 
     joint: str
@@ -83,8 +111,9 @@ def identify_currents(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings, validation : sequences of Recording
-        Their torque over the stated gain is the current.
+        Data of the fit, and held-out data. Their torque over the stated gain is the current.
     effects : sequence of EffectChoice
         With values for all of their shape constants.
     stated : sequence of float, optional
@@ -92,6 +121,7 @@ def identify_currents(
     preprocessing : Preprocessing, optional
         Filters; from the data where left out.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -119,6 +149,7 @@ def identify_currents(
         held_out = reduce_recordings(
             model.observation, validation, chosen, nothing, scale_progress(progress, 0.7, 0.95)
         )
+        # The same for the held-out data, whose errors are in A, too.
         held_out = scale_torque(held_out, 1.0 / gains)
     # The recorded torque was computed with the stated gains; divided by these it is the current again.
     training = scale_torque(training, 1.0 / gains)
@@ -132,9 +163,15 @@ def identify_currents(
 def check_current_effects(effects: Sequence[EffectChoice]) -> None:
     """Raise for effects that no joint's current shows by itself.
 
+    Parameters
+    ----------
+    effects : sequence of EffectChoice
+        Effects with their shape constants.
+
     Raises
     ------
     DynidentError
+        For an effect that needs the load, acts in some runs alone, or lacks a shape constant.
     """
     for index, choice in enumerate(effects):
         effect = get_effect(choice.effect, f"/effects/{index}")
@@ -154,11 +191,13 @@ def _identify_current(
     model: Model, joint: int, rows: FloatArray, training: Reduction, held_out: Reduction | None
 ) -> CurrentModel:
     """Identify the current of one joint from its own equation."""
+    # A single equation tells fewer parameters apart than all together, so they are regrouped for this joint.
     base = select_base(rows, tuple(column.name for column in model.kept))
     kept_columns = np.array(base.kept, dtype=np.intp)
     # Only this joint's equation, in the columns that it tells apart.
     own = select_joints(training, (joint,)).select_columns(kept_columns)
     name = model.robot.joint_names[joint]
+    # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].joint_factor[:, -1].any():
         raise DynidentError(f"the current of {name} is zero throughout", pointer="/measurement_ids", title="No current")
     solution = weighted(own)

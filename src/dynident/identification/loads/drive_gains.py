@@ -38,7 +38,9 @@ def get_stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     stated : sequence of float, optional
+        One gain for each joint; None for those of the robot's drives.
 
     Raises
     ------
@@ -60,9 +62,17 @@ def get_stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray
 def refuse_coupled_drives(robot: Robot, what: str) -> None:
     """Raise where a motor acts on several joints: no joint's torque is then its own current times a gain.
 
+    Parameters
+    ----------
+    robot : Robot
+        The robot with its drives.
+    what : str
+        What cannot be done, as the beginning of a clause of the message.
+
     Raises
     ------
     DynidentError
+        Where a drive is coupled with other joints.
     """
     coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
     if coupled:
@@ -82,9 +92,24 @@ _IDENTIFIABLE = 0.1
 
 @dataclass(frozen=True)
 class DriveGain:
-    """The drive gain of one joint: `factor` times the `stated` gain, which its torque was computed with.
+    """The drive gain of one joint.
 
-    Units as those of `DriveGains`; `interval` holds the true gain in 95 of 100 cases.
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    drive_gain : float
+        Estimated gain, in N m/A or N/A as those of `DriveGains`.
+    standard_deviation : float
+        Standard deviation of the gain.
+    interval : tuple of float
+        Ends of the interval that holds the true gain in 95 of 100 cases.
+    stated : float
+        The gain that the recorded torque was computed with.
+    factor : float
+        `drive_gain` over `stated`.
+    identifiable : bool
+        Whether the data determine the gain to a tenth.
     """
 
     joint: str
@@ -100,9 +125,20 @@ class DriveGain:
 class DriveGains:
     """Drive gains of all joints.
 
-    `values` (n,) in units of `stated` (n,), the gains that the recorded torque was computed with (N m/A or N/A; 1
-    where the columns are currents or nothing is known of them); `covariance` (n, n) with the correlation of the
-    residuals accounted for. `identifiable` (n,) is false where the data leave a gain more than a tenth uncertain.
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the joints.
+    values : (n,)
+        Gains in N m/A or N/A, in the units of `stated`.
+    covariance : (n, n)
+        Covariance of the gains, with the correlation of the residuals accounted for.
+    stated : (n,)
+        Gains that the recorded torque was computed with; 1 where the columns are currents or nothing is known of them.
+    identifiable : tuple of bool
+        For each joint whether the data leave its gain less than a tenth uncertain.
+    warnings : tuple of str
+        Warnings about gains that are uncertain or negative.
     """
 
     joint_names: tuple[str, ...]
@@ -148,7 +184,17 @@ class DriveGains:
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """Mass (kg) of a payload, its standard deviation, and the part of that deviation that uncertain gains cause."""
+    """Estimated mass of a payload.
+
+    Parameters
+    ----------
+    mass : float
+        The mass in kg.
+    standard_deviation : float
+        Its standard deviation in kg, that of the gains included.
+    from_gains : float
+        The part of the deviation in kg that uncertain gains cause.
+    """
 
     mass: float
     standard_deviation: float
@@ -181,6 +227,7 @@ def identify_gains(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     unloaded, loaded : sequences of Recording
         The metadata of the loaded ones state the payload: its mass (kg) and, where known, its centre (m).
     effects : sequence of EffectChoice
@@ -190,10 +237,12 @@ def identify_gains(
     preprocessing : Preprocessing, optional
         Filters; from the data where left out.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     DriveGains
+        The gains of all joints, with warnings about those that the data do not determine.
 
     Raises
     ------
@@ -216,7 +265,9 @@ def identify_gains(
         for name, value in payload.parameters.items()
         if (name, (recording.name,)) not in unfelt
     }
+    # The recorded torque is the measured side, so its factors are relative to the stated gains.
     factors, covariance = solve_total_least_squares(data.reduction, known)
+    # From factors on the recorded torque to gains.
     scale = get_stated_gains(robot, stated)
     deviations = np.sqrt(np.diag(covariance)) / np.abs(factors)
     identifiable = tuple(bool(d <= _IDENTIFIABLE) for d in deviations)
@@ -242,8 +293,11 @@ def payload_mass(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     unloaded : sequence of Recording
+        Recordings without the payload.
     loaded : Recording
+        The recording with the payload.
     gains : DriveGains, optional
         Identified for torque columns that were computed with the same stated gains; the recorded torque is taken as it
         is where they are left out.
@@ -252,10 +306,12 @@ def payload_mass(
     preprocessing : Preprocessing, optional
         Filters; from the data where left out.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     PayloadEstimate
+        The mass, with the part of its uncertainty that comes from the gains.
 
     Raises
     ------
@@ -296,6 +352,7 @@ def solve_total_least_squares(reduction: Reduction, known: Mapping[int, float]) 
     fixed = np.zeros(c)
     fixed[list(known)] = list(known.values())
     free = np.array([k for k in range(c) if k not in known], dtype=np.intp)
+    # The problem is not convex: the singular vector gives a start that is near the right minimum.
     values, inverse = _compute_start(reduction, fixed, free)
     for _ in range(_ROUNDS):
         if not np.isfinite([*values, *inverse]).all():
@@ -335,6 +392,7 @@ def _compute_start(reduction: Reduction, fixed: FloatArray, free: IndexArray) ->
     parts = []
     for j, equation in enumerate(reduction.equations):
         k = len(equation.columns)
+        # An equation that is exact would get an infinite weight.
         noise = max(equation.own_noise, 1e-9 * float(np.abs(equation.joint_factor).max()))
         # One column for the torque of each joint, so that every joint has a factor of its own; one for the known
         # payload.
@@ -369,8 +427,11 @@ def _linearise(reduction: Reduction, free: IndexArray, values: FloatArray, inver
         p = len(equation.columns)
         own = [i for i, column in enumerate(equation.columns) if int(column) in number]
         change = np.zeros((p + 1, len(own) + 2))
+        # The columns of W times k_j, and one column W_j χ for the change of k_j itself.
         change[own, range(len(own))] = inverse[j]
         change[:p, len(own)] = values[equation.columns]
+        # The measured side of the linearised equation: y_j plus the product at the old values, which stands in both
+        # groups of columns.
         change[own, -1] = inverse[j] * values[equation.columns[own]]
         change[p, -1] = 1.0
         columns = [number[int(equation.columns[i])] for i in own] + [len(free) + j]

@@ -36,7 +36,15 @@ _FIRST_MOMENTS = ("MXp", "MYp", "MZp")
 
 @dataclass(frozen=True)
 class KnownPayload:
-    """A payload that a recording's metadata state: kg, and m in the frame of the last joint where stated."""
+    """A payload that a recording's metadata state.
+
+    Parameters
+    ----------
+    mass : float
+        The mass in kg.
+    centre : (x, y, z) or None
+        Its centre in m, in the frame of the last joint; None where it is not stated.
+    """
 
     mass: float
     centre: tuple[float, float, float] | None = None
@@ -53,14 +61,42 @@ class KnownPayload:
 
 @dataclass(frozen=True, eq=False)
 class LoadedData:
-    """Recordings without and with payloads, reduced to a model in which every loaded recording has its own payload."""
+    """Recordings without and with payloads, reduced to a model in which every loaded recording has its own payload.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with a payload for each loaded recording.
+    reduction : Reduction
+        The joints' torques in its columns.
+    loaded : tuple of Recording
+        The recordings with a payload.
+    """
 
     model: Model
     reduction: Reduction
     loaded: tuple[Recording, ...]
 
     def payload_column(self, recording: Recording, parameter: str) -> int:
-        """Return the number of a payload's parameter ("Mp", "MXp", …) among those of the model."""
+        """Return the number of a payload's parameter among those of the model.
+
+        Parameters
+        ----------
+        recording : Recording
+            The loaded recording.
+        parameter : str
+            Name of the parameter: "Mp", "MXp", …
+
+        Returns
+        -------
+        int
+            Its number among the base parameters.
+
+        Raises
+        ------
+        DynidentError
+            Where the parameter was absorbed by others.
+        """
         for k, column in enumerate(self.model.kept):
             if get_role(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
@@ -88,6 +124,7 @@ def parse_payload(name: str, payload: Mapping[str, object] | None) -> KnownPaylo
     Parameters
     ----------
     name : str
+        Name of the recording, for messages.
     payload : mapping, optional
         "mass" in kg and, where known, "centre" in m.
 
@@ -127,16 +164,20 @@ def reduce_with_payloads(
     Parameters
     ----------
     robot : Robot
+        The robot.
     unloaded, loaded : sequence of Recording
+        Recordings without and with the payload.
     effects : sequence of EffectChoice
         The model besides the payloads.
     preprocessing : Preprocessing, optional
         Filters; from the data where left out.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     LoadedData
+        Model and equations, with a payload of its own for each loaded recording.
 
     Raises
     ------
@@ -150,6 +191,7 @@ def reduce_with_payloads(
                 pointer=pointer,
                 title="Nothing to compare",
             )
+    # Names tell the payloads apart, so two recordings must not share one.
     names = [recording.name for recording in (*unloaded, *loaded)]
     if len(set(names)) < len(names):
         raise DynidentError("two recordings have the same name; give each its own", pointer="/loaded_ids", title=_TITLE)
@@ -180,7 +222,9 @@ def scale_torque(reduction: Reduction, factors: FloatArray) -> Reduction:
     Parameters
     ----------
     reduction : Reduction
+        Factors of W and the torque, one equation a joint.
     factors : (n,)
+        One factor for each joint.
     """
     equations = tuple(
         # Only the last column, which holds the torque, is scaled.
@@ -192,6 +236,7 @@ def scale_torque(reduction: Reduction, factors: FloatArray) -> Reduction:
 
 def _to_number(value: object) -> float:
     """Return the value as a number; NaN where it is none."""
+    # True and False are integers to Python, and no masses.
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 

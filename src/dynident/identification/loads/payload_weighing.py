@@ -28,10 +28,22 @@ _AGREE, _CERTAIN = 0.1, 0.25
 
 @dataclass(frozen=True)
 class PayloadVerdict:
-    """Whether a payload can be weighed by these runs, and why; its mass in kg where it can.
+    """Whether a payload can be weighed by these runs, and why; its mass where it can.
 
-    `alike` is the mass if friction and offsets are the same in all runs, `apart` if the loaded run has its own (None:
-    the runs do not determine them). `interval` holds the mass in 95 of 100 cases by both.
+    Parameters
+    ----------
+    identifiable : bool
+        Whether the runs tell the mass.
+    reason : str
+        The reason, as a clause.
+    mass : float or None
+        The mass in kg; None where it is not identifiable.
+    interval : tuple of float or None
+        Ends in kg of the interval that holds the mass in 95 of 100 cases by both estimates.
+    alike : PayloadEstimate
+        The mass if friction and offsets are the same in all runs.
+    apart : PayloadEstimate or None
+        The mass if the loaded run has friction and offsets of its own; None where the runs do not determine these.
     """
 
     identifiable: bool
@@ -56,8 +68,11 @@ def payload_from_pair(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     unloaded : sequence of Recording
+        Recordings without the payload.
     loaded : Recording
+        The recording with the payload.
     gains : DriveGains, optional
         Identified drive gains, with their uncertainty.
     effects : sequence of EffectChoice
@@ -68,6 +83,7 @@ def payload_from_pair(
     Returns
     -------
     PayloadVerdict
+        The mass with its interval, or the reason why there is none.
 
     Raises
     ------
@@ -79,6 +95,7 @@ def payload_from_pair(
         return payload_mass(robot, unloaded, loaded, gains=gains, effects=(*effects, *own), preprocessing=preprocessing)
 
     alike = weigh(())
+    # The second model gives the loaded run friction and offsets of its own.
     own = tuple(replace(choice, runs=(loaded.name,)) for choice in JOINT_FRICTION)
     try:
         with_own = weigh(own)
@@ -94,10 +111,12 @@ def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> Payload
     Parameters
     ----------
     alike, apart : PayloadEstimate
+        Estimates of the mass with common friction, and with friction of the loaded run's own.
 
     Returns
     -------
     PayloadVerdict
+        The mass where both agree and are certain enough.
     """
     deviation = hypot(alike.standard_deviation, apart.standard_deviation)
     between = abs(alike.mass - apart.mass)
@@ -105,6 +124,7 @@ def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> Payload
         f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if "
         f"the loaded run has its own"
     )
+    # More than noise and a tenth apart: the mass depends on which model is right, and nothing tells that.
     if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
         return _not_identifiable(
             f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "

@@ -31,6 +31,7 @@ class Estimator(RegistryEntry, ABC):
     when methods are.
     """
 
+    # Facts about the class and no options of a request: warnings, checks and messages ask them instead of names.
     from_reduced: ClassVar[bool] = False
     in_steps: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
@@ -44,6 +45,16 @@ class Estimator(RegistryEntry, ABC):
     @abstractmethod
     def solve(self, problem: Problem) -> Fit:
         """Solve all equations of the problem's data, with the prior knowledge of the parameters.
+
+        Parameters
+        ----------
+        problem : Problem
+            Equations of the data, and prior knowledge.
+
+        Returns
+        -------
+        Fit
+            The estimates with their uncertainty, and warnings.
 
         Raises
         ------
@@ -96,6 +107,18 @@ class Strategy(RegistryEntry, ABC):
     @abstractmethod
     def solve(self, choices: StrategyChoices, problem: Problem) -> Fit:
         """Solve the problem part by part.
+
+        Parameters
+        ----------
+        choices : IdentificationChoices
+            What is identified, and how.
+        problem : Problem
+            Equations of the data, and prior knowledge.
+
+        Returns
+        -------
+        Fit
+            The estimates with their uncertainty, and warnings.
 
         Raises
         ------

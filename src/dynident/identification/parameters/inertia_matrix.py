@@ -26,6 +26,7 @@ def compute_smallest_inertia_eigenvalue(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
         Base parameters.
     seed : int
@@ -58,6 +59,7 @@ def compute_smallest_inertia_eigenvalue(
     # Column j of A(q) is the torque for a unit acceleration of joint j. The mean with the transpose removes rounding.
     matrix = 0.5 * (matrix + matrix.transpose(0, 2, 1))
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
+    # A diagonal entry below zero proves it already, and has no root to scale by.
     if np.any(diagonal <= 0):
         return float(diagonal.min())
     # A wrist's inertia is a thousandth of a shoulder's. Scaled to a unit diagonal, an impossible wrist shows as well.
@@ -71,8 +73,11 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     Parameters
     ----------
     robot : Robot
+        The robot.
     count : int
+        Number of postures.
     seed : int
+        Of the random numbers.
     """
     return np.asarray(np.random.default_rng(seed).uniform(*get_joint_range(robot), (count, robot.n)))
 
@@ -83,6 +88,7 @@ def get_joint_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     for joint in robot.joints:
         turning = joint.kind == "revolute"
         low, high = joint.reach or ((-np.pi, np.pi) if turning else (-1.0, 1.0))
+        # More than a turn to either side is the same posture again, and limits may be placeholders.
         ends.append((max(low, -2 * np.pi), min(high, 2 * np.pi)) if turning else (low, high))
     low, high = np.array(ends, dtype=np.float64).T
     return low, high

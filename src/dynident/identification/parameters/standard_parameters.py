@@ -15,9 +15,16 @@ from dynident.robot.model import INERTIAL_NAMES
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body of the model. `columns` (10,) are its parameters in the order of `INERTIAL_NAMES`.
+    """A rigid body of the model.
 
-    `link` is the joint that moves it; empty for what a link carries.
+    Parameters
+    ----------
+    name : str
+        Name of the link or payload.
+    link : str
+        Joint that moves it; "" for what a link carries.
+    columns : (10,)
+        Numbers of its parameters, in the order of `INERTIAL_NAMES`.
     """
 
     name: str
@@ -31,10 +38,12 @@ def find_bodies(columns: Sequence[Column]) -> tuple[Body, ...]:
     Parameters
     ----------
     columns : sequence of Column
+        Columns of a model, before they are grouped to base parameters.
 
     Returns
     -------
     tuple of Body
+        Links first met first, payloads among them.
     """
     groups: dict[tuple[Role, str, tuple[str, ...]], list[int]] = {}
     for k, column in enumerate(columns):
@@ -57,9 +66,15 @@ def _name_payload(link: str, runs: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
-    """Standard parameters (c,) in the order of `Model.columns`, and their standard deviations (c,).
+    """Standard parameters of a model.
 
-    A deviation is infinite where neither data nor prior determine the parameter: its value is then one choice of many.
+    Parameters
+    ----------
+    values : (c,)
+        The parameters in the order of `Model.columns`, each in its unit.
+    standard_deviations : (c,)
+        Their standard deviations. One is infinite where neither data nor prior determine the parameter: its value is
+        then one choice of many.
     """
 
     values: FloatArray
@@ -74,6 +89,11 @@ class StandardParameters:
         ----------
         model : Model
             The one that the values belong to.
+
+        Returns
+        -------
+        array (n, 10)
+            In kg m², kg m and kg.
         """
         inertias = np.zeros((model.robot.tree.n, 10))
         for body in find_bodies(model.columns):

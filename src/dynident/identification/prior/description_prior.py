@@ -40,11 +40,14 @@ def build_prior(model: Model, trust: DescriptionTrust) -> PriorInformation | Non
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
-    Information or None
+    PriorInformation or None
+        Rows for the base parameters; None where there is no prior.
 
     Raises
     ------
@@ -66,6 +69,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     Parameters
     ----------
     robot : Robot
+        The robot.
     free_links : sequence of str
         Joints whose links need none.
 
@@ -82,6 +86,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer=f"/free_links/{index}",
                 title="Unknown joint",
             )
+    # The last of the ten parameters is the mass.
     if inertias is None or not np.any(inertias[:, 9] > 0):
         raise DynidentError(
             f"the description of {robot.name} gives no inertias; add them (<inertial> of every link), or leave the "
@@ -97,6 +102,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
                 pointer="/prior",
                 title=_TITLE,
             )
+    # A body exists where its pseudo-inertia has no negative eigenvalue.
     smallest = smallest_pseudo_inertia(inertias)
     impossible = [
         name
@@ -126,11 +132,14 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
     Parameters
     ----------
     model : Model
-    trust : Trust
+        The model, with its base parameters' columns.
+    trust : DescriptionTrust
+        Prior from the description, if any, and how far it is trusted.
 
     Returns
     -------
-    Belief
+    NormalPrior
+        Mean and standard deviation of all standard parameters, and which are stated.
     """
     robot = model.robot.tree
     nominal = np.zeros((robot.n, 10)) if robot.inertias is None else robot.inertias
@@ -142,6 +151,7 @@ def build_normal_prior(model: Model, trust: DescriptionTrust) -> NormalPrior:
         if role == "link":
             link, parameter = robot.joint_names.index(column.link), INERTIAL_NAMES.index(column.parameter)
             mean[k], size[k] = nominal[link, parameter], errors[link, parameter]
+            # Without a prior the description still gives sizes, and decides what the data leave open.
             stated[k] = trust.prior is not None and column.link not in trust.free_links
         elif role == "rotor":
             # Descriptions hardly ever state rotor inertias: only their order of magnitude is used, for scaling.
@@ -156,7 +166,22 @@ def _get_payload_parameter(column: Column) -> int:
 
 
 def add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
-    """Return the fit with a warning that says what in it rests on the prior rather than on the data."""
+    """Return the fit with a warning that says what in it rests on the prior rather than on the data.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with its base parameters' columns.
+    data : Data
+        Recordings reduced to the model's columns.
+    fit : Fit
+        The fit with the prior.
+
+    Returns
+    -------
+    Fit
+        The same with one more warning, which comes first.
+    """
     owed = find_prior_dominated(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
     warning = (

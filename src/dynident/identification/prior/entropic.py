@@ -34,7 +34,14 @@ _FLAT = 1e-6
 class EntropicPrior:
     """The divergence of bodies from those of a description.
 
-    `columns` (k, 10) are their standard parameters, `nominal` (k, 4, 4) their pseudo-inertias J₀, `share` is p.
+    Parameters
+    ----------
+    columns : (k, 10)
+        Numbers of the bodies' standard parameters.
+    nominal : (k, 4, 4)
+        Their pseudo-inertias J₀ in the description.
+    share : float
+        The relative standard deviation p.
     """
 
     columns: IndexArray
@@ -47,20 +54,33 @@ class EntropicPrior:
         if not len(matrices):
             return 0.0
         try:
-            # The same factorisation as in `belief_at`. A test of eigenvalues could pass, by rounding, a matrix that has
-            # no Cholesky factor.
+            # The same factorisation as in `approximate_at`. By rounding, a test of eigenvalues could pass a matrix that
+            # has no Cholesky factor.
             np.linalg.cholesky(matrices)
         except np.linalg.LinAlgError:
             return float("inf")
+        # J₀⁻¹ J: its trace and determinant do not depend on the frame.
         relative = np.linalg.solve(self.nominal, matrices)
         divergence = np.trace(relative, axis1=1, axis2=2) - np.linalg.slogdet(relative)[1] - 4.0
         return float(2.0 / self.share**2 * divergence.sum())
 
     def approximate_at(self, belief: NormalPrior, values: FloatArray) -> NormalPrior:
-        """Return the normal prior whose cost has the slope and curvature of `value` at standard parameters (c,).
+        """Return the normal prior whose cost has the slope and curvature of `compute_cost` at standard parameters (c,).
 
         Its mean is 2 J - J J₀⁻¹ J and its errors are p L Δ Lᵀ with J = L Lᵀ, the entries of the symmetric Δ being
         independent.
+
+        Parameters
+        ----------
+        belief : NormalPrior
+            Prior of the other parameters.
+        values : (c,)
+            Standard parameters, whose bodies are possible.
+
+        Returns
+        -------
+        NormalPrior
+            `belief` with the bodies' mean and spread in place of its own.
         """
         mean, spread = belief.mean.copy(), np.diag(belief.size)
         for columns, nominal in zip(self.columns, self.nominal, strict=True):
@@ -77,9 +97,10 @@ def build_entropic_prior(model: Model, share: float, belief: NormalPrior) -> Ent
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     share : float
         p, the relative standard deviation.
-    belief : Belief
+    belief : NormalPrior
         Its mean is the description.
 
     Raises
@@ -87,6 +108,7 @@ def build_entropic_prior(model: Model, share: float, belief: NormalPrior) -> Ent
     DynidentError
         Where the description of one of them is flat or without mass: no body with volume is near it.
     """
+    # A body of which some parameters are unknown has no distance as a whole.
     believed = [body for body in find_bodies(model.columns) if belief.stated[body.columns].all()]
     nominal = np.array([belief.mean[body.columns] for body in believed]).reshape(-1, 10)
     _check_bodies(model.robot.name, [body.name for body in believed], nominal)

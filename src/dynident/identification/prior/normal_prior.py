@@ -11,16 +11,25 @@ from dynident.estimation import PriorInformation
 from dynident.estimation.uncertainty import compute_null_space
 from dynident.regressors.model import Model
 
+# Share of the largest singular value below which a combination has no error of its own but rounding.
 _NULL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class NormalPrior:
-    """A normal prior on standard parameters: each has the `mean` (c,) and the standard deviation `size` (c,).
+    """A normal prior on standard parameters.
 
-    Where `stated` (c,) is false nothing is known: mean and size are then only the order of magnitude. `spread` (c, c),
-    where given: errors of the stated parameters are its product with independent ones of size one, and `size` is only
-    an order of magnitude there, too.
+    Parameters
+    ----------
+    mean : (c,)
+        Mean of each parameter.
+    size : (c,)
+        Standard deviation of each parameter.
+    stated : (c,)
+        Where it is false nothing is known: mean and size are then only the order of magnitude.
+    spread : (c, c) or None
+        Where given, errors of the stated parameters are its product with independent ones of size one, and `size` is
+        only an order of magnitude there, too.
     """
 
     mean: FloatArray
@@ -33,8 +42,13 @@ class NormalPrior:
 class SplitPrior:
     """A prior in two independent parts: what it says of base parameters, and the rest.
 
-    `base`: rows for the base parameters (b,). `rest` (k, c): rows for the standard parameters, counted from their mean
-    and in units of their size, that say what the base parameters do not.
+    Parameters
+    ----------
+    base : PriorInformation
+        Rows for the base parameters (b,).
+    rest : (k, c)
+        Rows for the standard parameters, counted from their mean and in units of their size, that say what the base
+        parameters do not.
     """
 
     base: PriorInformation
@@ -47,11 +61,14 @@ def split_prior(model: Model, belief: NormalPrior) -> SplitPrior:
     Parameters
     ----------
     model : Model
-    belief : Belief
+        The model, with its base parameters' columns.
+    belief : NormalPrior
+        Mean and standard deviation of the standard parameters.
 
     Returns
     -------
-    Parted
+    SplitPrior
+        Rows for the base parameters, and the rest.
     """
     grouping, stated = model.base.grouping, belief.stated
     # Scale the standard parameters by their standard deviations and every base parameter by its own size, so that kg
@@ -66,6 +83,7 @@ def split_prior(model: Model, belief: NormalPrior) -> SplitPrior:
     # Only combinations of base parameters that hold no unknown standard parameter have a prior at all.
     untouched = compute_null_space(unknown.T, size=1.0).T
     mapped = untouched @ scaled[:, stated] @ errors
+    # The singular values are the standard deviations of independent combinations of base parameters.
     left_vectors, singular, right_vectors = np.linalg.svd(mapped, full_matrices=False)
     enough = singular > _NULL * max(float(singular.max(initial=0.0)), 1.0)
     # Whitened rows: each has an error of variance one, and the errors are independent.

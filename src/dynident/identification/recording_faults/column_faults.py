@@ -35,7 +35,21 @@ FACTORS = (0.001, 0.1, 10.0, 1000.0)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Filtered rows of a recording: q, dq, ddq and tau (m, n), and the block of time (m,) that each is in."""
+    """Filtered rows of a recording.
+
+    Parameters
+    ----------
+    q : (m, n)
+        Positions in rad or m.
+    dq : (m, n)
+        Velocities in rad/s or m/s.
+    ddq : (m, n)
+        Accelerations in rad/s² or m/s².
+    tau : (m, n)
+        Torques, in the unit of the file where that is not known.
+    block : (m,)
+        Number of the block of time that each row is in.
+    """
 
     q: FloatArray
     dq: FloatArray
@@ -48,10 +62,16 @@ class Motion:
 class ColumnFault:
     """One fault: joints whose columns stand in each other's place, or joints whose sign or size is wrong.
 
-    Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3, and 1 with 4. Of a joint
-    that is swapped or turned, both position and torque are. `factor` mends torques that are scaled. Of two joints
-    that are coupled, the first is counted from the second: its position is that of the column less `factor` times the
-    second's.
+    Parameters
+    ----------
+    kind : str
+        Kind of the fault. Of a joint that is swapped or turned, both position and torque are.
+    joints : tuple of int
+        Numbers of the joints. Joints that are swapped stand side by side, pair after pair: (0, 3, 1, 4) are 0 with 3,
+        and 1 with 4.
+    factor : float
+        It mends torques that are scaled. Of two joints that are coupled, the first is counted from the second: its
+        position is that of the column less `factor` times the second's.
     """
 
     kind: FaultKind
@@ -110,6 +130,7 @@ class ColumnFault:
 
 def _uncouple(signal: FloatArray, mistake: ColumnFault) -> FloatArray:
     own, other = mistake.joints
+    # The signals belong to the motion as it was recorded, which other trials still need.
     changed = signal.copy()
     changed[:, own] -= mistake.factor * signal[:, other]
     return changed
@@ -121,7 +142,9 @@ def silence_others(motion: Motion, joints: tuple[int, ...]) -> Motion:
     Parameters
     ----------
     motion : Motion
+        Filtered rows of the recording.
     joints : tuple of int
+        Numbers of the joints, from 0.
     """
     tau = motion.tau.copy()
     tau[:, list(joints)] *= _SMALL
@@ -181,6 +204,7 @@ def _list_chain_faults(moving: BoolArray, chains: Sequence[Sequence[int]]) -> It
         for pairs in exchanges
     ]
     kinds = [(swap, _SWAPS[:2]) for swap in swaps]
+    # Two or three joints counted backwards are exchanges of a pair, which are tried anyway.
     kinds += [([(k, n - 1 - k) for k in range(n // 2)], _SWAPS)] if n > 3 else []
     for swap, possible in kinds:
         if all(moving[first] or moving[second] for first, second in swap):

@@ -29,11 +29,20 @@ _RIDGE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class DescriptionFit:
-    """Opinion of a robot's description on faults in a motion; a fit of all parameters leaves `now` unexplained.
+    """Opinion of a robot's description on faults in a motion.
 
     In few moves a fit of all parameters explains by chance: another order of the columns of a short right motion left
     less by 0.2 and more in five of 180, the description's own masses at most 0.03 less. Where the description explains
     as much as a fit, planted faults left 0.3 less and more without the fault.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with the masses of its description.
+    motion : Motion
+        Filtered rows of the recording.
+    now : UnexplainedTorque
+        What a fit of all parameters leaves of the torque as it is.
     """
 
     robot: Robot
@@ -47,7 +56,8 @@ class DescriptionFit:
 
         Parameters
         ----------
-        mistake : Mistake
+        mistake : ColumnFault
+            The fault.
         """
         if mistake.kind == "torque scaled" or self._unexplained_as_is > self.now.blocks.mean() + self._threshold:
             return False
@@ -61,7 +71,8 @@ class DescriptionFit:
 
         Parameters
         ----------
-        mistake, other : Mistake
+        mistake, other : ColumnFault
+            Two faults.
         """
         first_left, second_left = (
             measure_left_by_description(self.robot, each.mend(self.motion)) for each in (mistake, other)
@@ -82,12 +93,14 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
     """Return the mean logarithm of the unexplained share of the torque, with the description's load on each joint.
 
     The gain of the load, dry and viscous friction and the inertia of the drive are not negative; a constant torque is
-    free. Each block of time is predicted from the others, as in `Judge.left`.
+    free. Each block of time is predicted from the others, as in `HeldOutFit.measure_unexplained`.
 
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
 
     Returns
     -------
@@ -109,6 +122,7 @@ def measure_left_by_description(robot: Robot, motion: Motion) -> float | None:
 
 def _build_columns(motion: Motion, load: FloatArray, joint: int) -> FloatArray:
     """Return the columns (m, 6): load, dry and viscous friction, inertia of the drive, and ± a constant."""
+    # A constant of either sign, as two columns that are not negative.
     dq, ones = motion.dq[:, joint], np.ones(len(load))
     return np.stack([load[:, joint], np.sign(dq), dq, motion.ddq[:, joint], ones, -ones], axis=1)
 
@@ -127,6 +141,7 @@ def _measure_unexplained(columns: FloatArray, tau: FloatArray, block: IntArray, 
 
 def _fit(gram: FloatArray) -> FloatArray:
     """Return the parameters (c,), none of them negative, of inner products (c + 1, c + 1) of [W | Y]."""
+    # Columns of equal size, or the ridge would weigh them by their units.
     scale = np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
     normal = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
     # Non-negative least squares on the Cholesky factor has the same solution as on all rows, and is small.

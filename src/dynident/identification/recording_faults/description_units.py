@@ -20,7 +20,17 @@ _SMALL = 1e-3
 
 @dataclass(frozen=True)
 class DescriptionUnits:
-    """Factors that bring a description's masses, first moments and inertias to SI units."""
+    """Factors that bring a description's numbers to SI units.
+
+    Parameters
+    ----------
+    mass : float
+        Factor of the masses.
+    moment : float
+        Factor of the first moments.
+    inertia : float
+        Factor of the moments and products of inertia.
+    """
 
     mass: float
     moment: float
@@ -54,16 +64,18 @@ def find_description_units(robot: Robot) -> DescriptionUnits | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
 
     Returns
     -------
-    DescribedUnits or None
+    DescriptionUnits or None
         None where they are SI, or the description has no masses.
     """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     reach = sum(float(np.linalg.norm(np.asarray(joint.placement)[:3, 3])) for joint in robot.joints)
     links = robot.inertias[robot.inertias[:, 9] > 0]
+    # Without a length nothing can be compared.
     if reach <= 0.0:
         return None
     masses = links[:, 9]

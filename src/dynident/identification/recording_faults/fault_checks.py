@@ -71,7 +71,15 @@ _OTHER_CAUSES = (
 
 
 class DynamicsCheck(NamedTuple):
-    """The checks of a recording against its robot's dynamics, and the unexplained shares of the torque as it is."""
+    """The checks of a recording against its robot's dynamics.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+        The checks, those that passed included.
+    unexplained : UnexplainedTorque or None
+        Unexplained shares of the torque as it is; None where nothing was fitted.
+    """
 
     checks: tuple[Check, ...]
     unexplained: UnexplainedTorque | None
@@ -86,6 +94,7 @@ def build_dynamics_checks(robot: Robot) -> ModelChecks:
     Parameters
     ----------
     robot : Robot
+        The robot.
     """
 
     def check(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...] | None:
@@ -101,13 +110,15 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     Parameters
     ----------
     robot : Robot
+        The robot.
     recording : Recording
+        The recording.
     q, tau : names
         What the user calls the columns of positions and torques.
 
     Returns
     -------
-    Examined
+    DynamicsCheck
         Without checks where the recording is too short, or the robot has too many joints.
     """
     units = find_description_units(robot)
@@ -147,10 +158,12 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
     elif mistakes:
         findings = tuple(_report_fault(finding, recording, q, tau) for finding in mistakes)
     else:
+        # Sizes are looked at only where order and signs are right: a wrong column has any size.
         findings = _check_scales(machine, motion, recording, tau, judges)
         if all(check.status == "ok" for check in findings):
             # A delay can only be estimated once all torques are in the same unit.
             findings = (*_check_delay(machine, *whole, tau, judges), *findings)
+        # Gravity that was taken out would make masses look wrong, so it is reported first.
         findings = (*_report_compensated(machine, motion, tau), *findings)
     return DynamicsCheck((*passed, *findings, *described), as_is)
 
@@ -312,7 +325,8 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
 
     Parameters
     ----------
-    mistake : Mistake
+    mistake : ColumnFault
+        The fault.
     n : int
         Number of joints.
     """
@@ -324,6 +338,7 @@ def build_revision(mistake: ColumnFault, n: int) -> Revision | None:
         return Revision(scale={f"tau{joint + 1}": mistake.factor for joint in mistake.joints})
     if not mistake.is_swap:
         return Revision(signs={f"{kind}{joint + 1}": -1.0 for kind in kinds for joint in mistake.joints})
+    # Permutations of a request count from one.
     order = list(range(1, n + 1))
     for first, second in mistake.pairs:
         order[first], order[second] = order[second], order[first]
@@ -335,8 +350,10 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
 
     Parameters
     ----------
-    mistake : Mistake
+    mistake : ColumnFault
+        The fault.
     recording : Recording
+        The recording.
     q, tau : sequence of str
         What the user calls the columns.
     """

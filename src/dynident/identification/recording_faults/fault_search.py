@@ -45,7 +45,7 @@ _ROWS_PER_COLUMN = 8
 """Rows for each parameter that a fit needs, at least, to tell one order of the columns from another."""
 
 _CERTAIN, _CERTAIN_OF_JOINTS, SOUND = 1.2, 2.4, 0.2
-"""Sum over the joints of the logarithm of what is left that falls without a mistake, from which on nothing else is
+"""Sum over the joints of the logarithm of what is left that falls without a fault, from which on nothing else is
 likely: of torques or positions alone, and of whole joints; and what may then be left of an average joint's torque. A
 zero that is off by 90 degrees or a gain that is ten times too large look like an exchange by up to 1.0 and 1.6 on arms
 of six joints, or leave more (`benchmarks/gross_mistakes.py`)."""
@@ -58,13 +58,13 @@ ALIKE = 0.02
 """Causes without which that mean falls as much, to this, cannot be told from each other."""
 
 _APART = 0.75
-"""Share of what is explained without a mistake that its joints may explain by themselves, apart from the others: where
+"""Share of what is explained without a fault that its joints may explain by themselves, apart from the others: where
 it is more, they do not go with the others, for whatever reason. Of right short motions it was 0.9 and more where an
 order or a sign looked wrong, with what was planted at most 0.5. What comes of it is among the short motions of
 `benchmarks/gross_mistakes.py`."""
 
 _CURED = 0.3
-"""Of what is left without a mistake on an average joint: where it is more, something else is wrong."""
+"""Of what is left without a fault on an average joint: where it is more, something else is wrong."""
 
 _OFF = 0.05
 """Share of the other joints' friction below which a joint's torque has none: its drive is off, and nothing is told of
@@ -85,9 +85,20 @@ _PARALLEL = 0.999
 
 @dataclass(frozen=True)
 class DetectedFault:
-    """A fault that was found, those it cannot be told from, and the unexplained shares with it and without.
+    """A fault that was found, and the unexplained shares with it and without.
 
-    Where it is not `certain`, another cause may look the same.
+    Parameters
+    ----------
+    mistake : ColumnFault
+        The fault.
+    alike : tuple of ColumnFault
+        Faults that it cannot be told from.
+    left_with : float
+        Unexplained share of an average joint's torque as the columns are.
+    left_without : float
+        The same without the fault.
+    certain : bool
+        False where another cause may look the same.
     """
 
     mistake: ColumnFault
@@ -105,7 +116,9 @@ def find_recording_faults(robot: Robot, recording: Recording) -> tuple[tuple[Det
     Parameters
     ----------
     robot : Robot
+        The robot.
     recording : Recording
+        The recording.
 
     Returns
     -------
@@ -126,8 +139,10 @@ def find_motion_faults(
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    judges : Judges, optional
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
 
     Returns
@@ -146,8 +161,10 @@ def search_faults(
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    judges : Judges, optional
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
     """
     judges = judges or HeldOutFits(robot)
@@ -182,9 +199,14 @@ def search_faults(
 
 
 class HeldOutFits:
-    """Judges of a robot's motions: with its links and friction, and with a constant torque on each joint as well.
+    """Fits of a robot: with its links and friction, and with a constant torque on each joint as well.
 
     Each is built when it is first needed, and serves all questions about the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -192,12 +214,12 @@ class HeldOutFits:
 
     @cached_property
     def plain_fit(self) -> HeldOutFit:
-        """Judge with links and friction."""
+        """Fit of links and friction."""
         return HeldOutFit(self._robot)
 
     @cached_property
     def offset_fit(self) -> HeldOutFit:
-        """Judge with links, friction and a constant torque on each joint."""
+        """Fit of links, friction and a constant torque on each joint."""
         return HeldOutFit(self._robot, (OFFSETS,))
 
 
@@ -226,10 +248,12 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
     possible = [
         mistake for mistake in among if mistake.joints not in off and _is_possible_fault(mistake, robot, motion, sizes)
     ]
+    # One small solution for each of some hundred faults; rows of W are kept where only torques change.
     trials = [(mistake, judge.measure_unexplained(mistake.mend(motion))) for mistake in possible]
     # A fit of all parameters may explain a short motion by chance. The description's masses, a few numbers, cannot.
     described = DescriptionFit(robot, motion, now)
     for best, unexplained in sorted(trials, key=lambda pair: pair[1].score):
+        # Sorted by score: where the best one is not clear, the others are not looked at.
         if not now.is_surely_above(unexplained, best.kind) or unexplained.average_share > _CURED:
             return None
         # Scale the torques of these joints down until they have no say in the parameters of the others. Where that
@@ -248,6 +272,7 @@ def _find_best_fault(judge: HeldOutFit, robot: Robot, motion: Motion, now: Unexp
             if (mistake.kind, mistake.joints) != own and other.score - unexplained.score < ALIKE
         ]
         if best.kind == "torque scaled":
+            # A power of ten was tried; the masses may say a gain in between.
             best = replace(best, factor=refine_factor_by_masses(robot, motion, best.joints, best.factor))
             unexplained = judge.measure_unexplained(best.mend(motion))
         return _FaultStep(
@@ -302,7 +327,9 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     Parameters
     ----------
     recording : Recording
-    judges : Judges
+        The recording.
+    judges : HeldOutFits
+        Fits of the robot.
 
     Returns
     -------
@@ -315,6 +342,7 @@ def filter_for_search(recording: Recording, judges: HeldOutFits) -> tuple[Motion
     unexplained = judges.plain_fit.measure_unexplained(thin_out(wide[0]))
     if max(unexplained.average_share, unexplained.worst_share) < _EXPLAINED:
         return wide
+    # What a rigid robot does not explain is mostly at high frequencies: an elastic arm, or backlash.
     narrow = filter_whole_motion(recording, narrow=True)
     if narrow is None or not _has_enough_rows(narrow[0], judges.plain_fit):
         return wide
@@ -358,7 +386,22 @@ def find_parallel_axes(robot: Robot) -> BoolArray:
 
 
 def find_excess_of_motion(robot: Robot, motion: Motion, judges: HeldOutFits | None = None) -> dict[int, float]:
-    """Return the joints whose friction is too large for the robot, and how many times."""
+    """Return the joints whose friction is too large for the robot, and how many times.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    judges : HeldOutFits, optional
+        Fits of the robot, if they exist already.
+
+    Returns
+    -------
+    dict of int to float
+        Joint (from 0), and how many times its friction is too large.
+    """
     return _find_excess((judges or HeldOutFits(robot)).plain_fit, robot, motion)
 
 
@@ -372,11 +415,12 @@ def find_delay(robot: Robot, motion: Motion, period: float, judges: HeldOutFits 
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
         All filtered rows, in their order.
     period : float
         s between rows.
-    judges : Judges, optional
+    judges : HeldOutFits, optional
         Those of the robot, if they exist already.
     """
     judges = judges or HeldOutFits(robot)
@@ -397,7 +441,9 @@ def measure_gain_by_other_scales(robot: Robot, motion: Motion, factor: float) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Of the other gains.
 
@@ -424,6 +470,8 @@ def measure_unexplained_share(robot: Robot, motion: Motion) -> float:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     return HeldOutFit(robot).measure_unexplained(motion).average_share

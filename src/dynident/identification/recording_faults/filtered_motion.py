@@ -27,6 +27,7 @@ def filter_motion(recording: Recording) -> Motion | None:
     Parameters
     ----------
     recording : Recording
+        The recording.
     """
     whole = filter_whole_motion(recording)
     return None if whole is None else thin_out(whole[0])
@@ -38,7 +39,9 @@ def thin_out(motion: Motion) -> Motion:
     Parameters
     ----------
     motion : Motion
+        Filtered rows of the recording.
     """
+    # Evenly spread, so that every part of the motion is represented.
     step = max(1, len(motion.q) // _ROWS)
     q, dq, ddq, tau = (np.ascontiguousarray(signal[::step]) for signal in (motion.q, motion.dq, motion.ddq, motion.tau))
     block: IntArray = np.arange(len(q)) * BLOCKS // len(q)
@@ -51,6 +54,7 @@ def filter_whole_motion(recording: Recording, *, narrow: bool = False) -> tuple[
     Parameters
     ----------
     recording : Recording
+        The recording.
     narrow : bool
         Keep a few harmonics of the motion alone. A fault of the columns shows there, while an elastic arm, or one with
         backlash, has most of what no rigid robot explains above that.

@@ -41,7 +41,14 @@ _MOVES = 0.01
 class StaticTorque:
     """Shares of a torque that the load of gravity leaves, and that friction and inertia have.
 
-    Each is the largest of any joint; `joints` are those that were tested.
+    Parameters
+    ----------
+    unexplained : float
+        Share that the load of gravity leaves; the largest of any joint.
+    moving_share : float
+        Share of friction and inertia; the largest of any joint.
+    joints : tuple of int
+        Numbers of the joints that were tested.
     """
 
     unexplained: float
@@ -55,9 +62,10 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
         Filtered rows. Joints without torque are not tested.
-    judge : Judge
+    judge : HeldOutFit
         That of the robot.
 
     Returns
@@ -71,10 +79,12 @@ def find_static_torque(robot: Robot, motion: Motion, judge: HeldOutFit) -> Stati
     q, dq, ddq, tau = (part[::every] for part in (motion.q, motion.dq, motion.ddq, motion.tau))
     block = motion.block[::every]
     spread = tau.std(axis=0)
+    # Joints that carry little are left out: their torque is friction and noise.
     heavy: BoolArray = (spread > _HEAVY_TORQUE * spread.max(initial=0.0)) & (dq.std(axis=0) > 0)
     loads = judge.compute_load_columns(q)
     shares: list[tuple[float, float]] = []
     for joint in np.flatnonzero(heavy):
+        # Dry and viscous friction and the inertia of the drive: what motion adds to any measured torque.
         own = np.column_stack([np.sign(dq[:, joint]), dq[:, joint], ddq[:, joint]])
         share_left, moving = _measure_static_shares(loads[joint], own, tau[:, joint], block)
         if share_left > _UNEXPLAINED_BY_GRAVITY or moving > max(_NO_FRICTION, _BY_CHANCE * share_left):
@@ -139,9 +149,16 @@ _GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class LoadShares:
-    """Shares of the description's load that are in a torque: of its gravity part and of its motion part.
+    """Shares of the description's load that are in a torque.
 
-    `motion_error` is the standard error of the motion's share, by the jackknife over blocks of time.
+    Parameters
+    ----------
+    gravity : float
+        Share of the load's gravity part.
+    motion : float
+        Share of the load's motion part.
+    motion_error : float
+        Standard error of the motion's share, by the jackknife over blocks of time.
     """
 
     gravity: float
@@ -151,11 +168,22 @@ class LoadShares:
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """Gravity (3,) in the base frame in m/s² that explains most of the torque.
+    """Gravity in the base frame that explains most of the torque.
 
-    `left` is the unexplained share of the joint that it explains worst, `left_as_stated` that of the stated gravity;
-    `is_sure` says whether it leaves clearly less than every other direction along an axis; `explains` and `as_stated`
-    are the unexplained shares of all joints with either.
+    Parameters
+    ----------
+    gravity : (3,)
+        The gravity in m/s².
+    unexplained : float
+        Unexplained share of the torque of the joint that it explains worst.
+    unexplained_as_stated : float
+        The same with the stated gravity.
+    is_sure : bool
+        Whether it leaves clearly less than every other direction along an axis.
+    explains : UnexplainedTorque
+        Unexplained shares of all joints with this gravity.
+    as_stated : UnexplainedTorque
+        The same with the stated gravity.
     """
 
     gravity: FloatArray
@@ -172,13 +200,15 @@ def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> Lo
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Makes N m of the torque.
 
     Returns
     -------
-    Shares or None
+    LoadShares or None
         None without masses or gravity.
     """
     if not _has_masses(robot) or not np.linalg.norm(robot.gravity) > 1.0:
@@ -187,6 +217,7 @@ def measure_load_shares(robot: Robot, motion: Motion, factor: float = 1.0) -> Lo
     q, dq, ddq, tau = (signal[::every] for signal in (motion.q, motion.dq, motion.ddq, motion.tau * factor))
     others = motion.block[::every] != np.arange(BLOCKS)[:, None]
     load = _compute_load(robot, q)
+    # The same description gives both parts, so an error of all masses cancels in their ratio.
     rest = compute_described_torque(robot, q, dq, ddq) - load
     size = np.sqrt((load**2).mean(axis=0))
     # Fit each joint's torque by its gravity load, the rest of the described torque, and friction. The two factors are
@@ -215,7 +246,9 @@ def detect_compensated_gravity(robot: Robot, motion: Motion, factor: float = 1.0
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     factor : float
         Makes N m of the torque.
     """
@@ -253,8 +286,10 @@ def find_other_mounting(robot: Robot, motion: Motion, now: UnexplainedTorque) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
-    now : Left
+        Filtered rows of the recording.
+    now : UnexplainedTorque
         Unexplained shares with the stated gravity.
     """
     if not np.linalg.norm(robot.gravity) > 1.0:
@@ -275,12 +310,16 @@ def find_mounting(robot: Robot, motion: Motion) -> Mounting:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
 
     Returns
     -------
     Mounting
+        The direction, and what is unexplained with it.
     """
+    # Only the direction is looked for: its size is the stated one, or that of the earth.
     size = float(np.linalg.norm(robot.gravity)) or _GRAVITY
     leanings = _GravityDirections(robot, motion, size)
     candidates = [(direction, leanings.measure_unexplained(direction)) for direction in _USUAL]
@@ -294,6 +333,7 @@ def find_mounting(robot: Robot, motion: Motion) -> Mounting:
     # With the sign of gravity turned round, masses of the opposite sign explain the same torque.
     alike = not opposite.is_surely_above(explains)
     if alike and _has_masses(robot):
+        # Masses are positive: with the wrong sign of gravity their load has the sign opposite to the torque.
         upright = [_is_upright(replace(robot, gravity=direction * size), motion) for direction in (best, -best)]
         if upright[0] != upright[1]:
             alike = False
@@ -317,6 +357,7 @@ class _GravityDirections:
         self._parts = [HeldOutFit(replace(robot, gravity=gravity)) for gravity in (np.zeros(3), *np.eye(3))]
 
     def measure_unexplained(self, direction: FloatArray) -> UnexplainedTorque:
+        # W is affine in gravity, so W(g) = W(0) + Σ g_k (W(e_k) - W(0)): the weight of W(0) is one less their sum.
         factors = direction * self._size
         return self._judge.measure_unexplained_of_sum(
             self._motion, self._parts, [1.0 - float(factors.sum()), *map(float, factors)]
@@ -332,6 +373,7 @@ class _GravityDirections:
 
         optimum = minimize(score, np.zeros(2), method="Nelder-Mead", options={
             "initial_simplex": _SIMPLEX, "xatol": _FINE, "fatol": _FINE, "maxfev": _MOST_TRIED})  # fmt: skip
+        # Rounded to what the search tells, so that a message has no false digits.
         return _normalise(np.round(_normalise(start + optimum.x @ across), 2))
 
 

@@ -30,7 +30,7 @@ _STILL, _SLOW = 1e-3, 0.05
 is left out: sticking joints have a friction of any size."""
 
 CLEARLY, SURELY = 0.6, 2.5
-"""Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a mistake (on
+"""Sum over the joints of the logarithm by which the unexplained share of the torque has to fall without a fault (on
 one joint to nearly half, or a little on all), and over its standard error among blocks of time. On untouched recordings
 of arms of six joints nothing falls by 0.42, nor surely at all; of what can be planted in them 98 % does, but for joints
 turned round, which change less (`benchmarks/gross_mistakes.py`). The sum, and not the mean: of an elastic arm of two
@@ -48,7 +48,7 @@ planted 0.5 and more. What comes of it is among the short motions of `benchmarks
 
 _DRIVES = 2.5
 """Standard errors by which friction's work has to be negative for it to drive its joint: in right motions that are
-short 0.7, by chance; planted mistakes of which nothing else tells give 2.7 and more."""
+short 0.7, by chance; planted faults of which nothing else tells give 2.7 and more."""
 
 _AGAINST = 0.5
 """What friction that drives its joint counts, in the same logarithm: there is no such friction."""
@@ -71,9 +71,18 @@ _QUIET = 1e-12
 class UnexplainedTorque:
     """Unexplained shares of the torque of a motion.
 
-    `blocks` (blocks,) are means of log shares over the joints that move, each block held out; `inside` is that of all
-    blocks where they are fitted to; `against` is the number of joints whose friction drives them; `joints` (n,) are the
-    shares of each joint's torque, held out, 0 of those that do not move.
+    Parameters
+    ----------
+    blocks : (blocks,)
+        Means of log shares over the joints that move, each block held out.
+    inside : float
+        The same of all blocks together, where they are fitted to.
+    against : int
+        Number of joints whose friction drives them.
+    moving : (n,)
+        Which joints move.
+    joints : (n,)
+        Share of each joint's torque, held out; 0 for joints that do not move.
     """
 
     blocks: FloatArray
@@ -110,7 +119,8 @@ class UnexplainedTorque:
 
         Parameters
         ----------
-        other : Left
+        other : UnexplainedTorque
+            What the other fit leaves unexplained.
         kind : str, optional
             Of the fault that was mended for the other.
         """
@@ -147,7 +157,14 @@ class _MotionRows:
 class GramMatrices:
     """Inner products where each joint moves, of each block and last of all of them.
 
-    WᵀW `inner` (blocks + 1, n, c, c), Wᵀτ `right` (blocks + 1, n, c), τᵀτ `measured` (blocks + 1, n).
+    Parameters
+    ----------
+    inner : (blocks + 1, n, c, c)
+        WᵀW.
+    right : (blocks + 1, n, c)
+        Wᵀτ.
+    measured : (blocks + 1, n)
+        τᵀτ.
     """
 
     inner: FloatArray
@@ -156,16 +173,24 @@ class GramMatrices:
 
     def compute_squares(self, values: FloatArray) -> FloatArray:
         """Return the squared errors (blocks + 1, n) of parameters (blocks + 1, c), each row in its own block."""
+        # τᵀτ - 2 χᵀWᵀτ + χᵀWᵀW χ: the squared error from inner products alone.
         products = (self.inner @ values[:, None, :, None])[..., 0]
         remainder = self.measured + np.einsum("bji,bi->bj", products - 2.0 * self.right, values)
         return np.asarray(np.maximum(remainder, 0.0))
 
 
 class HeldOutFit:
-    """Fits a robot's links, rotors and friction, and `more` effects, to motions of it.
+    """Fits of a robot's links, rotors and friction to motions of it.
 
     Only inner products are kept, so that the hundreds of candidate faults each cost a small solution and no pass over
     the rows.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    more : tuple of EffectChoice
+        Further effects of the model.
     """
 
     def __init__(self, robot: Robot, more: tuple[EffectChoice, ...] = ()) -> None:
@@ -186,6 +211,7 @@ class HeldOutFit:
         Parameters
         ----------
         motion : Motion
+            Filtered rows of the recording.
         """
         return self._measure_unexplained(motion, self._get_rows(motion))
 
@@ -208,6 +234,7 @@ class HeldOutFit:
         Parameters
         ----------
         motion : Motion
+            Filtered rows of the recording.
         """
         grams, moving = self._compute_grams(motion, self._get_rows(motion)), find_moving_joints(motion)
         values, _ = self._solve_weighted(grams)
@@ -222,12 +249,27 @@ class HeldOutFit:
     def measure_unexplained_of_sum(
         self, motion: Motion, parts: Sequence[HeldOutFit], factors: Sequence[float]
     ) -> UnexplainedTorque:
-        """Return the unexplained shares where W is a sum of those of other judges of the same links, times factors."""
+        """Return the unexplained shares where W is a weighted sum of those of other fits of the same links.
+
+        Parameters
+        ----------
+        motion : Motion
+            Filtered rows of the recording.
+        parts : sequence of HeldOutFit
+            The other fits.
+        factors : sequence of float
+            One factor for each of them.
+
+        Returns
+        -------
+        UnexplainedTorque
+            What such a fit leaves.
+        """
         of_joints = []
         for joint, (at, rows, sums) in enumerate(self._get_rows(motion).of_joints):
             columns, total = self._layout[joint][1], np.zeros_like(rows)
             for part, factor in zip(parts, factors, strict=True):
-                # Without gravity a joint has fewer columns, so each judge's columns are sought among those of all.
+                # Without gravity a joint has fewer columns, so each fit's columns are sought among those of all.
                 own = np.searchsorted(columns, part._layout[joint][1])
                 total[:, own] += factor * part._get_rows(motion).of_joints[joint][1]
             of_joints.append((at, total, sums))
@@ -310,6 +352,7 @@ class HeldOutFit:
         normal = LEAVE_ONE_OUT @ (weights @ grams.inner[:-1].reshape(BLOCKS, self._robot.n, c * c))
         right = LEAVE_ONE_OUT @ (weights @ grams.right[:-1])
         normal = normal.reshape(-1, c, c)
+        # Columns of equal size, so that the ridge does not depend on units.
         scale = np.sqrt(np.maximum(np.einsum("bii->bi", normal), np.finfo(float).tiny))
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(c)
         return np.asarray(np.linalg.solve(normal, (right / scale)[:, :, None])[:, :, 0] / scale)
@@ -322,6 +365,7 @@ class HeldOutFit:
         # Each fit leaves one block out, so the scatter of the fits gives the jackknife's standard error.
         if work.mean() >= -_DRIVES * np.sqrt((BLOCKS - 1) * work.var()):
             return False
+        # Friction that is small beside the residual may have any sign.
         size = np.einsum("bi,ik,bk->b", own, whole[np.ix_(friction, friction)], own)
         return bool(np.median(size) > 0.25 * rest)
 
@@ -348,6 +392,7 @@ def compute_log_shares(squares: FloatArray, measured: FloatArray) -> FloatArray:
     measured : (n,)
         Squared torque.
     """
+    # Clipped: one block that is explained perfectly must not decide a mean of logarithms.
     shares = np.sqrt(np.maximum(squares, 0.0) / np.maximum(measured, np.finfo(float).tiny))
     return np.asarray(np.log(np.clip(shares, _LEAST, _MOST)))
 

@@ -48,7 +48,19 @@ class UnexplainedShares(Protocol):
 
 @dataclass(frozen=True)
 class Delay:
-    """Delay of the torque in seconds, whether it is a fault, and the unexplained shares with and without it."""
+    """Delay of the torque of a motion.
+
+    Parameters
+    ----------
+    seconds : float
+        The delay in s; below zero where the torque is early.
+    is_mistake : bool
+        Whether it is a fault of the log, and more than drives delay.
+    left_with : float
+        Unexplained share of an average joint's torque as it is.
+    left_without : float
+        The same with the delay taken out.
+    """
 
     seconds: float
     is_mistake: bool
@@ -83,6 +95,7 @@ def estimate_delay(
     Returns
     -------
     Delay or None
+        The delay, and whether it is a fault; None where the rows are too few.
     """
     if len(motion.q) < _FEW:
         return None
@@ -98,11 +111,13 @@ def estimate_delay(
     inside = np.array([trial.inside for trial in unexplained])
     now, then = unexplained[int(np.flatnonzero(_CANDIDATES == 0.0)[0])], left_of(shift_torque(seconds))
     fall = now.blocks - then.blocks
+    # A paired comparison over the same blocks.
     error = float(fall.std(ddof=1)) / np.sqrt(len(fall))
     sure = float(fall.mean()) >= max(CLEARLY, SURELY * error) and now.inside - inside.min() >= INSIDE * fall.mean()
     # Both the held-out estimate and that inside the fit have to be outside of what drives do: in short motions one
     # alone is chance.
     mistaken = sure and not _is_possible_delay(seconds) and not _is_possible_delay(_find_lowest(inside))
+    # Tested last, as it needs a second model: made only where all others say yes.
     if mistaken:
         fall_beside_offsets = (left_beside(motion).blocks - left_beside(shift_torque(seconds)).blocks).mean()
         mistaken = fall_beside_offsets >= BESIDE_OFFSETS * fall.mean()

@@ -50,6 +50,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     Parameters
     ----------
     robot : Robot
+        The robot.
     frictions : (blocks, n)
         Mean torque of each joint's friction in N m or N, from several parts of the motion; NaN where it is not known.
     heavy : collection of int
@@ -58,6 +59,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     Returns
     -------
     dict of int to float
+        Joint (from 0), and how many times its friction is too large.
     """
     size, known = _summarise_frictions(frictions)
     limits = get_effort_limits(robot)
@@ -70,6 +72,7 @@ def find_excess_friction(robot: Robot, frictions: FloatArray, heavy: Collection[
     # another make. Groups have to be tested as such: the wrong ones would count as normal for each other.
     for group in (*(joints == joint for joint in joints), *(joints >= first for first in range(1, robot.n - 1))):
         members, others = np.flatnonzero(known & group), known & ~group
+        # One other joint alone is no measure of what is usual.
         if not len(members) or others.sum() < 2:
             continue
         # Compare shares of the limits of effort: large joints have more friction than small ones in N m.
@@ -112,10 +115,13 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
     Parameters
     ----------
     robot : Robot
+        The robot.
     frictions : (blocks, n)
-        As in `excess_of`.
+        As in `find_excess_friction`.
     joint : int
+        Number of the joint, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     size, known = _summarise_frictions(frictions)
     others = known & (np.arange(robot.n) != joint)
@@ -124,6 +130,7 @@ def is_nearer_to_others(robot: Robot, frictions: FloatArray, joint: int, factor:
     limits = get_effort_limits(robot)
     share = size if limits is None else size / limits
     times = float(share[joint] / np.median(share[others]))
+    # In logarithms: ten times too large is as far off as ten times too small.
     return bool(abs(np.log(factor * times)) < abs(np.log(times)))
 
 
@@ -137,6 +144,7 @@ def _summarise_frictions(frictions: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 def get_effort_limits(robot: Robot) -> FloatArray | None:
     """Return the limits of effort (n,) in N m or N; None where the description gives none, or placeholders."""
+    # Limits that all joints share, or huge ones, were filled in and say nothing of the drives.
     limits = np.array([joint.limits.effort or np.nan for joint in robot.joints], dtype=np.float64)
     if not np.isfinite(limits).all() or len(set(limits.tolist())) == 1 or limits.max() >= _PLACEHOLDER:
         return None
@@ -205,9 +213,18 @@ at the flange makes it so of wrists, so that friction has to say it, too."""
 
 @dataclass(frozen=True)
 class TorqueScale:
-    """A joint, from 0, whose torque is `times` what it should be, and the power of ten that it is off by.
+    """A joint whose torque is many times what it should be.
 
-    This follows from the masses of the description, or from the friction of the other joints: `by_friction`.
+    Parameters
+    ----------
+    joint : int
+        Number of the joint, from 0.
+    times : float
+        How many times its torque is too large.
+    power : float
+        The power of ten that it is off by.
+    by_friction : bool
+        Whether this follows from the friction of the other joints, and not from the masses of the description.
     """
 
     joint: int
@@ -222,13 +239,15 @@ def find_torque_scales(robot: Robot, motion: Motion, excess: Mapping[int, float]
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     excess : mapping of int to float
-        Joints whose friction is too large, and how many times, from `frictions.excess_of`.
+        Joints whose friction is too large, and how many times, from `find_excess_friction`.
 
     Returns
     -------
-    tuple of Scale or None
+    tuple of TorqueScale or None
         None where the description gives no masses and friction shows no excess.
     """
     factors = _compare_with_masses(robot, motion)
@@ -265,7 +284,9 @@ def find_heavy_joints(robot: Robot, motion: Motion) -> set[int]:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     factors = _compare_with_masses(robot, motion) or ()
     return {joint for joint, (times, share) in enumerate(factors) if share >= EXPLAINED_OF_VOTES and times > HEAVY}
@@ -281,7 +302,9 @@ def compute_median_scale(robot: Robot, motion: Motion) -> float | None:
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     """
     factors = _compare_with_masses(robot, motion)
     return None if factors is None else _get_median_vote(factors)
@@ -302,7 +325,15 @@ def _compare_with_masses(robot: Robot, motion: Motion) -> list[tuple[float, floa
 
 
 def compute_described_load(robot: Robot, motion: Motion) -> FloatArray | None:
-    """Return the torque (m, n) that the links need as the description has them; None without masses."""
+    """Return the torque (m, n) that the links need as the description has them; None without masses.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    motion : Motion
+        Filtered rows of the recording.
+    """
     if robot.inertias is None or not np.any(robot.inertias[:, 9] > 0):
         return None
     return compute_described_torque(robot, motion.q, motion.dq, motion.ddq)
@@ -316,8 +347,11 @@ def is_nearer_to_masses(load: FloatArray | None, motion: Motion, joint: int, fac
     load : (m, n), optional
         Torque that the masses need; None without masses.
     motion : Motion
+        Filtered rows of the recording.
     joint : int
+        Number of the joint, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     if load is None:
         return True
@@ -333,9 +367,13 @@ def refine_factor_by_masses(robot: Robot, motion: Motion, joints: Sequence[int],
     Parameters
     ----------
     robot : Robot
+        The robot.
     motion : Motion
+        Filtered rows of the recording.
     joints : sequence of int
+        Numbers of the joints, from 0.
     factor : float
+        Factor that the torque is multiplied by.
     """
     factors = _compare_with_masses(robot, motion) or ()
     known = [factors[k][0] for k in joints if factors and factors[k][1] >= EXPLAINED_OF_GROUP and factors[k][0] > 0]
@@ -374,6 +412,7 @@ def _is_known(products: FloatArray, squares: FloatArray) -> bool:
     others = squares.sum() - squares
     if len(squares) < 2 or not (others > 0).all():
         return False
+    # The factor without each block in turn: its scatter is the jackknife's standard error.
     without = (products.sum() - products) / others
     error = float(np.sqrt((len(without) - 1) * without.var()))
     return bool(abs(products.sum() / squares.sum()) >= KNOWN * error)

@@ -23,7 +23,17 @@ _FAR = 100.0
 
 @dataclass(frozen=True)
 class ShapeVariable:
-    """A shape constant that may take any value: the model's choice that it belongs to, and which constant of it."""
+    """A shape constant that may take any value.
+
+    Parameters
+    ----------
+    choice : int
+        Number of the model's effect choice that it belongs to.
+    spec : ShapeSpec
+        Which constant of the effect it is.
+    search : Refinement
+        How it is searched for.
+    """
 
     choice: int
     spec: ShapeSpec
@@ -38,11 +48,33 @@ class ShapeVariable:
         return self.search.step * steps * (np.log(2.0) if self.search.in_octaves else 1.0)
 
     def compute_change(self, low: float, high: float) -> float:
-        """Return the change from one value to another."""
+        """Return the change from one value to another.
+
+        Parameters
+        ----------
+        low : float
+            The value to begin with.
+        high : float
+            The value to end with.
+
+        Returns
+        -------
+        float
+            The difference, or that of the logarithms.
+        """
         return float(np.log(high / low)) if self.search.in_octaves else high - low
 
     def apply_change(self, value: float, change: float) -> float:
-        """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios."""
+        """Return the value after a change of it, or of its logarithm where it is searched for in equal ratios.
+
+        Parameters
+        ----------
+        value : float
+            The value before.
+        change : float
+            The change of it, or of its logarithm.
+        """
+        # Clipped: a step far outside of the linearisation must not overflow.
         return float(value * np.exp(np.clip(change, -_FAR, _FAR))) if self.search.in_octaves else value + change
 
 
@@ -52,6 +84,7 @@ def list_shape_variables(effects: Sequence[EffectChoice]) -> tuple[ShapeVariable
     Parameters
     ----------
     effects : sequence of EffectChoice
+        Effects with their joints and shape constants.
     """
     return tuple(
         ShapeVariable(number, spec, spec.refined)
@@ -64,7 +97,17 @@ def list_shape_variables(effects: Sequence[EffectChoice]) -> tuple[ShapeVariable
 
 
 def replace_shape_value(choice: EffectChoice, name: str, value: float) -> EffectChoice:
-    """Return a choice with another value of one of its shape constants."""
+    """Return a choice with another value of one of its shape constants.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its shape constants.
+    name : str
+        Name of the constant.
+    value : float
+        Its new value.
+    """
     return replace(choice, shape=tuple(sorted({**choice.shape_values, name: value}.items())))
 
 
@@ -77,9 +120,10 @@ def build_shape_columns(model: Model, values: FloatArray, places: Sequence[Shape
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     values : (b,)
         Base parameters χ.
-    places : sequence of ShapePlace
+    places : sequence of ShapeVariable
         The constants θ.
     """
     amplitudes = {column.key: float(value) for column, value in zip(model.kept, values, strict=True)}

@@ -36,11 +36,32 @@ _NO_BETTER = 0.7
 
 @dataclass(frozen=True)
 class ShapeConstant:
-    """A constant inside an effect's columns, on `joints`; `interval` holds the true value with a probability of 95 %.
+    """A constant inside an effect's columns, with its uncertainty.
 
-    `judgement`: the data determine it, leave it uncertain, do not determine it within the range that is searched, have
-    it at the edge of that or elsewhere than the model; it is one of a few kinds that was chosen; or nobody looked.
-    Where there is no number, `note` says why.
+    Parameters
+    ----------
+    effect : str
+        The effect.
+    joints : tuple of str
+        Names of the joints that it acts on; none for the whole robot.
+    name : str
+        Name of the constant.
+    unit : str
+        Unit of the constant, "-" where it has none.
+    description : str
+        What the constant is, in words.
+    value : float
+        Its value in the model.
+    judgement : str
+        The data determine it ("determined"), leave it "uncertain", do not determine it within the range that is
+        searched ("not_determined"), have it "at_edge" of that range or "elsewhere" than the model; it is one of a few
+        kinds that was "chosen"; or nobody looked ("not_looked_at").
+    standard_deviation : float
+        Standard deviation in `unit`; infinite where there is none.
+    interval : tuple of float or None
+        Ends of the interval that holds the true value with a probability of 95 %.
+    note : str
+        Why there is no number, where there is none.
     """
 
     effect: str
@@ -79,6 +100,7 @@ def linearise_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     solution : Solution
         The model's, weighted by the noise of the joints' torques.
     kind : str
@@ -88,17 +110,19 @@ def linearise_shapes(
 
     Returns
     -------
-    Linearised or None
+    LinearisedSolution or None
         None where there are no constants to look at.
     """
     ranges = []
     for place in list_shape_variables(model.effects):
+        # The range acts as a weak prior, so that a constant that the data do not show keeps a finite uncertainty.
         low, high = get_search_range(place, model.effects[place.choice], model.robot)
         # A constant that may be anywhere in its range has this standard deviation before any data: that of an even
         # distribution.
         ranges.append(place.compute_change(low, high) / np.sqrt(12.0))
     try:
         return linearise_constants(shaped, solution, np.array(ranges), kind) if ranges else None
+    # No statement is possible; the model itself is not affected.
     except EstimationError:
         return None
 
@@ -109,12 +133,14 @@ def judge_shape_constants(model: Model, linearisation: LinearisedSolution | None
     Parameters
     ----------
     model : Model
-    linearisation : Linearised, optional
+        The model, with its base parameters' columns.
+    linearisation : LinearisedSolution, optional
         None where nobody looked.
 
     Returns
     -------
     tuple of ShapeConstant
+        All constants, in the order of the effects.
     """
     looked: dict[tuple[int, str], ShapeConstant] = {}
     if linearisation is not None:
@@ -140,6 +166,7 @@ def judge_shape_constants(model: Model, linearisation: LinearisedSolution | None
 
 def _find_significant_choices(model: Model, linearisation: LinearisedSolution) -> set[int]:
     """Return the numbers of the choices with at least one parameter that differs from zero significantly."""
+    # With the shape constants uncertain as well: alone, the parameters would look too sure.
     half = linearisation.parameter_statistics.half_widths()
     sure = {
         column.key
@@ -177,7 +204,7 @@ def _build_unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> Shap
 def _judge_constant(
     model: Model, place: ShapeVariable, significant: bool, step: float, deviation: float, half: float
 ) -> ShapeConstant:
-    """Judge a constant by its interval; step, deviation and half-width are of it or of its logarithm (`ShapePlace`)."""
+    """Judge a constant by its interval; step, deviation and half-width as `ShapeVariable.apply_change` takes them."""
     choice, value, robot = model.effects[place.choice], place.get_value(model.effects), model.robot
     low, high = get_search_range(place, choice, robot)
     data = place.apply_change(value, step)
@@ -206,8 +233,10 @@ def _judge_constant(
         return build_constant(
             "elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew"
         )
+    # In octaves the deviation is that of the logarithm, which is a relative one already.
     sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.to_change(1.0)))
     constant = build_constant("determined" if sure else "uncertain", "")
+    # The optimum is elsewhere than the stored value, but near enough for the linearisation to say where.
     if abs(step) > half:
         constant = build_constant("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
     spread = deviation * (value if place.search.in_octaves else 1.0)
@@ -221,9 +250,12 @@ def get_search_range(place: ShapeVariable, choice: EffectChoice, robot: Robot) -
 
     Parameters
     ----------
-    place : ShapePlace
+    place : ShapeVariable
+        The constant, and how it is searched for.
     choice : EffectChoice
+        The effect with its shape constants.
     robot : Robot
+        The robot.
     """
     around, wide = [choice.shape_values[place.spec.name]], _LINE_RANGE
     if place.spec.proposal == "grid":

@@ -49,17 +49,22 @@ def settle_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     choices : sequence of EffectChoice
         With values for all shape constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     kept : sequence of collections of str
         Constants of every choice that stay as they are.
     """
     here, before, least = tuple(choices), tuple(choices), np.inf
     staying: set[tuple[int, str]] = set()
     noise: FloatArray | None = None
+    # Gauss and Newton: linear parameters and constants together, linearised anew in each round.
     for number in range(_ROUNDS):
         places = [
             p for p in list_shape_variables(here) if p.spec.name not in kept[p.choice] and _is_above_least(p, here)
@@ -99,6 +104,7 @@ def _move_constant(choices: tuple[EffectChoice, ...], place: ShapeVariable, step
     value = place.apply_change(place.get_value(choices), place.to_change(step))
     if not place.spec.signed:
         value = max(value, place.spec.least)
+    # A value that the effect cannot have leaves the constant where it is.
     if not place.spec.admits(value):
         return choices
     changed = replace_shape_value(choices[place.choice], place.spec.name, value)
@@ -147,6 +153,7 @@ class _ShapeDerivatives:
                     [replace_shape_value(choices[place.choice], place.spec.name, end)], model.signals
                 )
             pairs.append([(k, first + i, first + len(own) + i) for i, k in enumerate(own)])
+        # One pass over the data for all derivatives: the shifted columns are sampled and filtered beside the others.
         observation = model.observation.extend(columns[model.n_parameters :], model.signals)
         reduction = reduce_recordings(observation, recordings, preprocessing, reference)
         if noise is None:

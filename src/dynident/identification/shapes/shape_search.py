@@ -46,7 +46,9 @@ def check_choices(choices: Sequence[EffectChoice], robot: Robot) -> None:
     Parameters
     ----------
     choices : sequence of EffectChoice
+        Effects with their joints and shape constants.
     robot : Robot
+        The robot.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def check_shapes_given(choices: Sequence[EffectChoice]) -> None:
     Parameters
     ----------
     choices : sequence of EffectChoice
+        Effects with their joints and shape constants.
 
     Raises
     ------
@@ -98,12 +101,16 @@ def complete_shapes(
     model : Model
         That the effects are added to.
     added : sequence of EffectChoice
+        Effects that are added to the model.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
         What torque is predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of the model on these recordings.
 
     Returns
@@ -136,6 +143,7 @@ def split_by_joint(choices: Sequence[EffectChoice], robot: Robot) -> tuple[Effec
     """Split choices that leave their shape open into one for each joint, so that every joint finds its own."""
     split: list[EffectChoice] = []
     for choice in choices:
+        # An effect of the whole robot has one shape, and nothing to split.
         if lacks_shape(choice) and get_effect(choice.effect).scope == "joint":
             split += [replace(choice, joints=(robot.tree.joint_names[j],)) for j in find_joints(choice, robot)]
         else:
@@ -159,14 +167,21 @@ def find_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     added : sequence of EffectChoice
+        Effects that are added to the model.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
-    known : KeptRows, optional
+        Called with the fraction done and a message.
+    known : CachedRows, optional
         Rows of the model on these recordings.
     """
+    # All options of all choices are evaluated in one pass over the data; the search itself is algebra.
     options = [_list_options(choice, model.robot) for choice in added]
     table = _tabulate(model, options, recordings, preprocessing, reference, progress, known)
     return tuple(choices[k] for choices, k in zip(options, table.search()[0], strict=True))
@@ -194,20 +209,26 @@ def refine_shapes(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     added : sequence of EffectChoice
         With values for all constants.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing
+        Filters of the recordings.
     reference : ReferenceParameters
+        Parameters that loads and motor torques are predicted with.
     progress : Progress
+        Called with the fraction done and a message.
     kept : sequence of collections of str
         Names of the constants of every choice that stay as they are; none where it is empty.
-    known : KeptRows, optional
+    known : CachedRows, optional
         Rows of the model on these recordings.
     """
     refined = tuple(added)
     fixed = kept or [()] * len(refined)
     moving = [_list_refinable(choice, names) for choice, names in zip(refined, fixed, strict=True)]
+    # One constant of every effect in each round: a grid over all of them at once would explode.
     rounds = max((len(specs) for specs in moving), default=0)
     for number in range(rounds):
         specs = [of_choice[number] if number < len(of_choice) else None for of_choice in moving]
@@ -233,6 +254,7 @@ def list_between(choice: EffectChoice) -> list[EffectChoice]:
     Parameters
     ----------
     choice : EffectChoice
+        The effect with its shape constants.
     """
     specs = _list_refinable(choice, ())
     steps = _BETWEEN if len(specs) < 2 else _BETWEEN_OF_SEVERAL
@@ -254,6 +276,7 @@ def are_nearly_alike(one: EffectChoice, other: EffectChoice) -> bool:
     Parameters
     ----------
     one, other : EffectChoice
+        Two effects with their shape constants.
     """
     if (one.effect, one.runs) != (other.effect, other.runs) or not one.joints or not other.joints:
         return False
@@ -415,6 +438,7 @@ def _choose_vertex(
     curvature = before - 2 * here + after
     shift = float(0.5 * (before - after) / curvature) if curvature > 0 else 0.0
     natural = [k for k, other in enumerate(group) if other.shape_values[spec.name] in spec.natural]
+    # A natural value, such as an exponent of 2, is preferred where it costs no more than chance.
     if natural and errors[natural[0]] <= (1 + _AS_GOOD) * here:
         return group[natural[0]]
     return _replace_shape_value(choice, spec.name, _move_value(spec, choice.shape_values[spec.name], shift))
@@ -426,6 +450,7 @@ def _orthogonalise(base: FloatArray, columns: FloatArray) -> FloatArray:
     All but the last column are scaled to the size one.
     """
     basis, sizes, _ = np.linalg.svd(_normalise_columns(base), full_matrices=False)
+    # Directions that are rounding would take away parts of the options at random.
     basis = basis[:, sizes > _DEPENDENT * sizes[0]]
     remainder = np.column_stack([_normalise_columns(columns[:, :-1]), columns[:, -1]])
     # Orthogonalise twice: the first pass leaves rounding errors along the model.

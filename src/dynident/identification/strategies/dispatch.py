@@ -18,17 +18,21 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     Parameters
     ----------
     choices : IdentificationChoices
+        What is identified, and how.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
     DynidentError
         Where the choices do not fit each other, or the data do not allow them.
     """
+    # Choices that do not fit are refused before the work, which may take minutes.
     _check_compatible(choices, problem)
     fitted = choices.plan.solve(choices, problem)
     # Results of several steps are left alone: moved to bodies that can exist, they would no longer agree with the
@@ -47,6 +51,7 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
 
 def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     """Raise where the prior or the estimator does not go with the strategy, the model or the data."""
+    # A prior on sums of parameters ties steps together that are taken one after the other.
     if choices.prior is not None and not choices.plan.at_once:
         raise DynidentError(
             f"the prior speaks of sums of parameters that the {choices.strategy} strategy finds one after the other; "

@@ -37,7 +37,19 @@ _RANK = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FrictionPiece:
-    """A piece of a stroke: mean `velocity` (rad/s, m/s), `rows` (m, 4 + k + 1) [gravity, inertia | friction | Y]."""
+    """A piece of a stroke, in which a single joint moves in one direction.
+
+    Parameters
+    ----------
+    joint : int
+        Number of the joint.
+    velocity : float
+        Mean velocity in rad/s or m/s.
+    posture : (int, array)
+        Number of the recording, and positions of the other joints.
+    rows : (m, 4 + k + 1)
+        Rows of [gravity, inertia | friction | torque].
+    """
 
     joint: int
     velocity: float
@@ -47,9 +59,14 @@ class FrictionPiece:
 
 @dataclass(frozen=True, eq=False)
 class FrictionRuns:
-    """Equations of the joints' friction alone, over all parameters of a model, and the velocities they come from.
+    """Equations of the joints' friction alone, and the velocities that they come from.
 
-    `velocities`: of every joint, one a piece; none where a joint never moved alone.
+    Parameters
+    ----------
+    equations : Reduction
+        The equations, over all parameters of a model.
+    velocities : tuple of arrays
+        Velocities of every joint, one a piece; none where a joint never moved alone.
     """
 
     equations: Reduction
@@ -98,7 +115,9 @@ def find_friction_columns(model: Model, joint: int) -> list[int]:
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     joint : int
+        Number of the joint, from 0.
     """
     name = model.robot.joint_names[joint]
     return [k for k, c in enumerate(model.kept) if c.link == name and get_effect(c.effect).is_friction]
@@ -112,7 +131,9 @@ def find_friction_runs(
     Parameters
     ----------
     model : Model
+        The model, with its base parameters' columns.
     recordings : sequence of Recording
+        Recordings of the robot.
     preprocessing : Preprocessing, optional
         Its position filter is used; each recording's own choice where none is given. Torque is not filtered: the
         regression averages it.
@@ -122,10 +143,12 @@ def find_friction_runs(
     Returns
     -------
     FrictionRuns
+        Equations of friction alone, and the velocities that they come from.
     """
     pieces: list[FrictionPiece] = []
     for number, recording in enumerate(recordings):
         chosen = preprocessing or choose_preprocessing([recording])
+        # Every sample counts: a filter of the torque would only correlate them.
         plain = replace(chosen, torque_cutoff=None, decimation=1)
         pieces += _collect_pieces(model, recording, number, plain, reference)
     equations, velocities = [], []
@@ -133,6 +156,7 @@ def find_friction_runs(
         own = [piece for piece in pieces if piece.joint == joint]
         equations.append(_build_equation(find_friction_columns(model, joint), own))
         velocities.append(np.array([piece.velocity for piece in own]))
+    # Pieces have no common time, so their blocks have no spans.
     spans = np.zeros((max((len(e.counts) for e in equations), default=0), 2))
     return FrictionRuns(Reduction(model.n_parameters, tuple(equations), spans), tuple(velocities))
 
@@ -161,6 +185,7 @@ def _collect_pieces(
             if joint >= 0:
                 own = _build_rows(model, joint, block, entries[:, layouts[joint]])[part]
                 collector.push(joint, block.q[part], block.dq[part, joint], own)
+    # The last stroke ends with the recording.
     collector.close()
     return collector.pieces
 
@@ -198,6 +223,7 @@ def _build_equation(columns: list[int], pieces: Sequence[FrictionPiece]) -> Equa
         cleared += np.split(rest, borders)
     factors = np.zeros((len(cleared), size, size))
     for k, rows in enumerate(cleared):
+        # A triangular factor a piece: the pieces are the blocks of the covariance.
         r = np.linalg.qr(rows, mode="r")
         factors[k, : len(r)] = r
     return EquationFactors(numbers, factors, np.array([len(rows) for rows in cleared], dtype=np.intp))
@@ -207,6 +233,7 @@ def _group_by_posture(pieces: Sequence[FrictionPiece]) -> list[list[FrictionPiec
     """Group pieces of the same recording with the other joints in the same posture."""
     groups: list[list[FrictionPiece]] = []
     for piece in pieces:
+        # Few postures occur, so comparing with each of them is quick enough.
         for group in groups:
             number, posture = group[0].posture
             if number == piece.posture[0] and np.all(np.abs(posture - piece.posture[1]) <= _SAME_POSTURE):
@@ -238,11 +265,14 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     Parameters
     ----------
     choices : StrategyChoices
+        What is identified, and how.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -269,6 +299,7 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
             title="No friction runs",
         )
     both = Reduction(model.n_parameters, runs.equations.equations + data.equations.equations, data.equations.spans)
+    # First friction from its own runs, then the rest with it known.
     alone = take_step(estimator, problem, runs.equations, StepEstimates.empty(model.n_parameters), both, _PATIENCE)
     rest = take_step(estimator, problem, data.equations, alone.findings)
     return conclude_steps(data, (alone, rest), _list_warnings(model, runs, alone.findings))
@@ -290,6 +321,7 @@ def _list_warnings(model: Model, runs: FrictionRuns, findings: StepEstimates) ->
         columns = find_friction_columns(model, j)
         if not columns or not len(velocities):
             continue
+        # Each piece counts with its number of samples.
         speeds = np.repeat(np.abs(velocities), runs.equations.equations[j].counts)
         slow, fast = np.quantile(speeds, (_ENDS, 1 - _ENDS))
         if not ((velocities > 0).any() and (velocities < 0).any()):

@@ -25,10 +25,12 @@ def solve_sequentially(choices: StrategyChoices, problem: Problem) -> Fit:
     choices : StrategyChoices
         `steps` names the order.
     problem : Problem
+        Equations of the data, and prior knowledge.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -56,6 +58,7 @@ def iterate_steps(robot: Robot, steps: StepsName) -> Iterator[tuple[int, ...]]:
     Parameters
     ----------
     robot : Robot
+        The robot.
     steps : str
         "link_by_link" or "wrist_then_shoulder".
     """
@@ -88,7 +91,9 @@ def select_joints(reduction: Reduction, joints: tuple[int, ...]) -> Reduction:
     Parameters
     ----------
     reduction : Reduction
+        Factors of W and the torque, one equation a joint.
     joints : tuple of int
+        Numbers of the joints, from 0.
     """
     equations = tuple(
         equation if joint in joints else EquationFactors(equation.columns[:0], np.zeros((0, 1, 1)), equation.counts[:0])
@@ -103,6 +108,7 @@ def check_stepwise(choices: StrategyChoices) -> None:
     Parameters
     ----------
     choices : StrategyChoices
+        What is identified, and how.
 
     Raises
     ------
@@ -125,6 +131,7 @@ def check_estimator(estimator: Estimator) -> None:
     ------
     DynidentError
     """
+    # An estimator that simulates, or that needs all bodies, cannot solve a part of the equations.
     if not estimator.in_steps:
         raise DynidentError(
             f"{estimator.name} cannot be taken in steps; choose from "

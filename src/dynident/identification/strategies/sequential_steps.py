@@ -46,7 +46,17 @@ the global strategy."""
 
 @dataclass(frozen=True, eq=False)
 class StepEstimates:
-    """Estimates of functions of the parameters: `functions` (m, c), `values` (m,) and their `covariance` (m, m)."""
+    """Estimates of linear functions of the parameters.
+
+    Parameters
+    ----------
+    functions : (m, c)
+        The functions.
+    values : (m,)
+        Their estimates.
+    covariance : (m, m)
+        Covariance of the estimates.
+    """
 
     functions: FloatArray
     values: FloatArray
@@ -89,7 +99,15 @@ class StepEstimates:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Result of one step: all findings up to it, and its fit (None where its equations told nothing new)."""
+    """Result of one step.
+
+    Parameters
+    ----------
+    findings : StepEstimates
+        All findings up to the step.
+    fit : Fit or None
+        Its fit; None where its equations told nothing new.
+    """
 
     findings: StepEstimates
     fit: Fit | None
@@ -108,10 +126,12 @@ def take_step(
     Parameters
     ----------
     estimator : Estimator
+        Solves the equations of the step.
     problem : Problem
+        Equations of the data, and prior knowledge.
     equations : Reduction
         Rows of the step, over all parameters of the model.
-    findings : Findings
+    findings : StepEstimates
         Of earlier steps, from other equations: their errors are taken to be independent of these rows.
     to_come : Reduction, optional
         Rows of this step and of all that follow, in any order; without it nothing is left to later steps.
@@ -121,9 +141,11 @@ def take_step(
     Returns
     -------
     Step
+        All findings up to the step, and its fit.
     """
     split = _split_functions(equations, findings, to_come, patience)
     m, k, n_found = len(findings.values), len(split.functions), split.n_found
+    # These equations tell nothing that is not known already.
     if not n_found:
         return Step(findings, None)
     # New coordinates: first the known functions, then those of this step. The pseudoinverse expresses the parameters
@@ -149,12 +171,16 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
     Parameters
     ----------
     data : Data
+        Recordings reduced to the model's columns.
     steps : sequence of Step
+        All steps, in their order.
     warnings : tuple of str
+        Warnings of the strategy.
 
     Returns
     -------
     Fit
+        The estimates with their uncertainty, and warnings.
 
     Raises
     ------
@@ -199,6 +225,7 @@ def _split_functions(
     equations: Reduction, findings: StepEstimates, to_come: Reduction | None, patience: float
 ) -> _Split:
     """Find the unknown functions that equations depend on, and which of them are left to the rows to come."""
+    # What each equation leaves by itself: weights that are known before anything is estimated.
     noise = np.array([equation.own_noise for equation in equations.equations])
     later = np.array([equation.own_noise for equation in to_come.equations] if to_come is not None else [])
     largest = max(float(noise.max(initial=0.0)), float(later.max(initial=0.0)))
@@ -219,12 +246,14 @@ def _split_functions(
     together = np.linalg.qr(
         build_weighted_factor(to_come, _to_relative_noise(later, largest))[:-1, :-1] / scale @ others, mode="r"
     )
+    # A root of the covariance of the functions that all rows to come would leave.
     half = solve_triangular(together, directions.T, trans="T")
     # A generalised eigenvalue problem gives functions that are independent of each other both in this step and in all
     # rows to come. An eigenvalue is the share of the information about a function that this step has.
     share, basis = eigh(np.diag(singular**2), np.linalg.inv(half.T @ half))
     functions = np.linalg.solve(basis, directions)[::-1]
     functions /= np.linalg.norm(functions, axis=1)[:, None]
+    # The share of the information is the square of the ratio of standard deviations.
     return _Split(functions @ others.T * scale, int(np.count_nonzero(share >= patience**-2)), scale)
 
 

@@ -24,7 +24,16 @@ _MOST_PARTS = 5
 class ParameterDependence:
     """Dependence of the parameters of a model.
 
-    `sentences` for a reader, worst first; `names` (b) and `correlation` (b, b) for a heat map; `found` by the analysis.
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the base parameters.
+    correlation : (b, b)
+        Correlation of their estimates, for a heat map.
+    sentences : tuple of str
+        What is determined only together, worst first.
+    dependence : Collinearity
+        What the analysis found, in numbers.
     """
 
     names: tuple[str, ...]
@@ -40,12 +49,14 @@ def parameter_dependence(identification: Identification, most: int = MOST_SENTEN
     Parameters
     ----------
     identification : Identification
+        The identified model.
     most : int
         Largest number of sentences.
 
     Returns
     -------
     ParameterDependence
+        The correlation of the parameters, and sentences about the worst of it.
     """
     names = tuple(column.name for column in identification.model.kept)
     analysis = find_collinearity(identification.estimate.solution, _compute_motion_statistics(identification), most)
@@ -66,6 +77,7 @@ def _compute_motion_statistics(identification: Identification) -> Statistics:
 
 def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
     first_name, second_name = names[pair.first], names[pair.second]
+    # A negative correlation leaves the sum certain, a positive one the difference.
     rather = "their sum" if pair.correlation < 0 else "their difference"
     return (
         f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the motion "
@@ -74,6 +86,7 @@ def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
 
 
 def _describe_direction(direction: WeakDirection, names: tuple[str, ...]) -> str:
+    # The largest part leads with the factor one; the others are relative to it.
     text = names[direction.parts[0][0]]
     for number, factor in direction.parts[1:_MOST_PARTS]:
         size = abs(factor)

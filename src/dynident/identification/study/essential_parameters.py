@@ -34,9 +34,24 @@ from dynident.schema.fields import check_ranges
 class EssentialStep:
     """One step of the backward elimination: a parameter that was taken out.
 
-    `relative_deviation` of the parameter before it went, a fraction; `ratio` of the largest to the smallest of all;
-    `p_value`: how often noise alone would be as large as all that is taken out so far; `fit` and `held_out` errors of
-    the smaller model, `fit_moving` and `held_out_moving` those where each joint moves.
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    relative_deviation : float
+        Relative standard deviation of the parameter before it went, a fraction.
+    ratio : float
+        Ratio of the largest to the smallest relative standard deviation of all parameters before it went.
+    p_value : float
+        Probability that noise alone would be as large as all that is taken out so far.
+    fit : Errors
+        Errors of the smaller model on the data of the fit.
+    held_out : Errors or None
+        Errors of the smaller model on held-out data.
+    fit_moving : Errors
+        As `fit`, where each joint moves.
+    held_out_moving : Errors or None
+        As `held_out`, where each joint moves.
     """
 
     name: str
@@ -53,9 +68,21 @@ class EssentialStep:
 class EssentialPath:
     """The steps from the identified parameters to the essential ones.
 
-    `essential`: names of the parameters that remain; `steps` in the order of elimination; `refused` the parameter that
-    would have been next where the test ended the elimination; `ratio` of the largest to the smallest relative standard
-    deviation that remains; `identification` the model with the essential parameters estimated anew, the others zero.
+    Parameters
+    ----------
+    essential : tuple of str
+        Names of the parameters that remain.
+    steps : tuple of EssentialStep
+        The steps in the order of elimination.
+    stop : str
+        Why the elimination ended: "ratio" (the rule is met), "test" (the next step would remove more than noise
+        explains) or "last" (one parameter is left).
+    ratio : float
+        Ratio of the largest to the smallest relative standard deviation that remains.
+    refused : str or None
+        The parameter that would have been next where the test ended the elimination.
+    identification : Identification
+        The model with the essential parameters estimated anew, the others zero.
     """
 
     essential: tuple[str, ...]
@@ -90,12 +117,14 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
     Parameters
     ----------
     identification : Identification
+        The identified model.
     ratio : float
         Largest over smallest relative standard deviation at which the elimination ends; above 1 (§12.7).
 
     Returns
     -------
     EssentialPath
+        The parameters that remain, the steps that led there, and the model with them.
 
     Raises
     ------
@@ -135,6 +164,7 @@ def essential_parameters(identification: Identification, ratio: float = Essentia
 
 def _restrict_to_essential(identification: Identification, full: Solution, removed: tuple[int, ...]) -> Identification:
     """Return the model with the parameters `removed` set to zero and the others estimated anew."""
+    # All are essential: the model stays as it is, with its own estimator's solution.
     if not removed:
         return identification
     c = identification.model.n_parameters
@@ -157,6 +187,7 @@ def _restrict_to_essential(identification: Identification, full: Solution, remov
         not_essential=removed,
         shape_constants=identification.shape_constants,
     )
+    # Parameters at zero may make the inertia matrix indefinite, which has to be known of the smaller model.
     smallest = compute_smallest_inertia_eigenvalue(identification.model, values)
     held_out = identification.data.held_out
     return replace(
@@ -173,6 +204,7 @@ def _compute_statistics_with_shapes(
 ) -> Statistics | None:
     """Return the statistics of the essential parameters with the shape constants uncertain; None where they are not."""
     shaped, choices = identification.data.shaped, identification.choices
+    # Shape constants were linearised about least squares of the torques; other estimates have no such covariance.
     if shaped is None or not choices.is_least_squares_of_torque:
         return None
     constants = np.arange(identification.model.n_parameters, shaped.n_columns)
@@ -187,6 +219,7 @@ def _solve_essential(
     """Solve for the essential parameters alone, numbered in `essential`."""
     known = full.known
     if known is not None:
+        # Parameters that are set to zero drop out of the rows of the prior as well.
         known = PriorInformation(known.factor[:, essential], known.right)
     smaller = equations.select_columns(essential)
     solution = solve(smaller, full.noise, known)

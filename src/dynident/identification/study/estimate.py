@@ -26,12 +26,37 @@ _EXACT = 1e-12
 
 @dataclass(frozen=True)
 class IdentifiedParameter:
-    """One base parameter; `relative_standard_deviation` is a fraction, `grouping` its standard parameters.
+    """One base parameter with its uncertainty.
 
-    `interval`: where the true value lies with a probability of 95 %; the deviation that it rests on counts correlated
-    samples for what they are worth, in blocks of time. `essential` False: set to zero as not essential. `judgement`:
-    whether the data determine it, leave it uncertain (or known from elsewhere rather), or do not tell it from zero;
-    `times_smallest`: its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    value : float
+        Its estimate in `unit`.
+    unit : str
+        Its unit, "-" where it has none.
+    standard_deviation : float
+        Standard deviation in `unit`. It counts correlated samples for what they are worth, in blocks of time.
+    relative_standard_deviation : float
+        The standard deviation over the value, a fraction.
+    judgement : str
+        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data), or
+        "zero_in_interval".
+    times_smallest : float
+        Its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
+    effect : str
+        The effect that it belongs to.
+    link : str
+        The joint whose link or drive it belongs to; "" for the whole robot.
+    grouping : str
+        The standard parameters that it is a sum of.
+    shape : tuple of (name, value)
+        Shape constants of the effect.
+    interval : tuple of float
+        Ends in `unit` of the interval that holds the true value with a probability of 95 %.
+    essential : bool
+        Whether it is essential; False where it was set to zero as not essential.
     """
 
     name: str
@@ -67,11 +92,26 @@ class IdentifiedParameter:
 class Estimate:
     """Estimates of a model's base parameters, and how sure they are.
 
-    `reference`: the parameters that the torque in the model's columns is predicted with;
-    `noise` (n,): standard deviation of every joint's residual, N m or N; `owed_to_known` (b,): which parameters are
-    known for what was known beside the data rather than for the data; `standard`: the standard parameters, where the
-    estimator solved for these; `not_essential`: numbers of the parameters that were set to zero as such;
-    `shape_constants` of the effects, with what the joints' torques say of them.
+    Parameters
+    ----------
+    model : Model
+        The robot with the effects that were identified.
+    reference : ReferenceParameters
+        The parameters that the torque in the model's columns is predicted with.
+    solution : Solution
+        The estimates (b,), with the factor of W that they come from.
+    statistics : Statistics
+        Covariance of the estimates.
+    noise : (n,)
+        Standard deviation of every joint's residual, in N m or N.
+    owed_to_known : (b,)
+        Which parameters are known for what was known beside the data rather than for the data.
+    standard : StandardParameters or None
+        The standard parameters, where the estimator solved for these.
+    not_essential : tuple of int
+        Numbers of the parameters that were set to zero as not essential.
+    shape_constants : tuple of ShapeConstant
+        Shape constants of the effects, with what the joints' torques say of them.
     """
 
     model: Model
@@ -102,17 +142,28 @@ class Estimate:
         Parameters
         ----------
         model : Model
+            The robot with the effects that were identified.
         data : ReducedData
+            The data that the solution comes from.
         reference : ReferenceParameters
             What the torque in the model's columns was predicted with.
         solution : Solution
             Parameters (b,).
         statistics : Statistics
+            Covariance of the parameters.
         standard : StandardParameters, optional
+            The standard parameters, where the estimator solved for these.
         not_essential : tuple of int
             Numbers of parameters that were set to zero.
         shape_constants : tuple of ShapeConstant
+            Shape constants with their uncertainty.
+
+        Returns
+        -------
+        Estimate
+            The estimate, with the noise of every joint.
         """
+        # Rows that are weighted, or of another equation type, do not give the residual in N m.
         noise = statistics.noise if data.has_equal_weights else compute_row_noise(data.training, solution.values)
         # A joint without rows has no residual, and what is divided by its noise must stay a number.
         noise = floor_noise(noise)

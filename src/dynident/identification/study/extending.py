@@ -30,14 +30,35 @@ from dynident.regressors.model import Model, extend_model
 
 @dataclass(frozen=True)
 class RunWithEffect:
-    """A held-out run in which the added effects act, and its squared error without them over that with them."""
+    """A held-out run in which the added effects act.
+
+    Parameters
+    ----------
+    run : str
+        Label of the run.
+    ratio : float
+        Root of its squared error without the effects over that with them.
+    """
 
     run: str
     ratio: float
 
 
 def needs_search_in_held_out_runs(choice: EffectChoice, validation: Sequence[Recording]) -> bool:
-    """Tell whether an effect acts in some runs only, and no held-out run is named among them."""
+    """Tell whether an effect acts in some runs only, and no held-out run is named among them.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its runs.
+    validation : sequence of Recording
+        Held-out recordings.
+
+    Returns
+    -------
+    bool
+        True where the held-out runs with the effect have to be found.
+    """
     held_out = {label for recording in validation for label in (recording.name, *recording.segment_names)}
     return bool(choice.runs) and bool(held_out) and not held_out & set(choice.runs)
 
@@ -60,7 +81,7 @@ def find_runs_with_effects(
 
     Returns
     -------
-    tuple of Carrying
+    tuple of RunWithEffect
         Empty where no run is predicted better.
     """
     names = tuple(recording.name for recording in validation)
@@ -68,6 +89,7 @@ def find_runs_with_effects(
     # Let the effect act in every held-out run at first. The parameters stay those of the fit, so that one reduction
     # of each run serves both predictions.
     model = extend_model(base, everywhere, tolerance=grown.choices.tolerance)
+    # The effect in other runs would need parameters that were not identified.
     if model.n_parameters != grown.model.n_parameters:
         return ()
     # The prediction without the effect: its parameters set to zero, all others as they are.
@@ -83,7 +105,20 @@ def find_runs_with_effects(
 
 
 def describe_runs_with_effects(added: Sequence[EffectChoice], findings: Sequence[RunWithEffect]) -> str:
-    """Return a sentence that names the effects and the held-out runs that they were found in."""
+    """Describe the effects and the held-out runs that they were found in.
+
+    Parameters
+    ----------
+    added : sequence of EffectChoice
+        The effects that were added.
+    findings : sequence of RunWithEffect
+        The runs that they were found in.
+
+    Returns
+    -------
+    str
+        A sentence for the user.
+    """
     titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in added if choice.runs))
     runs = ", ".join(f"{finding.run} (error {finding.ratio:.2g} times as large without it)" for finding in findings)
     return (
@@ -96,6 +131,7 @@ def _iterate_runs(recordings: Sequence[Recording]) -> Iterator[tuple[str, Record
     """Yield every run of the recordings by itself, with its label."""
     for recording in recordings:
         for label in recording.segment_names:
+            # A run may have several segments with one label.
             own = [item for k, item in enumerate(recording.segments) if recording.name_segment(k) == label]
             yield label, replace(recording, segments=tuple(own))
 
@@ -115,6 +151,7 @@ def extend(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     added : sequence of EffectChoice
         Shape constants that are left open are found from the data.
     recordings : sequence of Recording
@@ -122,6 +159,7 @@ def extend(
     validation : sequence of Recording
         Data that no parameter sees.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -140,6 +178,7 @@ def extend(
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
     check_runs(new, recordings, validation)
+    # The ladder compares models, so all its models have to be fitted to the same samples.
     check_same_recordings(identification, recordings)
     if are_poses(recordings, validation):
         return _extend_at_rest(identification, new, recordings, validation)
@@ -152,12 +191,14 @@ def extend(
             idle.append(choice.effect)
         else:
             grown = larger
+    # Nothing was added by any of them: an error, since the user would look for a new model.
     if grown is identification:
         raise DynidentError(
             f"{', '.join(idle)} adds nothing: its columns are combinations of those in the model",
             pointer="/effects",
             title="Nothing to add",
         )
+    # Once at the end: hashing the samples reads all recordings.
     grown = add_digests(grown, recordings, validation)
     if not idle:
         return grown
@@ -176,14 +217,18 @@ def extend_at_once(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     added : sequence of EffectChoice
+        Effects with values for all shape constants.
     recordings : sequence of Recording
         Those that the model was identified from.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     Identification
+        The model with all of the effects.
 
     Raises
     ------
@@ -263,6 +308,7 @@ def _identify_with_effects(
 ) -> Identification | None:
     choices = replace(identification.choices, effects=identification.choices.effects + new)
     model = extend_model(identification.model, new, tolerance=choices.tolerance)
+    # All new columns were absorbed, so there is nothing to estimate.
     if model.n_parameters == identification.model.n_parameters:
         return None
     reference = identification.estimate.reference
@@ -283,6 +329,7 @@ def _identify_with_effects(
             scale_progress(progress, number / passes, (number + 1) / passes),
             identification.in_memory,
         )
+        # The second pass predicts loads with the parameters of the first.
         reference = grown.estimate.next_reference()
     grown = replace(grown, step=LadderStep(identification, added=new))
     return replace(grown, warnings=list_addition_warnings(grown) + grown.warnings)

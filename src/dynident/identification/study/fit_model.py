@@ -29,7 +29,15 @@ from dynident.regressors.row_cache import reduce_with_columns
 
 @dataclass(frozen=True, eq=False)
 class SubmodelRelation:
-    """Relation of a smaller model to a larger one, `whole`: its columns are the whole's times `weights` (b, b')."""
+    """Relation of a smaller model to a larger one.
+
+    Parameters
+    ----------
+    whole : Model
+        The larger model.
+    weights : (b, b')
+        The smaller model's columns are the larger one's times these.
+    """
 
     whole: Model
     weights: FloatArray
@@ -48,12 +56,14 @@ def finalise_identification(
     Parameters
     ----------
     model : Model
+        The robot with the effects that are identified.
     choices : IdentificationChoices
+        What is identified, and how.
     data : Data
         Equations that the parameters are solved from.
     reduced : ReducedData
         The same data as it is stored, with the held-out data, and without `shaped`.
-    part_of : Part, optional
+    part_of : SubmodelRelation, optional
         A larger model, whose compiled functions are used for this one.
     shaped : function, optional
         Takes parameters (b,), and returns the joints' torques in the model's columns, followed by the columns of
@@ -62,6 +72,7 @@ def finalise_identification(
     Returns
     -------
     Identification
+        The identified model, judged and with its warnings.
 
     Raises
     ------
@@ -69,7 +80,9 @@ def finalise_identification(
         Where the data do not determine the parameters, or the choices do not fit each other.
     """
     problem = Problem.from_choices(model, choices, data)
+    # Checked before solving, so that a message can name parameters and joints.
     check_reduction(model, data.equations, problem.known)
+    # The wrench does not use the joints' torques to fit, so a dead torque does no harm there.
     if choices.model != "base_wrench":
         check_torque(model, data.torque)
     # The problem has given the rows at reversals their weights: from here on only these weighted rows count.
@@ -136,20 +149,24 @@ def identify_model(
     Parameters
     ----------
     model : Model
+        The robot with the effects that are identified.
     recordings, validation : sequence of Recording
         Data that parameters are fitted to, and data that no parameter sees.
     choices : IdentificationChoices
+        What is identified, and how; nothing in them is left open.
     preprocessing : Preprocessing
         Filters for all recordings.
     reference : ReferenceParameters
         What torque is predicted with; any where no effect needs the load.
     progress : Progress
+        Called with the fraction done and a message.
     known : RowsInMemory, optional
         Of a model that this one extends, for the same recordings and validation data.
 
     Returns
     -------
     Identification
+        The identified model, judged and with its warnings.
 
     Raises
     ------
@@ -180,6 +197,7 @@ def identify_model(
         if not places:
             return None
         columns = build_shape_columns(model, values, places)
+        # The rows of the fit alone: shape constants are judged by the data that the parameters come from.
         ordinary = training.recordings
         return reduce_with_columns(model, columns, ordinary, preprocessing, reference, solve_progress, training.rows)
 

@@ -110,6 +110,7 @@ def find_narrower_band(
 
 def _lower_cutoffs(chosen: Preprocessing, cutoff: float, recordings: Sequence[Recording]) -> Preprocessing:
     """Return the filters with lower cut-offs, rounded to two digits, and the decimation that goes with them."""
+    # Two digits: the error hardly differs between neighbouring cut-offs.
     digits = 1 - floor(log10(cutoff))
     cutoff = round(cutoff, digits)
     rate = min(recording.sampling_rate for recording in recordings)
@@ -124,6 +125,7 @@ def _compute_error(
     reduction = reduce_recordings(identification.model.observation, recordings, band, reference)
     try:
         return compute_fitted_errors(reduction, weighted(reduction).values).relative_total
+    # In a band without motion the parameters are not determined: nothing is explained.
     except EstimationError:
         return 1.0
 
@@ -152,6 +154,7 @@ class _TorqueSpectrum:
 
     def measure_missed(self, band: Preprocessing, error: float) -> float:
         """Return the mean squared torque that a model misses: what it leaves below the cut-off, and all above it."""
+        # What is above the cut-off is not fitted at all, and counts as missed in full.
         above = float(self.power[self.frequency > (band.torque_cutoff or np.inf)].sum())
         return error**2 * max(self.total - above, 0.0) + above
 
@@ -170,10 +173,20 @@ def prepare_effects(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     choices : IdentificationChoices
+        Options of the identification; their effects are completed.
     recordings : sequence of Recording
+        Data of the fit, without tests of single joints' friction.
     preprocessing : Preprocessing
+        Filters of the recordings.
     progress : Progress
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    tuple of effects and ReferenceParameters
+        The effects, and the parameters that loads are predicted with.
 
     Raises
     ------
@@ -201,6 +214,7 @@ def prepare_effects(
     if choices.weighs_turns:
         reduction = reduction.weight_reversals(estimate_reversal_weights(reduction, prior))
     reference = first.build_reference(weighted(reduction, prior).values)
+    # Their constants are searched beside the first model, with loads that it predicts.
     others = tuple(choice for choice in effects if choice not in plain)
     completed = complete_shapes(first, others, recordings, preprocessing, reference, scale_progress(progress, 0.5, 1.0))
     return plain + completed, reference
@@ -212,7 +226,14 @@ def mark_unrecorded_torques(robot: Robot, recordings: Sequence[Recording]) -> Ro
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings : sequence of Recording
+        Data of the fit.
+
+    Returns
+    -------
+    Robot
+        The robot itself where all torques were recorded.
     """
     recorded = np.any([recording.has_torque for recording in recordings], axis=0)
     names = tuple(name for name, known in zip(robot.joint_names, recorded, strict=True) if not known)
@@ -232,17 +253,21 @@ def identify(
     Parameters
     ----------
     robot : Robot
+        The robot that was recorded.
     recordings : sequence of Recording
         The data that parameters are fitted to; those with the role "friction" are tests of single joints, which the
         strategy separate_friction alone uses.
     validation : sequence of Recording
         Data that no parameter sees; the held-out errors come from them.
     choices : IdentificationChoices, optional
+        Equation type, strategy, estimator, prior, filters and effects; the usual ones by default.
     progress : Progress
+        Called with the fraction done and a message.
 
     Returns
     -------
     Identification
+        The identified model, with warnings about what is doubtful in it.
 
     Raises
     ------
@@ -251,6 +276,7 @@ def identify(
     """
     progress = make_monotonic(progress)  # a narrower band is identified in once more
     requested = choices = choices or IdentificationChoices()
+    # All checks that need no numerics come first, so that a mistake shows at once.
     check_recordings(robot, recordings, validation)
     if are_poses(recordings, validation):
         return identify_poses(robot, recordings, validation, requested)
@@ -258,6 +284,7 @@ def identify(
     check_runs(choices.effects, recordings, validation)
     ordinary, _ = split_friction_tests(recordings)
     check_joint_torques(choices.model, ordinary)
+    # Equations of joints without a torque are left out; their motion is still used.
     robot = mark_unrecorded_torques(robot, ordinary)
     preprocessing = choices.preprocessing or choose_preprocessing(ordinary)
     rows, preprocessing = find_constants(choices.row_options, ordinary, preprocessing)

@@ -15,7 +15,9 @@ from dynident.identification.study.result import Identification
 SURE_T, _CHANCE = 2.0, 1.0
 """t of the gain over the stretches: surely above zero from the first on; below the second, less than its own spread."""
 
+# Ratio of held-out errors from which on a joint is said to be worse.
 _WORSE = 1.02
+# Blocks from which a spread can be told.
 _FEWEST = 4
 _ROUNDING = 1.0 + 1e-6
 """Errors that differ by less are the same: what is added and removed again leaves so much."""
@@ -32,6 +34,7 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+        Sentences for the user.
     """
     parent = grown.step.parent
     if parent is None or grown.held_out is None or parent.held_out is None:
@@ -41,6 +44,7 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     sentences = []
     t = _compute_t_of_gain(parent, grown)
     errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
+    # t compares in the parent's noise and by blocks; the total error has to fall as well.
     if t < _CHANCE or after >= before:
         by_chance = ", no more than chance would do" if t > -_CHANCE else ""
         sentences.append(
@@ -55,6 +59,7 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
         )
     names = grown.model.robot.joint_names
     old, new = parent.held_out.relative, grown.held_out.relative
+    # An addition may help on the whole and hurt a joint, which a total hides.
     worse = [f"{name} ({old[j]:.2%} to {new[j]:.2%})" for j, name in enumerate(names) if new[j] > _WORSE * old[j]]
     if worse:
         sentences.append(f"With {titles} the held-out error is larger on {', '.join(worse)}.")
@@ -65,8 +70,12 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
 class BestStep:
     """The step of a ladder with the smallest held-out error, and those after it that raise that error.
 
-    Indices count from the first model of the ladder; `rises` names each step above the best one whose held-out error is
-    larger than the best one's.
+    Parameters
+    ----------
+    best : int
+        Number of the best step, from the first model of the ladder on.
+    rises : tuple of int
+        Steps above the best one whose held-out error is larger than the best one's.
     """
 
     best: int
@@ -83,7 +92,8 @@ def find_best_step(models: Sequence[Identification]) -> BestStep | None:
 
     Returns
     -------
-    BestRung or None
+    BestStep or None
+        The best step, and those after it that raise the error.
     """
     totals = [model.held_out.relative_total for model in models if model.held_out is not None]
     return find_best_of_errors(totals) if len(totals) == len(models) else None
@@ -99,7 +109,8 @@ def find_best_of_errors(totals: Sequence[float]) -> BestStep | None:
 
     Returns
     -------
-    BestRung or None
+    BestStep or None
+        The best step, and those after it that raise the error.
     """
     if not totals:
         return None
@@ -131,6 +142,7 @@ def compute_t(gains: FloatArray) -> float:
     float
         The mean gain over its standard error.
     """
+    # Blocks, not samples: residuals are correlated within a block.
     spread = float(gains.std(ddof=1)) if len(gains) > 1 else 0.0
     return float(gains.mean() / spread * np.sqrt(len(gains))) if spread > 0 else 0.0
 
@@ -147,7 +159,9 @@ def compute_block_squares(data: Reduction, values: FloatArray, noise: FloatArray
     Parameters
     ----------
     data : Reduction
+        The joints' torques in blocks of time.
     values : (b,)
+        Base parameters.
     noise : (n,)
         Standard deviation of each joint's residual; 0 counts as 1.
     """

@@ -32,10 +32,12 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     Parameters
     ----------
     identification : Identification
+        The identified model.
 
     Returns
     -------
     tuple of str
+        Sentences for the user.
     """
     sentences = []
     # Poses at rest have no inertia matrix; their eigenvalue is not a number and says nothing.
@@ -52,6 +54,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     sentences += _warn_of_overfit(identification)
     sentences += _warn_of_friction_signs(identification)
     sentences += _warn_of_missing_torque(identification)
+    # Effects that dissolved in others are still in the torque, but have no parameter of their own.
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
     if absorbed:
         sentences.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")

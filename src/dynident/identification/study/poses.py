@@ -32,6 +32,7 @@ from dynident.robot import Robot
 ACTING_AT_REST = tuple(effect.id for effect in CATALOGUE.values() if effect.acts_at_rest)
 """Effects that hold a robot which stands, and need no constant that only a motion tells."""
 
+# Blocks of the covariance: more of them make the factors large, and the covariance no better.
 _MOST_STRETCHES = 100
 
 
@@ -41,6 +42,7 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
     Parameters
     ----------
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
 
     Raises
     ------
@@ -50,6 +52,7 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
     everything = (*recordings, *validation)
     of_poses = [recording for recording in everything if has_poses(recording)]
     names = ", ".join(recording.name for recording in of_poses)
+    # Rows at rest and rows of motion have other columns and other noise: they do not go into one fit.
     if of_poses and len(of_poses) < len(everything):
         raise DynidentError(
             f"{names} are poses at rest, the others motions: identify gravity from "
@@ -68,6 +71,7 @@ def identify_poses(
     Parameters
     ----------
     robot : Robot
+        The robot.
     recordings, validation : sequence of Recording
         Of poses; those of `validation` no parameter sees.
     choices : IdentificationChoices
@@ -116,12 +120,14 @@ def build_model_at_rest(robot: Robot, effects: Sequence[EffectChoice], tolerance
     Parameters
     ----------
     robot : Robot
+        The robot.
     effects : sequence of EffectChoice
         Such as act at rest.
     tolerance : float
         Which columns count as dependent.
     """
     signals = Signals(robot)
+    # At rest fewer parameters are told apart than in motion: no moment of inertia shows.
     base = find_base_parameters(robot, build_columns(effects, signals), signals, tolerance=tolerance, at_rest=True)
     return build_model(robot, effects, tolerance=tolerance, signals=signals, base=base)
 
@@ -154,7 +160,15 @@ def reduce_poses(model: Model, recordings: Sequence[Recording]) -> Reduction:
 
 
 def evaluate_at_rest(model: Model, q: FloatArray) -> FloatArray:
-    """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration."""
+    """Return the entries of W (m, k) at positions (m, n), without velocity and acceleration.
+
+    Parameters
+    ----------
+    model : Model
+        The model of a robot at rest.
+    q : (m, n)
+        Positions in rad or m.
+    """
     still = np.zeros_like(q)
     memory = np.zeros((len(q), model.observation.n_memory))
     reference = ReferenceParameters.massless(model.robot)
@@ -172,6 +186,7 @@ def measure_unexplained_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) ->
     Parameters
     ----------
     robot : Robot
+        The robot.
     q, tau : (m, n)
         Positions in rad or m, and torques.
 
@@ -193,6 +208,7 @@ def measure_unexplained_at_rest(robot: Robot, q: FloatArray, tau: FloatArray) ->
 def _describe_poses(identified: Identification, requested: Sequence[EffectChoice]) -> tuple[str, ...]:
     """Describe what such data tell, and the band within which friction holds the joints."""
     robot = identified.model.robot
+    # The residual of poses is mostly static friction, so its size is that band.
     band = NORMAL_95 * identified.fit.rms
     each = ", ".join(
         f"{joint.name} ±{size:.2g} {joint.effort_unit}" for joint, size in zip(robot.joints, band, strict=True)

@@ -18,12 +18,22 @@ from dynident.regressors.observation import Observation
 
 @dataclass(frozen=True, eq=False)
 class PredictedTorque:
-    """Torque (m, n) in N m or N, and how sure it is at `level`.
+    """Torque of a motion, and how sure it is.
 
-    `mean_half_width` (m, n): of the interval that holds the model's own torque, from the covariance of the parameters;
-    `half_width` (m, n): of the interval that holds what would be measured (behind the filters of the identification):
-    the residual noise comes on top. Both hold where the model does: what it lacks is in neither outside the motion that
-    it was identified from.
+    The intervals hold where the model does: what it lacks is in neither, outside the motion that it was identified
+    from.
+
+    Parameters
+    ----------
+    torque : (m, n)
+        Predicted torque in N m or N.
+    mean_half_width : (m, n)
+        Half-width of the interval of the model's own torque, from the covariance of the parameters.
+    half_width : (m, n)
+        Half-width of the interval of what would be measured, behind the filters of the identification: the residual
+        noise comes on top.
+    level : float
+        Probability of the intervals.
     """
 
     torque: FloatArray
@@ -40,6 +50,7 @@ def predict(
     Parameters
     ----------
     estimate : Estimate
+        The model with its parameters.
     q, dq, ddq : (m, n)
         Positions, velocities and accelerations, in rad or m and s.
     level : float
@@ -48,6 +59,7 @@ def predict(
     Returns
     -------
     PredictedTorque
+        The torque with its intervals.
 
     Raises
     ------
@@ -61,6 +73,7 @@ def predict(
         dq,
         ddq,
         reference=estimate.reference,
+        # Hysteresis starts from its initial state and is carried along the path, so the order of the rows counts.
         memory=MemoryStates(observation.memory).push(observation.robot.positions(q)),
     )
     torque = observation.compute_torque(entries, estimate.values)
@@ -78,10 +91,16 @@ def compute_prediction_deviation(observation: Observation, entries: FloatArray, 
     Parameters
     ----------
     observation : Observation
+        The model's entries of W, and where they stand.
     entries : (m, k)
         As an evaluation of the observation matrix gives them, filtered or not.
     covariance : (b, b)
         Of the parameters.
+
+    Returns
+    -------
+    array (m, n)
+        Standard deviations in N m or N.
     """
     deviation = np.empty((len(entries), observation.robot.n))
     for joint in range(observation.robot.n):
@@ -106,6 +125,7 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
     signals = estimate.model.signals
     for column in estimate.model.kept:
+        # Derivatives of the acceleration, and the period, are not among the arguments.
         if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
             raise DynidentError(
                 f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "

@@ -15,13 +15,28 @@ from dynident.recordings import Preprocessing, Recording
 class ReducedData:
     """Filtered recordings as factors of W in the columns of an identified model.
 
-    `equations` are the rows that the chosen model makes of those that it was identified from; `training` and `held_out`
-    the joints' torques in these and in the validation data, one equation a joint, whatever the model (for the dynamic
-    model `training` is `equations`); `shaped` the torques of `training` in the model's columns and, behind them, those
-    of `shape_columns`, None where no effect has constants or these cannot be looked at. `preprocessing`: how the
-    recordings were filtered; `measurement_names` and `validation_names`: what they are called; `copied`: those of
-    the validation data that hold samples of the fit, so that the held-out error is not one; `digests` what the samples
-    of the fit are known by, one a recording.
+    Parameters
+    ----------
+    equations : Reduction
+        The rows that the chosen equation type makes of the recordings that the model was identified from.
+    training : Reduction
+        The joints' torques in the same recordings, one equation a joint, whatever the equation type. For the dynamic
+        model it is the same object as `equations`.
+    held_out : Reduction or None
+        The joints' torques in the held-out recordings.
+    shaped : Reduction or None
+        The torques of `training` in the model's columns and, behind them, those of the shape constants
+        (`shapes.shape_columns`). None where no effect has constants or these cannot be looked at.
+    preprocessing : Preprocessing
+        How the recordings were filtered.
+    measurement_names : tuple of str
+        Names of the recordings of the fit.
+    validation_names : tuple of str
+        Names of the held-out recordings.
+    copied : tuple of str
+        Held-out recordings that hold samples of the fit, so that the held-out error is none.
+    digests : tuple of str
+        Digests of the samples of the fit, one a recording.
     """
 
     equations: Reduction
@@ -52,9 +67,19 @@ class ReducedData:
         return self.is_fitted_to_torque and all(rows.weight == 1.0 for rows in reversals)
 
     def combine_columns(self, weights: FloatArray) -> ReducedData:
-        """Return the same data in other columns, which are these times `weights` (b, b').
+        """Return the same data in other columns.
 
         `shaped` is left out, as its columns would be others.
+
+        Parameters
+        ----------
+        weights : (b, b')
+            The other columns are these times the weights.
+
+        Returns
+        -------
+        ReducedData
+            The data in b' columns.
         """
         # The equations of the dynamic model must stay the same object as the torques: others test for identity.
         training = self.training.combine_columns(weights)
@@ -75,5 +100,10 @@ class ReducedData:
             What the torque in the columns was predicted with.
         recordings : tuple of Recording, optional
             For estimators that go through the samples again.
+
+        Returns
+        -------
+        Data
+            The same equations, with what some estimators need beside them.
         """
         return Data(self.equations, self.training, recordings, self.preprocessing, reference)

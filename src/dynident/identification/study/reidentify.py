@@ -48,6 +48,7 @@ def reidentify(identification: Identification, choices: IdentificationChoices) -
     # Fewer effects need no new rows: the smaller model's columns are linear combinations of those that the reduced
     # data hold.
     shaped = combine_shapes(identification, model.effects, None if part is None else part.weights)
+    # The filters are those that the reduced data went through, whatever the choices leave open.
     chosen = replace(choices, preprocessing=identification.choices.preprocessing)
     identified = finalise_identification(
         model, chosen, data.to_data(identification.estimate.reference), data, part, lambda _: shaped
@@ -62,7 +63,9 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     Parameters
     ----------
     identification : Identification
+        The identified model.
     choices : IdentificationChoices
+        The choices to solve it again with.
 
     Raises
     ------

@@ -34,6 +34,7 @@ def remove(identification: Identification, removed: Sequence[EffectChoice]) -> I
     Parameters
     ----------
     identification : Identification
+        The identified model.
     removed : sequence of EffectChoice
         Each is taken off its joints, or off all where it names none; with shape constants or runs only what has these.
 
@@ -68,7 +69,14 @@ def subtract_effects(
     Parameters
     ----------
     effects, removed : sequence of EffectChoice
+        Effects of a model, and those to take out of it.
     robot : Robot
+        The robot that they act on.
+
+    Returns
+    -------
+    tuple of EffectChoice
+        The effects that remain, some on fewer joints.
 
     Raises
     ------
@@ -95,10 +103,12 @@ def subtract_effects(
 
 def _subtract_effect(choice: EffectChoice, removed: EffectChoice, robot: Robot) -> tuple[EffectChoice, ...]:
     """Remove an effect from one choice: return the choice itself, the same on fewer joints, or nothing."""
+    # A choice without shape constants or runs stands for all of them.
     other_shape = not set(removed.shape) <= set(choice.shape)
     other_runs = bool(removed.runs) and removed.runs != choice.runs
     if choice.effect != removed.effect or other_shape or other_runs:
         return (choice,)
+    # An effect of the whole robot has no joints to be taken from one by one.
     if get_effect(choice.effect).scope == "robot":
         return ()
     gone = find_joints(removed, robot)
@@ -119,6 +129,7 @@ def build_submodel(
     known : Model
         The larger model.
     effects : sequence of EffectChoice
+        Effects of the smaller model.
     tolerance : float
         Which columns count as dependent.
     pointer : str
@@ -155,12 +166,26 @@ def combine_shapes(
 ) -> Reduction | None:
     """Return the rows that tell how sure shape constants are, for a model of some of the effects.
 
-    None where there are none, or where an effect now acts on fewer joints than its constant was linearised for.
+    Parameters
+    ----------
+    identification : Identification
+        The larger model.
+    effects : sequence of EffectChoice
+        Effects of the smaller one.
+    weights : (b, b'), optional
+        The smaller model's columns as combinations of the larger one's; the same columns by default.
+
+    Returns
+    -------
+    Reduction or None
+        None where there are no constants, or where an effect now acts on fewer joints than its constant was linearised
+        for.
     """
     before, after = list_shape_variables(identification.model.effects), list_shape_variables(effects)
     where = {(identification.model.effects[p.choice], p.spec.name): k for k, p in enumerate(before)}
     constants = [(effects[p.choice], p.spec.name) for p in after]
     shaped = identification.data.shaped
+    # A constant that was linearised on more joints has other derivatives on fewer.
     if shaped is None or not constants or any(constant not in where for constant in constants):
         return None
     b = identification.model.n_parameters

@@ -29,8 +29,15 @@ from dynident.regressors.row_cache import CachedRows
 class RowsInMemory:
     """Filtered rows of W that are still in memory: a model that extends theirs evaluates its new columns alone.
 
-    None of data that are too long to be kept, of a model out of a file, and of one that effects were taken out of: all
-    that is computed without them is the same, one pass over the samples later.
+    There are none of data that are too long to be kept, of a model out of a file, and of one that effects were taken
+    out of. All that is computed without them is the same, one pass over the samples later.
+
+    Parameters
+    ----------
+    training : CachedRows or None
+        Rows of the data of the fit.
+    held_out : CachedRows or None
+        Rows of the held-out data.
     """
 
     training: CachedRows | None = None
@@ -45,9 +52,16 @@ NONE_IN_MEMORY = RowsInMemory()
 
 @dataclass(frozen=True, eq=False)
 class LadderStep:
-    """How a model was made from the one below it on the ladder: what was added to that one, or taken out of it.
+    """How a model was made from the one below it on the ladder.
 
-    `parent` is the model below; None for the first one, to which nothing was done.
+    Parameters
+    ----------
+    parent : Identification or None
+        The model below; None for the first one, to which nothing was done.
+    added : tuple of EffectChoice
+        Effects that were added to the model below.
+    removed : tuple of EffectChoice
+        Effects that were taken out of it.
     """
 
     parent: Identification | None = None
@@ -63,11 +77,27 @@ FIRST = LadderStep()
 class Identification:
     """An identified model: what was estimated, from what, and how well it fits.
 
-    `estimate` is the model with its parameters, enough to predict; `data` what the recordings became, which further
-    steps start from; `fit` and `held_out` the errors on all rows of the joints' torques in it, at rest the distance to
-    what static friction may hold; `worst_inertia_eigenvalue` the smallest one of the inertia matrix scaled to a unit
-    diagonal, over many postures; `step` from the model below it on the ladder; `in_memory` no result but what makes an
-    extension quicker.
+    Parameters
+    ----------
+    estimate : Estimate
+        The model with its parameters, enough to predict torque.
+    choices : IdentificationChoices
+        What was identified, and how.
+    data : ReducedData
+        What the recordings became, which further steps start from.
+    fit : Errors
+        Errors on all rows of the joints' torques in the data of the fit; at rest the distance to what static friction
+        may hold.
+    held_out : Errors or None
+        The same on held-out data; None where there is none.
+    worst_inertia_eigenvalue : float
+        Smallest eigenvalue of the inertia matrix scaled to a unit diagonal, over many postures.
+    warnings : tuple of str
+        What is doubtful about the result, most important first.
+    step : LadderStep
+        The step from the model below it on the ladder.
+    in_memory : RowsInMemory
+        No result, but what makes an extension quicker.
     """
 
     estimate: Estimate

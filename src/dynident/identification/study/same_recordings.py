@@ -20,7 +20,14 @@ def add_digests(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings, validation : sequence of Recording
+        Data of the fit, and held-out data.
+
+    Returns
+    -------
+    Identification
+        The same model, whose data know their samples.
     """
     hashes = [SampleHashes.from_recording(recording) for recording in recordings]
     digests = tuple(own.digest for own in hashes)
@@ -34,7 +41,9 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
+        Recordings that are said to be those of the fit.
 
     Raises
     ------
@@ -47,6 +56,7 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         return  # identified by a version that did not note them, or from poses
     digests = [(recording.name, SampleHashes.from_recording(recording).digest) for recording in recordings]
     others = [name for name, digest in digests if digest not in known]
+    # As often as in the fit: one recording twice would count double.
     if not others and Counter(digest for _, digest in digests) == known:
         return
     names = ", ".join(identification.data.measurement_names)

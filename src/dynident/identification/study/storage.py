@@ -60,12 +60,15 @@ def to_bytes(identification: Identification) -> bytes:
     Parameters
     ----------
     identification : Identification
+        The identified model.
 
     Returns
     -------
     bytes
+        Content of the file, in the present format.
     """
     arrays: dict[str, Any] = {}
+    # All models side by side: a file inside a file would be copied once a step.
     ladder = list(identification.ladder())
     for number, model in enumerate(ladder):
         arrays |= {f"{number}/{name}": array for name, array in _to_arrays(model).items()}
@@ -101,6 +104,7 @@ def _to_arrays(identification: Identification) -> dict[str, Any]:
         arrays["standard_deviations"] = estimate.standard.standard_deviations
     _put_errors(arrays, "fit", identification.fit)
     _put_reduction(arrays, "training", data.training)
+    # For the dynamic model both are one object, and are stored once.
     if not data.is_fitted_to_torque:
         _put_reduction(arrays, "equations", data.equations)
     if data.shaped is not None:
@@ -142,11 +146,12 @@ def from_bytes(content: bytes) -> Identification:
     Parameters
     ----------
     content : bytes
-        Of any format that was ever written.
+        Content of a file, of any format that was ever written.
 
     Returns
     -------
     Identification
+        The model, with the models that led to it.
 
     Raises
     ------
@@ -155,6 +160,7 @@ def from_bytes(content: bytes) -> Identification:
     """
     try:
         return _read_identification(content)
+    # These errors say already what is wrong with the model.
     except DynidentError:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
@@ -226,6 +232,7 @@ def _read_data(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> ReducedD
     equations, held_out, shaped = (
         _read_reduction(arrays, name) if f"{name}_size" in arrays else None for name in others
     )
+    # Where no equations are stored they are the torques, and have to be the same object: others test for identity.
     training = _read_reduction(arrays, "training")
     return ReducedData(
         equations=training if equations is None else equations,
@@ -255,6 +262,7 @@ def _read_solution(arrays: Mapping[str, Any], converged: bool) -> Solution:
 
 def _read_statistics(arrays: Mapping[str, Any]) -> Statistics:
     covariance, worth = arrays["covariance"], arrays["effective_rows"]
+    # Files of older versions have no degrees of freedom; they follow from the rows.
     freedom = arrays.get("freedom", compute_row_freedom(worth, len(covariance)))
     return Statistics(covariance, worth, arrays["noise"], freedom)
 
@@ -274,6 +282,7 @@ def _read_shape_constants(header: Mapping[str, Any], model: Model) -> tuple[Shap
 def _read_shape_constant(document: Mapping[str, Any]) -> ShapeConstant:
     ends = document["interval"]
     interval = None if ends is None else (float(ends[0]), float(ends[1]))
+    # JSON has no tuples, and equal constants have to compare equal.
     return ShapeConstant(**{**document, "joints": tuple(document["joints"]), "interval": interval})
 
 

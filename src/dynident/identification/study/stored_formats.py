@@ -39,6 +39,7 @@ def read_ladder(content: bytes) -> list[Arrays]:
     arrays = _load(content)
     header = _read_header(arrays)
     number = _parse_format_number(header)
+    # A newer file may hold fields that change the meaning of the others, so it is refused as a whole.
     if number > PRESENT:
         detail = f"the model is of format {number}, and this version reads 1 to {PRESENT}; update dynident"
         raise DynidentError(detail, title="Model of a newer version")
@@ -79,6 +80,7 @@ def other_parameters_error() -> DynidentError:
 
 
 def _load(content: bytes) -> Arrays:
+    # No pickles: a model file may come from anybody, and unpickling runs code.
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return dict(file)
 
