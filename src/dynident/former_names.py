@@ -309,6 +309,8 @@ class FormerModuleFinder(MetaPathFinder, Loader):
         )
 
         def get(name: str) -> object:
+            # Python itself asks modules for names such as __path__; a present module's answer would be about that
+            # module.
             if name.startswith("__"):
                 raise AttributeError(name)
             return getattr(import_module(present), NAMES.get(present, {}).get(name, name))

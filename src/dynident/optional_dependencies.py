@@ -53,6 +53,7 @@ def format_install_hint(package: str) -> str:
     Returns
     -------
     str
+        A part of a sentence that names the extra to install.
     """
     name = package.partition(".")[0]
     extra = EXTRA_OF_PACKAGE.get(name, "science" if name in SCIENCE_PACKAGES else "service")

@@ -124,9 +124,30 @@ class FailureSpot:
 class Diagnosis:
     """The verdict on a model, what is missing in it, and what the data could not tell.
 
-    `noise_floor` (n,) in N m or N: what no model can explain, from the torque above the filter's band. `changes`: what
-    differs from the baseline, none where nothing does; `None` where there was no baseline. `friction`: by how much that
-    of each joint differs from the baseline's, whether it is among the changes or not.
+    Parameters
+    ----------
+    verdict : {"adequate", "missing_effect", "unexplained"}
+        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains.
+    summary : str
+        The result in a few sentences.
+    noise_floor : (n,)
+        What no model of a joint can explain, N m or N, from the torque above the filter's band.
+    residual_rms : (n,)
+        Root mean square of the residual of each joint, N m or N.
+    candidates : tuple of RankedEffect
+        Effects that were tried, the one that explains most first.
+    recommended : tuple of EffectChoice
+        Effects to be added to the model.
+    unknown : tuple of UnknownPattern
+        Dependences in the residual that no effect explains.
+    not_visible : tuple of Invisible
+        Effects that this data could not have shown.
+    failure_map : tuple of FailureSpot
+        Where the residual of each joint is largest.
+    changes : tuple of Change, optional
+        What differs from the baseline, empty where nothing does; None where there was no baseline.
+    friction : tuple of FrictionDifference
+        How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
     """
 
     verdict: Adequacy

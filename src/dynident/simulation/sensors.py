@@ -69,9 +69,12 @@ class SensorEffects:
 
         Returns
         -------
-        Sensing
+        SensorEffects
+            Those effects, as one function of the motion.
         """
         robot, signals = inside.robot, SensorSignals(inside.robot)
+        # An effect belongs to the sensors when one of its columns needs what is not known within a step, such as the
+        # derivatives of the acceleration or the measured motor torque.
         sensor_effects = tuple(
             effect
             for effect in effects
@@ -98,6 +101,7 @@ class SensorEffects:
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
             inputs = (*state, clock, period, temperature, memory, truth.tau, present)
             torque = torque + self.added(*inputs)
+        # The delay comes last: it holds for all that the sensor shows, the added torque included.
         if self.delay:
             torque = np.column_stack([np.interp(t - self.delay, t, column) for column in torque.T])
         return torque
@@ -179,6 +183,8 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
             pointer="/noise/torque_noise_absolute",
             title=_TITLE,
         )
+    # Four standard deviations have to fit into one sampling period, or the clipping that keeps samples in order would
+    # cut off much of the jitter.
     if 4 * sensors.jitter * sensors.sampling_rate > 1:
         raise DynidentError(
             f"a jitter of {sensors.jitter} s is too much at {sensors.sampling_rate} Hz; at most a quarter of the "
@@ -210,6 +216,7 @@ def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> 
         return np.array(sensors.torque_noise_absolute, dtype=np.float64)
     largest = np.abs(tau).max(axis=0)
     limits = [joint.limits.effort for joint in robot.joints]
+    # Torque sensors are chosen for the drive, so their noise grows with the effort limit of the joint.
     scale = np.array([peak if limit is None else limit for limit, peak in zip(limits, largest, strict=True)])
     return sensors.torque_noise * scale
 
@@ -221,10 +228,12 @@ def draw_sampling_steps(
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular
+    # The internal steps are the finest clock there is, so jitter is drawn in seconds and rounded to whole steps.
     spread = sensors.jitter * sensors.sampling_rate * steps_per_sample
     # Two neighbouring samples are shifted by less than half a period each, so that their order stays.
     largest = max(0, (steps_per_sample - 1) // 2)
     shift = np.clip(np.rint(rng.normal(0.0, spread, n_samples)), -largest, largest).astype(np.intp)
+    # The first sample stays at the start of the trajectory, and no sample may lie behind its end.
     shift[0] = 0
     shifted: IndexArray = np.minimum(regular + shift, regular[-1])
     return shifted
