@@ -31,7 +31,9 @@ def find_a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[F
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
+        The criterion, whose stated values come first.
 
     Returns
     -------
@@ -52,6 +54,7 @@ def find_a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[F
         )
     columns = model.base_columns[: model.n_parameters]
     units = np.array([column.unit for column in columns])
+    # Parameters of different units cannot be compared, so that the least value is found unit by unit.
     values = np.abs(model.nominal_values[: model.n_parameters])
     for unit in set(units):
         same = units == unit
@@ -74,9 +77,13 @@ class DesignCriterion:
     Parameters
     ----------
     choice : CriterionChoice
+        The criterion.
     a_priori : (b,)
-    deciding : Deciding
+        Magnitudes |Z| of the parameters.
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
     notes : tuple of str
+        What was assumed, in words for the user.
     earlier : (r, b), optional
         Rows besides W / √N that stand for the information of earlier runs.
     """
@@ -96,15 +103,29 @@ class DesignCriterion:
             return criterion
 
         def add_earlier(w: FloatArray) -> tuple[float, FloatArray]:
+            # The earlier rows are constant: they change the value, and have no part in the gradient.
             value, gradient = criterion(np.concatenate([w, earlier]))
             return value, gradient[: len(w)]
 
         return add_earlier
 
     def evaluate(self, w: FloatArray, n_samples: int) -> CriterionValues:
-        """Return the true values of W (r, b) at N samples."""
+        """Return the true values of W.
+
+        Parameters
+        ----------
+        w : (r, b)
+            Rows of W.
+        n_samples : int
+            Number of samples N.
+
+        Returns
+        -------
+        CriterionValues
+            Values by all criteria, without smoothing.
+        """
         if self.earlier is not None:
-            # The earlier rows belong to W / √N, and `true_values` divides by √N.
+            # The earlier rows belong to W / √N, and `compute_true_values` divides by √N.
             w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
         return compute_true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
 
@@ -122,8 +143,11 @@ def build_design_criterion(
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
-    noise : mapping of joint name to N m or N
+        The criterion.
+    noise : mapping of str to float
+        Standard deviation of each joint's torque noise by joint name, N m or N.
     one_equation : bool
         Whether a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
     earlier : (r, b), optional
@@ -131,17 +155,19 @@ def build_design_criterion(
 
     Returns
     -------
-    Yardstick
+    DesignCriterion
+        The measure that makes motions comparable; the smaller the better.
 
     Raises
     ------
     DynidentError
-        As in `deciding_of`.
+        As in `select_parameters`.
     """
     a_priori, assumed = find_a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
     deciding = select_parameters(model, choice, noise)
     if one_equation:
+        # The row of a sample is a sum over all joints, which the noise of a single joint cannot weigh.
         deciding = replace(deciding, row_weights=np.ones(1))
     return DesignCriterion(choice, a_priori, deciding, notes, earlier)
 
@@ -168,13 +194,16 @@ def select_parameters(model: DesignModel, choice: CriterionChoice, noise: Mappin
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
+        The criterion.
     noise : mapping of joint name to N m or N
         Standard deviation of the joints' torque; that of the others counts as 1, or as the mean of those stated.
 
     Returns
     -------
-    Deciding
+    ParameterSelection
+        Groups of parameters, and the weights of the joints' rows.
 
     Raises
     ------
@@ -202,6 +231,8 @@ def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> Float
             )
         if not (np.isfinite(value) and value > 0):
             raise DynidentError(f"the noise of joint '{name}' is {value}; it must be a positive number", pointer=at)
+    # Joints without a stated noise take the mean of the others: any other number would let them rule, or not count at
+    # all.
     typical = float(np.mean(list(noise.values()))) if noise else 1.0
     return np.array([1.0 / noise.get(name, typical) for name in model.robot.joint_names])
 

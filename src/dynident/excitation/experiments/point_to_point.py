@@ -50,6 +50,8 @@ def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperimen
     if request.kind == "optimized":
         best, note = _improve_candidates(task, space, legs, candidates, budget)
         notes.append(note)
+    # The search looks at a few samples of each move. Where the closer look disagrees, the next best sequence takes its
+    # place.
     chosen, pieces = select_first_fitting(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
     placed = plan_home_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verify_pieces(task, (placed.approach, *pieces, placed.retreat))
@@ -107,6 +109,7 @@ def _improve_candidates(
             legs,
             task.yardstick,
             variations=_VARIATIONS_OF_A_POINT * space.count,
+            # A generator of its own for every start: its course does not depend on how far the others came.
             rng=np.random.default_rng((task.request.seed, start)),
             budget=budget,
             progress=report,
@@ -140,6 +143,7 @@ def slow_until_fitting(task: DesignTask, sequence: PointSequence) -> tuple[Piece
         margins = task.verify_pieces(pieces)
         if are_limits_kept(margins):
             return pieces
+        # Slower moves take the same path, so they meet the same obstacles and ends of ranges.
         if find_tightest(margins).limit in _HOWEVER_SLOW:
             break
         sequence = sequence.slow_down(_SLOWER)
@@ -150,6 +154,8 @@ def _plan_round(task: DesignTask, sequence: PointSequence) -> tuple[Piece, ...]:
     pieces = []
     bounds = task.bounds
     for start, end, share in zip(np.roll(sequence.points, 1, axis=0), sequence.points, sequence.shares, strict=True):
+        # The shares of the limits are what is searched besides the points: they decide how much inertia and how much
+        # friction a move shows.
         slow = replace(bounds, velocity=share[0] * bounds.velocity, acceleration=share[1] * bounds.acceleration)
         pieces.append(move_within_torque(start, end, slow, task.model, task.rate))
     return tuple(pieces)
@@ -164,7 +170,13 @@ def verify_pieces(task: DesignTask, pieces: tuple[Piece, ...]) -> tuple[Margin, 
 
 
 def check_no_path(model: DesignModel) -> None:
-    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one."""
+    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    """
     if model.needs_path:
         raise DynidentError(
             "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "

@@ -29,17 +29,31 @@ _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
 
 
 def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
-    """Return the model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
+    """Return the model of the arm whose other joints are locked at a posture: fewer parameters, fewer equations.
 
     The base parameters are those that the equations of the moving joints determine. The torque of a locked joint is
-    held
-    by its brake or against an unknown stiction: its equations do not count.
+    held by its brake or against an unknown stiction: its equations do not count.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of all joints.
+    posture : (n,)
+        Positions of the locked joints, rad or m; those of the others do not matter.
+    moving : (n,)
+        Which joints move.
+
+    Returns
+    -------
+    DesignModel
+        The model of the moving joints.
 
     Raises
     ------
     DynidentError
         The moving joints determine none of the parameters.
     """
+    # Which parameters show is found numerically, from random states of the moving joints.
     w = _sample_observation(model, posture, moving)
     names = [column.name for column in model.columns]
     visible = select_base(
@@ -69,6 +83,7 @@ def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
 
 def _sample_observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
     """Return W (m, n, c) of all columns at random states of the moving joints."""
+    # A fixed seed: the same robot has the same base parameters in every run.
     rng = np.random.default_rng(0)
     robot = model.robot
     m = _STATES_PER_COLUMN * len(model.columns) + 20
@@ -108,19 +123,23 @@ class DesignModel:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     choices : tuple of EffectChoice
         Effects that `columns` are made of.
     signals : Signals
+        Symbols that the columns are expressions of.
     columns : tuple of Column
         The `n_chosen` columns of the chosen effects, followed by the links' inertial ones where they are not among
         them, since they predict the torque.
     n_chosen : int
+        Number of columns of the chosen effects.
     base : BaseParameters
         Selected from all columns.
     reference : ReferenceParameters
         Inertial parameters for effects that depend on the load, followed by zeros for all else that torque is predicted
         from.
     notes : tuple of str
+        What was left out or assumed, in words for the user.
     counted : (n,)
         Which joints' equations count; the others tell nothing.
     """
@@ -198,6 +217,11 @@ class DesignModel:
             Hysteresis states; zero where left out.
         runs : (m, number of run signals), optional
             1 where a sample is in a signal's runs; in all of them where left out.
+
+        Returns
+        -------
+        (m n, b)
+            Rows of W, joint by joint within each sample.
         """
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
@@ -213,12 +237,14 @@ class DesignModel:
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
+        # Rows are zeroed, not removed, so that each sample keeps n rows and row weights stay in place.
         w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
     def observe_along(self, motion: Motion, samples: IndexArray, runs: FloatArray | None = None) -> FloatArray:
         """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`."""
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
+        # Motions have three derivatives; elastic gears need the fourth.
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
         return self.observe(
             motion.q[samples],
@@ -261,13 +287,14 @@ def build_design_model(
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
     so. So are columns of effects in some runs only (a payload), unless there are `other_runs`: the effect then acts in
-    the
-    run that is designed.
+    the run that is designed.
 
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effects : sequence of EffectChoice
+        Effects to be identified.
     signals : Signals, optional
         Those of another model of the robot, whose mechanics need not be derived again.
     reference : ReferenceParameters, optional
@@ -278,6 +305,7 @@ def build_design_model(
     Returns
     -------
     DesignModel
+        The columns, their base parameters, and what torque is predicted with.
 
     Raises
     ------

@@ -41,7 +41,15 @@ _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
 
 @dataclass(frozen=True)
 class Resumption:
-    """Checkpoint that a stopped search continues from, and where it keeps new ones."""
+    """Checkpoint that a stopped search continues from, and where it keeps new ones.
+
+    Parameters
+    ----------
+    checkpoints : Checkpoints
+        Storage for new checkpoints.
+    before : SearchCheckpoint, optional
+        Checkpoint to continue from; None to begin anew.
+    """
 
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
     before: SearchCheckpoint | None = None
@@ -49,7 +57,17 @@ class Resumption:
 
 @dataclass(frozen=True, eq=False)
 class Optimisation:
-    """The best candidate, how many starts were completed, and whether the time ran out."""
+    """State of a search: the best candidate, and how much of the budget is used.
+
+    Parameters
+    ----------
+    best : Candidate
+        The best candidate so far.
+    starts : int
+        Number of starts that were completed.
+    out_of_time : bool
+        Whether the time ran out.
+    """
 
     best: Candidate
     starts: int
@@ -70,6 +88,28 @@ def optimise_trajectories(
     The result keeps the limits on a fine grid and is never worse than the best candidate. A start that the
     budget cuts short still counts with what it has reached; a search that was stopped from outside continues from
     `course`.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Criterion and limits over the coefficients.
+    shrinking : AmplitudeScaler
+        Brings coefficients within the limits.
+    judge : CandidateEvaluator
+        Gives the true criterion values.
+    candidates : sequence of Candidate
+        Random candidates, best first.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    course : Resumption
+        Where to continue from, and where to keep checkpoints.
+
+    Returns
+    -------
+    Optimisation
+        The best candidate at the end.
     """
     *_, last = search_stepwise(problem, shrinking, judge, candidates, budget, progress, course)
     return last
@@ -84,7 +124,7 @@ def search_stepwise(
     progress: Progress,
     course: Resumption = Resumption(),
 ) -> Iterator[Optimisation]:
-    """Do the same as `optimise` step by step.
+    """Do the same as `optimise_trajectories` step by step.
 
     Yields
     ------
@@ -107,6 +147,7 @@ def search_stepwise(
             for start, reached_before in zip(heat, before.starts, strict=False):
                 start.resume_from(reached_before)
         for rounds in (_SKETCH, len(_ITERATIONS)):
+            # After the sketches the most promising start goes first: time may not suffice for all.
             ordered = sorted(heat, key=lambda start: worth.get(start.number, 0.0))
             waiting = [
                 start for start in ordered if not start.counted and start.rounds <= rounds
@@ -115,6 +156,7 @@ def search_stepwise(
                 if budget.is_spent:
                     return
                 together, waiting = waiting[: count_processors()], waiting[count_processors() :]
+                # Evaluations of a problem share its arrays, hence a copy for every thread, kept for later rounds.
                 problems += [problem.copy_for_thread() for _ in together[len(problems) :]]
                 for start, own in zip(together, problems, strict=False):
                     start.problem = own
@@ -170,6 +212,7 @@ class _ProgressReporter:
 
     def keep_checkpoint(self, start: _Start) -> None:
         """Keep a checkpoint after a round of a start, in the thread of that start, if it is time."""
+        # Starts run in several threads; the state of one must not be recorded while another packs all of them.
         with self._one:
             start.record_state()
             self.checkpoints.save(
@@ -249,6 +292,7 @@ class _Start:
             self.iterations += 1
             tell(descent.last)
             if budget.is_spent:
+                # SciPy takes StopIteration as a request to end, and returns the coefficients reached so far.
                 raise StopIteration
 
         result = minimize(
@@ -259,12 +303,14 @@ class _Start:
             callback=after_iteration,
             options={"maxiter": _ITERATIONS[self.rounds], "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
         )
+        # Also after a round that was cut short: what it reached may be the best candidate.
         self.x = result.x.reshape(self.x.shape)
         at = self.problem.evaluate(result.x, self._multipliers)
         if budget.is_spent:
             return
         # A round that the budget cut short does not count: its multipliers would be those of an unfinished descent.
         self.rounds += 1
+        # The criterion is a logarithm: this difference is a relative one.
         settled = abs(self._before - at.criterion) < _SETTLED
         self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst_excess < _SMALL_EXCESS and settled))
         # The multipliers alone bring the excess down in well-scaled problems. Only where they do not, the penalty

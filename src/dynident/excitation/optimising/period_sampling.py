@@ -19,6 +19,7 @@ _SHARE_OF_SHAPE = 0.25
 def count_period_samples(model: DesignModel, family: Family) -> int:
     """Return the number of samples N of one period that the criterion is computed from."""
     close = model.needs_path or bool(_find_narrow_speeds(model))
+    # The fastest wave of the family must be sampled well, or the motion could break limits between the samples.
     return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
 
 

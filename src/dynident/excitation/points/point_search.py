@@ -41,9 +41,18 @@ class PointSpace(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FreePoints:
-    """`count` free points, and free shares of the velocity and acceleration limits up to `fastest`.
+    """Sequences of free points, with free shares of the velocity and acceleration limits.
 
-    `postures` (m, n) are those that points are drawn from.
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that points are drawn from, rad or m.
+    count : int
+        Number of points.
+    fastest : float
+        Largest share of the velocity and acceleration limits.
     """
 
     bounds: Bounds
@@ -76,6 +85,7 @@ class FreePoints:
             points[k] = _clip_posture(
                 self.bounds, points[k] + size * self.bounds.half_range * rng.standard_normal(len(points[k]))
             )
+        # A point belongs to two moves: the one to it and the one from it.
         touched = [k, (k + 1) % self.count]
         shares[touched] += self.fastest * size * rng.standard_normal((2, 2))
         low, high = _SMALLEST_SHARE * self.fastest, self.fastest
@@ -84,10 +94,18 @@ class FreePoints:
 
 @dataclass(frozen=True, eq=False)
 class TwoPoints:
-    """Back and forth between two points around a free posture, as fast as the limits allow.
+    """Sequences back and forth between two points around a free posture, as fast as the limits allow.
 
-    `shortest` and `longest` (n,) are how far each joint goes: zero for those that are locked, wherever the posture has
-    them.
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that the middle is drawn from, rad or m.
+    shortest : (n,)
+        Shortest way of each joint, rad or m; zero for one that is locked.
+    longest : (n,)
+        Longest way of each joint, rad or m.
     """
 
     bounds: Bounds
@@ -115,6 +133,7 @@ class TwoPoints:
         )
 
     def _build_around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
+        # The middle stays so far from the ends of the range that both points lie within it.
         room = self.bounds.half_range - np.abs(way) / 2
         centre = np.clip(middle, self.bounds.middle - room, self.bounds.middle + room)
         return PointSequence(np.stack([centre - way / 2, centre + way / 2]), np.ones((2, 2)))
@@ -134,7 +153,15 @@ _GROWTH = 1.3
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedSequence:
-    """A sequence that keeps the limits, and its criterion values."""
+    """A sequence that keeps the limits, and its criterion values.
+
+    Parameters
+    ----------
+    sequence : PointSequence
+        The points, and the shares of the limits.
+    values : CriterionValues
+        Criterion values of its moves.
+    """
 
     sequence: PointSequence
     values: CriterionValues
@@ -183,6 +210,8 @@ def _draw_within_limits(space: PointSpace, legs: MovePlanner, rng: np.random.Gen
         k = legs.find_first_broken(sequence)
         if k is None:
             break
+        # Only the point that a broken move leads to is drawn again: a whole new sequence would seldom keep every limit
+        # at once.
         sequence = space.redraw(sequence, k, rng)
     return sequence
 
@@ -200,6 +229,7 @@ def improve_sequence(
 ) -> tuple[PointSequence, bool]:
     """Return the sequence after so many variations, and whether the time allowed all of them."""
     criterion = yardstick.smooth_criterion
+    # The first sequence was drawn within the limits, so that its moves exist.
     moves = legs.plan_sequence(first)
     assert moves is not None
     best, value, size = first, criterion(stack_rows(moves))[0], _FIRST_SIZE
@@ -209,6 +239,7 @@ def improve_sequence(
         progress(index / variations, f"variation {index + 1}: criterion {np.exp(value):.4g}")
         neighbour = space.vary(best, rng, size)
         moves = legs.plan_sequence(neighbour)
+        # A neighbour that breaks a limit is worse than any that keeps them all.
         reached = np.inf if moves is None else criterion(stack_rows(moves))[0]
         if reached < value:
             best, value, size = neighbour, reached, min(_GROWTH * size, _LARGEST_SIZE)

@@ -47,9 +47,18 @@ _LITTLE_WAY = (0.02, 0.1)
 
 @dataclass(frozen=True, eq=False)
 class RunMotion:
-    """Rounds of a motion that starts and ends at rest in `start` (n,).
+    """Rounds of a motion that starts and ends at rest in one posture.
 
-    `random` is the information ∫ WᵀW dt (b, b) that random motions of its kind would have given.
+    Parameters
+    ----------
+    round : tuple of Piece
+        Pieces of one round.
+    rounds : int
+        Number of rounds.
+    start : (n,)
+        Posture at which the motion starts and ends at rest, rad or m.
+    random : tuple of (b, b)
+        Information ∫ WᵀW dt that random motions of its kind would have given.
     """
 
     round: tuple[Piece, ...]
@@ -68,9 +77,10 @@ class RunSearch:
 
     Parameters
     ----------
-    task : Task
-        `duration` of its trajectory is about how long each run lasts.
+    task : DesignTask
+        The design task; `duration` of its trajectory is about how long each run lasts.
     rng : Generator
+        Generator of all that is drawn.
     """
 
     def __init__(self, task: DesignTask, rng: np.random.Generator) -> None:
@@ -85,6 +95,8 @@ class RunSearch:
         dq = bounds.velocity * self._rng.uniform(-1, 1, (_STATES, n))
         ddq = bounds.acceleration * self._rng.uniform(-1, 1, (_STATES, n))
         w = self._task.model.observe(q, dq, ddq, dddq=np.zeros_like(q), ddddq=np.zeros_like(q))
+        # Mean square of each column over random states: a parameter's share of information is then independent of its
+        # unit.
         squares = np.einsum("ij,ij->j", w, w) / _STATES
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
@@ -117,7 +129,9 @@ class RunSearch:
     ) -> RunMotion:
         task = self._task
         moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
+        # Only the equations of moving joints count: a locked one may be held by its brake.
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
+        # Information is an integral over time; divided by the duration of a run it stands beside W / √N of that run.
         yardstick = replace(by, earlier=factor_information(information / task.request.trajectory.duration))
         if isinstance(run.how, FreeMotion) and task.request.trajectory.family != "point_to_point":
             return self._search_periodic(within, moving, yardstick, budget)
@@ -131,6 +145,7 @@ class RunSearch:
         family = build_family(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
         judge = CandidateEvaluator(family, model, yardstick)
         candidates_of_postures = []
+        # Where the other joints are locked decides which parameters show, so that several postures are tried.
         for _ in range(_LOCKED_POSTURES):
             posture = self._postures[self._rng.integers(len(self._postures))]
             bounds = lock_bounds(task.bounds, posture, moving)
@@ -188,6 +203,7 @@ class RunSearch:
         )
         sequence, pieces = select_first_fitting(task, [best, *(candidate.sequence for candidate in candidates)])
         length = sum(piece.duration for piece in pieces)
+        # Rounds of short moves are repeated until the run lasts about as long as requested.
         rounds = trajectory.periods * max(1, round(trajectory.duration / length))
         random = tuple(
             _compute_sequence_information(legs, candidate.sequence, length * rounds) for candidate in candidates

@@ -80,6 +80,7 @@ def _search_first(
     for index, run in enumerate(runs):
         progress = _label_progress(task.progress, run, index, len(runs))
         placed = _search_reachable(task, search, run, at, information, Budget(1, seconds), progress)
+        # Each run complements those before, so its information counts for all that follow.
         information = information + placed.information
         at = placed.run_motion.start
         placed_runs.append(placed)
@@ -115,11 +116,13 @@ def _search_again(
             reached = _evaluate_runs(task, changed).criterion
             if reached >= value:
                 continue
+            # Another motion starts elsewhere, so that the ways to it and from it have to be planned again.
             ends = [home, *(each.run_motion.start for each in changed)]
             for k in (index, index + 1):
                 if k < len(changed):
                     way = plan_path(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
                     changed[k] = replace(changed[k], approach=way)
+        # The run stays as it is where no other motion keeps the limits or can be reached.
         except ImpossibleLimitsError:
             continue
         best_runs, value = changed, reached
@@ -178,6 +181,7 @@ def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: Fl
         clock = first + sum(piece.duration for piece in placed.run_motion.pieces)
         spans.append(Run(placed.planned.label, tuple(names[j] for j in placed.planned.moving), first, clock))
         pieces += [placed.approach, *placed.run_motion.pieces]
+    # Rounds repeat the same pieces, which need to be verified once.
     margins = verify_pieces(task, tuple(dict.fromkeys([*pieces, retreat])))
     valued = _evaluate_samples(task, runs)
     notes = [*task.yardstick.notes, *_note_not_shown(task, valued), note_home(home)]
