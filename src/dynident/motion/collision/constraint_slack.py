@@ -60,6 +60,7 @@ class _JoinedSlack:
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
         """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
+        # The gradient is that of all slacks side by side, so it is cut where one kind ends and the next begins.
         ends = np.cumsum([part.values.shape[1] for part in self.parts])[:-1]
         pieces = np.split(gradient, ends, axis=1)
         return np.asarray(sum(part.pull_back(piece) for part, piece in zip(self.parts, pieces, strict=True)))
@@ -67,7 +68,13 @@ class _JoinedSlack:
 
 @dataclass(frozen=True, eq=False)
 class JoinedConstraints:
-    """Several kinds of constraints."""
+    """Several kinds of constraints.
+
+    Parameters
+    ----------
+    parts : tuple of Constraints
+        The kinds, whose slacks stand side by side in this order.
+    """
 
     parts: tuple[Constraints, ...]
 
@@ -108,7 +115,21 @@ class LoopSlack:
 
 @dataclass(frozen=True, eq=False)
 class FollowerRates:
-    """Limits of velocity and acceleration (r,) of follower joints, infinite where there is none."""
+    """Limits of velocity and acceleration of joints that follow others.
+
+    Parameters
+    ----------
+    linkage : Linkage
+        How follower joints depend on the driven ones.
+    joints : tuple of int
+        Indices of the limited joints in the tree.
+    names : tuple of str
+        Names of these r joints.
+    velocity : (r,)
+        Velocity limits, rad/s or m/s; infinite where there is none.
+    acceleration : (r,)
+        Acceleration limits, rad/s² or m/s²; infinite where there is none.
+    """
 
     linkage: Linkage
     joints: tuple[int, ...]
@@ -156,14 +177,16 @@ class LoopConstraints:
     Parameters
     ----------
     linkage : Linkage
+        How follower joints depend on the driven ones.
     joints : (k,)
         Indices of the joints in the tree.
-    names : (k,)
+    names : tuple of str
+        Names of these joints.
     low, high : (k,)
-        Position limits.
+        Position limits, rad or m.
     largest_condition : float
         Limit of the condition of closed loops, where there are any.
-    rated : RatedFollowers, optional
+    rated : FollowerRates, optional
         Limits of rates.
     """
 
@@ -180,6 +203,7 @@ class LoopConstraints:
         """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
         if robot.linkage is None:
             return None
+        # Of the description's and the stated limits the tighter end counts, either side for itself.
         position_ranges: dict[int, tuple[float, float]] = {}
         for place in robot.linkage.passive:
             joint = robot.tree.joints[place]
@@ -187,6 +211,7 @@ class LoopConstraints:
             if ranges:
                 position_ranges[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
         rated = FollowerRates.from_robot(robot, stated)
+        # A closed loop is a constraint even where no joint in it is limited: it may come to a singular posture.
         if not position_ranges and rated is None and robot.linkage.closure is None:
             return None
         low, high = np.array(list(position_ranges.values())).reshape(-1, 2).T
