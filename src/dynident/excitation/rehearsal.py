@@ -20,6 +20,7 @@ from dynident.motion.limits.postures import compute_static_torque
 from dynident.motion.moves.home import list_home_candidates
 from dynident.motion.trajectories.motion import Motion, PeriodicMotion, concatenate_motions, sample_pieces
 
+# Random motions of a quick rehearsal, and postures of a joint's strokes whose static torque is checked.
 _CANDIDATES = 6
 _POSTURES = 30
 

@@ -36,12 +36,14 @@ SET_KINDS = OneOf(
     Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),
     Choice("vandanjon", "Vandanjon", "Inertia, centrifugal coupling, inertial coupling, gravity."),
 )
+# Starts of the optimisation where neither their number nor a time is given.
 DEFAULT_STARTS = 4
 _MOST_TIMES = 1_000_000
 _MOST_HARMONICS = 100
 _SLOWEST = 1e-4
 """Smallest share of a speed: ten thousand times slower, a motion of a second takes hours."""
 
+# Defaults: shares of the velocity limits, more of them where friction curves, and amplitudes of reversals in rad or m.
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
 _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)

@@ -16,6 +16,7 @@ from dynident.robot.collision import UNCHECKED
 
 _WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
 """Beginnings of notes that say what was not checked."""
+# Difference of times (s) that is rounding.
 _HAIR = 1e-9
 
 

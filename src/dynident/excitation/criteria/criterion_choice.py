@@ -23,6 +23,7 @@ NAMES = OneOf(
     Choice("parameters", "chosen parameters", "The variances of those that are named."),
     Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
 )
+# Smallest weight and a-priori value: one that is smaller is zero but for rounding.
 _SMALLEST = 1e-12
 CRITERIA = NAMES.names
 """Names of the criteria."""

@@ -151,4 +151,5 @@ def _compute_chosen_value(
 
 def _divide_or_infinite(largest: float, smallest: float) -> float:
     """Return the first over the second, infinite where the second is rounding."""
+    # Singular values have errors of about machine precision times the largest one.
     return largest / smallest if smallest > 1e-12 * largest else np.inf

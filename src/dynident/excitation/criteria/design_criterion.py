@@ -19,6 +19,7 @@ from dynident.robot.json_pointer import join_names, make_pointer
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.
 _SMALLEST_SHARE = 0.01
+# Where nothing is known: one unit of the parameter.
 _WHERE_UNKNOWN = 1.0
 
 
@@ -52,6 +53,7 @@ def find_a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[F
             f"there is no base parameter {join_names(unknown)}; there are: {join_names(names)}",
             pointer="/criterion/a_priori",
         )
+    # The base columns of the effects come first; those behind them only predict torque.
     columns = model.base_columns[: model.n_parameters]
     units = np.array([column.unit for column in columns])
     # Parameters of different units cannot be compared, so that the least value is found unit by unit.
@@ -182,6 +184,7 @@ def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tu
 def _is_covered(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
     return any(
         effect.effect == rival.effect
+        # An effect without joints acts on all of them, and so covers a rival on any.
         and (not effect.joints or (bool(rival.joints) and set(rival.joints) <= set(effect.joints)))
         and effect.shape_values == rival.shape_values
         for effect in effects

@@ -89,6 +89,7 @@ def predict_uncertainties(
         weighted_rows = np.concatenate(
             [weighted_rows, np.sqrt(m) * earlier / np.tile(row_noise, len(earlier) // len(row_noise))[:, None]]
         )
+    # Rows in units of their noise: the inverse of WᵀW is then the covariance of the parameters.
     diagonal = compute_inverse_diagonal(weighted_rows)
     variances = diagonal.variances
     # Mixing in time and joining make the noise of rows differ and correlate; the inverse of WᵀW would not be the

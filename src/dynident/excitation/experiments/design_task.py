@@ -21,7 +21,9 @@ from dynident.motion.limits.margins import Margin, compute_margins
 from dynident.motion.trajectories.motion import Motion, Piece, check_length, sample_pieces
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, scale_progress
 
+# Points of the fine grid per sample, on which limits are verified.
 _CHECKS_PER_SAMPLE = 10
+# Points that are evaluated at a time, and samples that the values are computed from.
 _CHUNK = 50_000
 _VALUED_SAMPLES = 10_000
 

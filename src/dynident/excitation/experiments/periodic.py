@@ -27,6 +27,7 @@ from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.motion.trajectories.motion import Family, PeriodicMotion
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 
+# Samples of a period that the reported values are computed from.
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
 """Factors on the amplitude: small ones for excursions between the samples, larger ones for exact shapes.
@@ -92,6 +93,7 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
     motions, margins = fit_within_limits(task, family, best)
     placed = plan_home_moves(request.home, motions[0].start, bounds, model, rate)
+    # The moves from and to home are verified by themselves, as they do not depend on the search.
     margins = _merge_margins(margins, task.verify_pieces((placed.approach, placed.retreat)))
     if not are_limits_kept(margins):
         raise build_limit_error(margins)
@@ -190,6 +192,7 @@ def search_trajectory(
         )
     if not candidates:
         raise _build_no_room_error(bounds)
+    # The best random motion is the result where none is optimised.
     if request.kind != "optimized":
         return SearchResult(tuple(candidates), candidates[0])
     problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds, request.model)

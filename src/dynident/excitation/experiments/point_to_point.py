@@ -22,9 +22,13 @@ from dynident.motion.moves.jerk_limited import move_within_torque
 from dynident.motion.trajectories.motion import Piece, Rest
 from dynident.progress import scale_progress
 
+# Variations that are tried per point of the sequence.
 _VARIATIONS_OF_A_POINT = 40
+# Share of the time that drawing random sequences may take.
 _RANDOM_SHARE = 0.3
+# Factor on the speed of moves that break a limit on the fine grid, and how often it is applied.
 _SLOWER, _ATTEMPTS = 0.95, 30
+# Sequences that are tried on the fine grid: each costs a verification.
 _MOST_SETTLED = 10
 _HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max", "condition")
 """Limits that a slower move breaks as well."""
@@ -80,6 +84,7 @@ def _add_dwell(moves: Sequence[Piece], sequence: PointSequence, task: DesignTask
     least, most = task.request.trajectory.dwell
     if most <= 0:
         return tuple(moves)
+    # A generator of its own, so that rests do not change which points the same seed gives.
     rng = np.random.default_rng((task.request.seed, len(moves)))
     pieces: list[Piece] = []
     for k, move in enumerate(moves):

@@ -24,6 +24,7 @@ _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
 _SWEEP_SHARE, _LONGEST_SWEEP = 0.98, 2 * np.pi
 # Of a stroke, what speeding up and slowing down may take.
 _RAMP_SHARE = 0.5
+# Postures between home and the end of a range that are looked at for obstacles.
 _LOOKS_ALONG_A_RANGE = 200
 # Of the distance between two looks: how long before the last clear one a stroke ends.
 _STOP_BEFORE = 0.5
@@ -148,6 +149,7 @@ def _plan_constant_speeds(
         # v² = a d: the speed that is reached within the share of the stroke that both ramps may take.
         reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
         for share in sorted(speeds):
+            # A short range does not allow the fastest speeds: there the joint would only speed up and slow down.
             speed = min(share * float(bounds.velocity[j]), reachable)
             strokes.append(_center_stroke(bounds, home, j, min(room, speed * longest), speed))
     return tuple(strokes)

@@ -24,6 +24,7 @@ from dynident.regressors.observation import FurtherSignals, Observation
 from dynident.robot.json_pointer import join_names
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
+# Random states per column, and the largest velocity, acceleration, jerk and its derivative in them (rad, s).
 _STATES_PER_COLUMN = 2
 _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
 
@@ -342,6 +343,7 @@ def build_design_model(
         # Torque limits need the links' torque also where the links are not identified.
         columns += [column for column in links if column.name not in present]
         choices += (LINKS,)
+    # The columns of the effects stand first, and so keep their parameters where columns depend on each other.
     base = find_base_parameters(robot, columns, signals)
     return DesignModel(
         robot,

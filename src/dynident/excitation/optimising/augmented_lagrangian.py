@@ -24,18 +24,24 @@ from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.parallel.thread_map import MIN_PARALLEL_SIZE, count_processors, map_in_threads
 from dynident.progress import Checkpoints, NoCheckpoints, Progress
 
+# First weight of the penalty, and its growth where the excess does not fall by itself.
 _PENALTY = 1.0
 _PENALTY_GROWTH = 4.0
 _ENOUGH_PROGRESS = 0.3
 """The worst excess must fall to this share of the last one, or the penalty grows."""
+# Iterations of L-BFGS in each round; the first one has the longest way to go.
 _ITERATIONS = (40, 30, 30, 30, 30, 30)
 _SKETCH = 2
 """Number of rounds after which a start shows what it is worth."""
+# Starts of a heat, which are brought as far as a sketch before any is finished.
 _HEAT = 4
 _SMALL_EXCESS = 2e-3
 """Excess that is within the margin left between samples: scaling the amplitude removes the rest."""
+# Change of the criterion, which is a logarithm, below which a start has settled.
 _SETTLED = 2e-3
+# Pairs of steps and gradients by which L-BFGS approximates the curvature.
 _CORRECTIONS = 20
+# Attributes of a start that a checkpoint holds besides its arrays.
 _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
 
 

@@ -7,6 +7,7 @@ from dynident.excitation.observation.design_model import DesignModel
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.trajectories.motion import Family
 
+# Samples of a period, and samples of each wave of the highest frequency.
 _N_SAMPLES = 100
 _SAMPLES_PER_WAVE = 16
 # Hysteresis and low-speed friction happen within a few per cent of a period.

@@ -118,6 +118,7 @@ def draw_candidates(
     """
     rng = np.random.default_rng(seed)
     postures = draw_holdable_postures(bounds, model, rng)
+    # Coarsely: of many random motions only the best are looked at closely later.
     shrinking = AmplitudeScaler(family, bounds, model, fine=False)
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
     candidates: list[Candidate] = []

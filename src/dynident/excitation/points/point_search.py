@@ -21,6 +21,7 @@ from dynident.excitation.points.point_sequence import MovePlanner, PointSequence
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.progress import Progress
 
+# Smallest share of the velocity and acceleration limits: slower moves take long and show little inertia.
 _SMALLEST_SHARE = 0.2
 _FRESH = 0.1
 """Probability that a point is drawn again instead of being moved."""
@@ -146,6 +147,7 @@ def _clip_posture(bounds: Bounds, posture: FloatArray) -> FloatArray:
 
 _REDRAWN = 20
 """Number of times that a point may be drawn again."""
+# Sizes of the variations as shares of the ranges: the first, the smallest and the largest.
 _FIRST_SIZE, _SMALLEST_SIZE, _LARGEST_SIZE = 0.2, 0.005, 0.5
 _GROWTH = 1.3
 """Growth of the variations after a success; four failures undo it."""

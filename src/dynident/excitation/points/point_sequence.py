@@ -19,9 +19,11 @@ from dynident.motion.limits.bounds import Bounds
 from dynident.motion.moves.jerk_limited import plan_move
 from dynident.motion.trajectories.motion import Piece
 
+# Samples of a move during the search.
 _SAMPLES_OF_A_MOVE = 16
 _FIRST_LOOKS, _LOOK_EVERY = 9, 0.08
 """Along a straight way, for what the robot must stay clear of: so many, then so close (rad, m)."""
+# Moves that are kept, and the factor and number of attempts by which a move is slowed down for its torque.
 _REMEMBERED = 4096
 _SLOWER, _ATTEMPTS = 1.25, 8
 

@@ -34,14 +34,17 @@ from dynident.progress import Progress, scale_progress
 
 _KNOWN_BEFORE = 0.02
 """Information about each parameter at the beginning, as a share of its column: too little to matter."""
+# Random states that give the size of each column, and candidates and locked postures of each run.
 _STATES = 200
 _CANDIDATES, _LOCKED_POSTURES = 12, 2
+# Variations tried of a motion between two points, and of each point of a longer sequence.
 _VARIATIONS_OF_TWO_POINTS, _VARIATIONS_OF_A_POINT = 60, 20
 _SLOW = 0.25
 """Share of the limits in the run that shows gravity."""
 _MOST_OF_A_RANGE, _HALF_A_RANGE = 0.8, 0.5
 _SHORTEST, _LONG, _LONGEST = 0.3, 2.0, 6.0
 """Strokes, as shares of the way that speeding up to the limit and slowing down again takes."""
+# Ways of joints that only have to keep moving, as shares of their range.
 _LITTLE_WAY = (0.02, 0.1)
 
 

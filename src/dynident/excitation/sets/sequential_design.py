@@ -23,8 +23,10 @@ from dynident.motion.trajectories.motion import Motion, Piece, sample_pieces
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_pointer import join_names
 
+# Motions that are searched for a run until one can be reached from the run before.
 _TRIES = 4
 _MOST_VALUED = 10_000
+# Share of a column that is left beside the others, below which a parameter counts as not shown.
 _NOT_SHOWN = 1e-6
 _ABOUT_PARAMETERS = ("parameters", "separation")
 """Criteria that weigh the equations of each joint, which an information matrix no longer tells apart."""
@@ -228,6 +230,7 @@ def _compute_baseline(task: DesignTask, placed_runs: list[_PlacedRun]) -> Baseli
     """Return the baseline of the same set with random motions in every run; None where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
+    # Runs may have different numbers of random motions; the shorter lists are gone through again.
     count = max(len(placed.run_motion.random) for placed in placed_runs)
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     values = []

@@ -144,6 +144,7 @@ def _find_shortest_path(postures: FloatArray, bounds: Bounds) -> list[FloatArray
     room = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
     clear = legs[room >= 0]
     graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
+    # Undirected: a leg that is clear one way is clear the other way.
     distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
     if not np.isfinite(distances[0, 1]):
         return None

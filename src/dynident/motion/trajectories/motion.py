@@ -165,6 +165,7 @@ def sample_pieces(pieces: Sequence[Piece], rate: float) -> Motion:
         # Times are whole numbers over the rate: sums of durations would collect rounding errors.
         parts.append(Motion((start + np.arange(steps)) / rate, part.q, part.dq, part.ddq, part.dddq))
         start += steps
+    # A piece has no sample at its end, which is the beginning of the next one; only the last piece needs it.
     end = pieces[-1].evaluate(np.array([pieces[-1].duration]))
     parts.append(Motion(np.array([start / rate]), end.q, end.dq, end.ddq, end.dddq))
     return concatenate_motions(parts)
