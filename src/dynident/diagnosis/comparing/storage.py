@@ -34,10 +34,36 @@ _NORMAL_95 = 1.96
 
 @dataclass(frozen=True, eq=False)
 class JointSignals:
-    """One joint's signals (m,) each: t in s, torques in N m or N, q in rad or m, dq and ddq per s and s^2.
+    """Signals of one joint in a comparison.
 
-    `residual` is measured minus predicted; where the joint stands, the distance to `lower` or `upper`, which static
-    friction may hold, zero between. `band`: half-width of the 95 % band of the residual.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    segment : (m,)
+        Number of the segment of each row.
+    measured : (m,)
+        Measured torque, N m or N.
+    predicted : (m,)
+        Predicted torque.
+    lower : (m,)
+        Lower end of the band that static friction may hold where the joint stands.
+    upper : (m,)
+        Upper end of that band.
+    standing : (m,)
+        Whether the joint stands.
+    residual : (m,)
+        Measured less predicted torque; where the joint stands, the distance to the band.
+    band : (m,)
+        Half-width of the 95 % band of the residual.
+    q : (m,)
+        Positions, rad or m.
+    dq : (m,)
+        Velocities, rad/s or m/s.
+    ddq : (m,)
+        Accelerations, rad/s² or m/s².
+    load : (m,)
+        Part of the prediction that the rigid bodies make.
     """
 
     t: FloatArray
@@ -61,9 +87,20 @@ class JointSignals:
 
 @dataclass(frozen=True, eq=False)
 class ResidualMap:
-    """A joint's residual in bins of one or two signals: `mean` and `spread` (a, b), nan where a bin is empty, `count`.
+    """A joint's residual in bins of one or two signals.
 
-    `x_edges` (a + 1,); `y_edges` (b + 1,), none over one signal, where b is 1.
+    Parameters
+    ----------
+    x_edges : (a + 1,)
+        Edges of the bins of the first signal.
+    y_edges : (b + 1,) or None
+        Edges of the bins of the second signal; None over one signal, where b is 1.
+    mean : (a, b)
+        Mean of the residual; nan where a bin is empty.
+    spread : (a, b)
+        Standard deviation of the residual; nan where a bin is empty.
+    count : (a, b)
+        Number of rows.
     """
 
     x_edges: FloatArray
@@ -75,7 +112,17 @@ class ResidualMap:
 
 @dataclass(frozen=True)
 class SpectralPeak:
-    """A line in a spectrum; `per_turn`: cycles in a turn of the joint, none over time and for a linear joint."""
+    """A line in a spectrum.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency, in the unit of the spectrum.
+    amplitude : float
+        Amplitude, N m or N.
+    per_turn : float or None
+        Cycles in a turn of the joint; None over time and for a prismatic joint.
+    """
 
     frequency: float
     amplitude: float
@@ -84,7 +131,17 @@ class SpectralPeak:
 
 @dataclass(frozen=True, eq=False)
 class JointSpectrum:
-    """Amplitude spectrum of a joint's residual over time or its own position, and its highest peaks."""
+    """Amplitude spectrum of a joint's residual over time or its own position, and its highest peaks.
+
+    Parameters
+    ----------
+    spectrum : ResidualSpectrum
+        The spectrum.
+    frequency_unit : {"Hz", "cycles/rad", "cycles/m"}
+        Unit of the frequencies.
+    peaks : tuple of SpectralPeak
+        The highest peaks, highest first.
+    """
 
     spectrum: ResidualSpectrum
     frequency_unit: Literal["Hz", "cycles/rad", "cycles/m"]
@@ -97,7 +154,9 @@ def write_comparison(comparison: Comparison, path: Path) -> Path:
     Parameters
     ----------
     comparison : Comparison
+        The comparison.
     path : Path
+        The file, which is replaced if it exists.
 
     Returns
     -------
@@ -163,6 +222,7 @@ class StoredComparison:
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
         spread, *_ = binned_statistic_2d(over_x, over_y, residual, "std", numbers_of_bins)
         count, *_ = binned_statistic_2d(over_x, over_y, residual, "count", numbers_of_bins)
+        # SciPy gives 0 as the spread of an empty bin, which would look like perfect agreement.
         filled = np.asarray(np.where(count > 0, spread, np.nan), dtype=np.float64)
         return ResidualMap(
             x_edges,
@@ -220,6 +280,7 @@ class StoredComparison:
         ]
 
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
+        # Each column is read once, even if a caller names it twice.
         names = sorted(set(columns))
         table = self._file.read(names) if groups is None else self._file.read_row_groups(groups, names)
         return [table_column_to_floats(table[name]) for name in columns]
