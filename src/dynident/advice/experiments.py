@@ -205,7 +205,7 @@ def _request_constant_speeds(question: Question) -> DesignRequest:
 
 def _request_slow_sweep(question: Question) -> DesignRequest:
     """Request a sweep so slow that the waves of a ripple stay within the filter's band."""
-    # A ripple of k waves a radian that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
+    # A ripple of k waves a turn that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
     # _RIPPLE_FREQUENCY on the joint with the longest way.
     widths = 2 * question.bounds.half_range[question.joint_indices]
     duration = float(widths.max()) * abs(question.get_shape_constant("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)

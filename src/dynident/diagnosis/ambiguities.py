@@ -81,6 +81,7 @@ def list_doubts(
         rivals = _list_rivals(choice, finding.equal)
         doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
         doubts += [doubt] if doubt else []
+    # One doubt an effect, with all joints on which it could not be seen.
     hidden: dict[str, list[str]] = {}
     for invisible_effect in invisible:
         hidden.setdefault(invisible_effect.effect, []).extend(invisible_effect.joints)
@@ -143,6 +144,8 @@ def _find_near_doubt(
     # The strongest rival decides which joints are at issue; weaker ones at the same place join it.
     for first in sorted(near, key=lambda scored: -scored.total_gain):
         place = _get_place(first.candidate.joints, choice)
+        # A rival may be about some of the joints only: the finding is doubted on these, and stays undoubted on the
+        # others.
         at_issue = tuple(name for name in choice.joints if name in place)
         same_place = [scored for scored in near if _get_place(scored.candidate.joints, choice) == place]
         rivals = _list_rivals(choice, sorted(same_place, key=lambda scored: -scored.total_gain))
@@ -158,6 +161,7 @@ def _find_best_by_place(
 ) -> dict[frozenset[str], ScoredCandidate]:
     """Return the best candidate of the finding's effect on each subset of its joints."""
     best: dict[frozenset[str], ScoredCandidate] = {}
+    # Best first, so that the first candidate of each set of joints is the best one.
     for scored in sorted(judged, key=lambda scored: -scored.total_gain):
         joints = frozenset(scored.candidate.joints)
         within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)

@@ -74,6 +74,7 @@ def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> 
         others = [scored.candidate.choice for scored in pick.equal]
         names = [name for other in others for name in _list_equivalents(other, ranked.choice, joint)]
         choice = replace(ranked.choice, joints=(joint,) if joint else ())
+        # What changes together is reported together: friction grows in all its parts.
         for effect in get_effect(choice.effect).changes_with:
             values += _list_changed_values(estimates, replace(choice, effect=effect, shape=()), joint)
         yield Change(

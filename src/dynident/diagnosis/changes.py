@@ -89,6 +89,7 @@ def compute_friction_differences(
     tuple of FrictionDifference
         One for each joint that moves and whose friction may differ.
     """
+    # At least one row: a joint that never moves then has the speed zero, and no difference.
     rows = np.maximum(np.sum([comparison.moving.sum(axis=0) for comparison in later], axis=0), 1)
     speeds = np.sum([(np.abs(comparison.dq) * comparison.moving).sum(axis=0) for comparison in later], axis=0) / rows
     friction_torque = np.sum([_compute_dissipation(comparison) for comparison in later], axis=0) / rows
@@ -184,6 +185,7 @@ def identify_on_both(
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
     _check_no_copies(earlier, later)
     earlier_names = {recording.name for recording in earlier}
+    # Controllers often name all their recordings alike, and the runs of both days have to be told apart.
     renamed = [
         replace(recording, name=f"{recording.name} (later)") if recording.name in earlier_names else recording
         for recording in later

@@ -164,6 +164,7 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     last = np.cumsum([part.n_blocks for part in parts])
     disturbances: list[Disturbance] = []
     for span in outlying.spans:
+        # `last` holds the number of blocks up to the end of each recording.
         number = int(np.searchsorted(last, span.first, side="right"))
         disturbances.append(
             _build_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number]))
@@ -226,12 +227,14 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
     measured, predicted = comparison.measured[rows], comparison.predicted[rows]
     # At both ends the filter mixes in what was before and after.
     middle = slice(len(measured) // 4, max(len(measured) - len(measured) // 4, 1))
+    # Judged by changes: a brake may hold any constant torque.
     silent = measured[middle].std(axis=0) < _SILENT * predicted[middle].std(axis=0)
     off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
     if off:
         return f"the torque of {', '.join(off)} hardly changes: drives that were off, or brakes that held"
     t = comparison.t[rows]
     before = float((((measured - predicted) / usual) ** 2).sum())
+    # One delay for all joints: what jumps is a clock, which all of them share.
     unexplained = {}
     for delay in _DELAYS:
         moved = np.column_stack([np.interp(t - delay, comparison.t, column) for column in comparison.predicted.T])
@@ -312,6 +315,8 @@ def _add_contact(disturbance: Disturbance, identification: Identification, recor
     model = identification.model
     robot = model.robot
     links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
+    # Both guesses of the ends are tried: where the residual rises and falls, and where a sudden force would begin and
+    # end.
     windows = ((disturbance.start, disturbance.end), disturbance.steps)
     shapes = [
         {"t0": start, "t1": end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {})

@@ -191,6 +191,7 @@ def examine(
     resolved = compute_resolution(comparisons, identification.preprocessing)
     leads = propose_shapes(comparisons, recordings, identification, since)
     pool = build_pool(model, candidates, leads, resolved)
+    # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
     rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)

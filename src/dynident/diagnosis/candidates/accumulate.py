@@ -63,6 +63,7 @@ class BlockNumbering:
         """
         self._run, self._periods = label, periods
         self._begun = {}
+        # A new run begins a new block, whatever its time.
         self._end = -np.inf
 
     def number_times(self, t: FloatArray) -> IndexArray:
@@ -134,6 +135,7 @@ class RowAccumulator:
             for heap, block, own in zip(heaps, rows, mask.T, strict=True):
                 heap.push(stretch[own], block if own.all() else block[own])
         self._pending += len(stretch)
+        # Folding bounds the memory by the size of the products, however long the recordings are.
         if self._pending > self._room:
             self._fold()
 
@@ -210,6 +212,7 @@ class _JointAccumulator:
         if not rows:
             return np.zeros((0, self._width)), np.zeros(0, dtype=np.intp)
         together, each = np.concatenate(rows), np.concatenate(stretch)
+        # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
         order = np.argsort(each, kind="stable")
         return together[order], each[order]
 
@@ -317,6 +320,7 @@ class PhasedProducts:
             ]
             for j, own in enumerate(used.T)
         ]
+        # Most models have no friction that other rows would show: the common case makes no new stacks.
         if not any(more):
             return self.moving
         counts = self.moving.counts.copy()
@@ -369,6 +373,7 @@ def gather_products(
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = find_joints_with_friction(observation, n_base)
+    # Blocks have to be long against this width: the filters carry what is in one block into its neighbours.
     width = compute_smear_width(preprocessing, recordings[0].sampling_rate)
     total = sum(compute_used_duration(recording) for recording in recordings)
     usual = max(_FINER * choose_block_length(recordings), total / _MOST)

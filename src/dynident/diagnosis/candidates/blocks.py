@@ -324,6 +324,7 @@ class RowBlock:
 
     def select_stretches(self, stretches: IndexArray) -> RowBlock:
         """Return the same for some of the blocks, ascending."""
+        # Blocks are numbered anew; the rows of all others get -1 and drop out.
         number = np.full(self.n_stretches, -1, dtype=np.intp)
         number[stretches] = np.arange(len(stretches))
         stretch = number[self.stretch]
@@ -476,6 +477,7 @@ class JointBlocks:
         ww, wx, wy, xy = np.zeros((b, b)), np.zeros((b, c)), np.zeros(b), np.zeros(c)
         xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
         for block, sigma in zip(self.joints, noise, strict=True):
+            # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
             weight = 1.0 / sigma**2
             own = block.sum_products()
             has = np.flatnonzero(block.place < len(own.xy))

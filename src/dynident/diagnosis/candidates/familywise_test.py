@@ -43,6 +43,7 @@ def compute_familywise_p(gains: FloatArray, scores: Sequence[FloatArray]) -> Flo
     # With a single block there is nothing whose signs could be changed: nothing is significant.
     if not count or n_stretches < 2:
         return np.ones(count)
+    # The same random signs for all candidates: those that resemble each other stay alike in every draw.
     signs = _draw_signs(n_stretches)
     by_gains, by_scores = _test_gains(gains, signs), _test_scores(scores, signs)
     return np.asarray(np.minimum(1.0, 2.0 * np.minimum(by_gains, by_scores)))
@@ -55,6 +56,7 @@ def compute_single_p(gains: FloatArray) -> float:
 
 def _draw_signs(n_stretches: int) -> FloatArray:
     """Return random signs (draws, s), of which the first row changes none."""
+    # A fixed seed: the same data give the same p-values.
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], size=(DRAWS, n_stretches))
     # The observed signs count as one of the draws, so that no p is zero.
     signs[0] = 1.0
@@ -98,6 +100,7 @@ def _standardise_scores(scores: FloatArray, signs: FloatArray) -> FloatArray:
     """
     spread = scores.transpose(0, 2, 1) @ scores
     mean = np.einsum("gkk->g", spread)
+    # Candidates for which only their gains may speak have scores of zero.
     silent = mean <= np.finfo(float).tiny
     mean = np.where(silent, 1.0, mean)
     freedom = np.where(silent, 1.0, mean**2 / np.where(silent, 1.0, (spread**2).sum(axis=(1, 2))))

@@ -64,6 +64,7 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
     portions: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
         members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
+        # `extra` is ascending, so that the place of a column in it is found by bisection.
         columns = np.searchsorted(extra, np.array([candidates[i].columns for i in members], dtype=np.intp))
         starts = range(0, len(members), _CHUNK)
         portions += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
@@ -241,6 +242,7 @@ class FoldFit:
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
         solved = _solve_normal_equations(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]
+        # Products of the candidates' columns with what the model leaves of Y.
         right = sums.xy - sums.wx.T @ self.chi
         self._right, self._rest, self._whole = [], [], []
         for portion, own in zip(portions, sums.xx, strict=True):
@@ -269,6 +271,7 @@ class FoldFit:
         """Return directions (g, k, k) among a candidate's columns, of which what is left has the norm one."""
         scale, normal = self._scale_products(number)
         values, vectors = np.linalg.eigh(normal)
+        # Directions of which nothing is left beside the model get the length zero: they say nothing.
         is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
         root = np.where(is_determined, 1.0 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
         return np.asarray(vectors * root[:, None, :] / scale[:, :, None])

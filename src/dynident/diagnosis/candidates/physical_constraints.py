@@ -72,6 +72,7 @@ def _group_by_link(
     """Return a candidate's parameters by name, on each joint that it acts on."""
     by_link: dict[str, dict[str, Estimate]] = {}
     for k, estimate in zip(scored.candidate.columns, own, strict=True):
+        # An effect on several joints has to be possible on each of them.
         column = pool.observation.columns[k]
         by_link.setdefault(column.link, {})[column.parameter] = estimate
     return by_link.items()
@@ -84,6 +85,7 @@ def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandida
     """
     effect = get_effect(scored.candidate.effect)
     columns = [pool.observation.columns[k] for k in base]
+    # Where the model has the effect on all days, the later days may have less of it.
     had = {column.link for column in columns if column.effect == effect.id}
     return all(
         effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))

@@ -249,6 +249,7 @@ def _split_tenths(stretches: IndexArray) -> list[IndexArray]:
 
 def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
     """Return whether a fold holds a whole run and with it nearly all that some column of the model shows."""
+    # Only a fold that holds all blocks of a run can take what a column shows out of the data.
     outside = np.delete(data.run, part)
     if not set(data.run[part]) - set(outside):
         return False

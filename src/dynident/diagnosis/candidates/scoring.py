@@ -114,6 +114,7 @@ def score_blocks(
     """
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
+    # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     for left_out in split_data_folds(data, kind):
         here = blocks.select_stretches(left_out)

@@ -203,6 +203,7 @@ def combine_scores(
     alone = len(scores[0].candidate.joints) < 2
     mean_gain = _average_arrays(gains)
     before = _average_arrays([score.before for score in scores])
+    # Bounded as the gain is: a loss counts for no more than there was.
     after = _average_arrays([np.minimum(score.after, 2.0 * score.before) for score in scores])
     return ScoredCandidate(
         candidate=scores[0].candidate,

@@ -64,11 +64,13 @@ def autocorrelation(
     parts = [residual[first:last] for first, last in runs]
     most = max((last - first for first, last in runs), default=1)
     step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    # All lags: the residual may remember longer than what is shown.
     all_lags = correlate_intervals(parts, most)
     values = all_lags[: min(most, int(longest / step) + 1)]
     return Autocorrelation(
         lag=step * np.arange(len(values), dtype=np.float64),
         value=values,
+        # The autocorrelation of m independent samples has the standard deviation 1 / √m at every lag.
         limit=NORMAL_95 / float(np.sqrt(max(len(residual), 1))),
         n_samples=len(residual),
         effective_samples=_count_effective_samples(all_lags, len(residual)),

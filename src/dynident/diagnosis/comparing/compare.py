@@ -335,6 +335,7 @@ def _yield_parts(
     n_entries, n = len(observation.entry_rows), observation.robot.n
     first = n_entries + len(at_rest.entry_rows)
 
+    # Columns, torque and motion pass the same filter side by side, so that no delay comes between them.
     def values(block: SampleBlock) -> FloatArray:
         more = [] if block.temperature is None else [block.temperature]
         return np.hstack([entries(block), resting(block), block.tau, block.q, block.dq, block.ddq, *more])
@@ -374,6 +375,7 @@ def _compare_poses(identification: Identification, recording: Recording) -> tupl
     rigid = np.array([get_role(column) == "link" for column in model.kept])
     load = model.observation.compute_torque(entries, np.where(rigid, identification.values, 0.0))
     deviation = compute_prediction_deviation(model.observation, entries, identification.statistics.covariance)
+    # Poses at rest are equations of the model as they are, and count like rows that move.
     rows = np.full_like(q, float(Phase.MOVING))
     parts = [measured, predicted, predicted, predicted, deviation, q, still, still, load, rows, still + 1.0]
     return t, np.zeros(len(t)), np.hstack(parts)

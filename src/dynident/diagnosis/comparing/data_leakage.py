@@ -123,6 +123,7 @@ def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence
     """
     if not repeats:
         return 0.0
+    # The longest repetition has the most noise to compare.
     longest = max(repeats, key=lambda repeat: repeat.duration)
     # The moving averages need so much of the recording on either side.
     start, end = longest.start + _SLOW, min(longest.end, longest.start + _LONGEST) - _SLOW
@@ -144,6 +145,7 @@ def _filter_fast_torque(recording: Recording, t: FloatArray) -> FloatArray | Non
         segment = next(s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
         begin = segment.start_time + (first - segment.first_row) * recording.period
         times: FloatArray = begin + np.arange(length + 1, dtype=np.float64) * recording.period
+        # The averages reach half their width beyond the times on either side.
         if times[0] > t[0] - 0.5 * _SLOW or times[-1] < t[-1] + 0.5 * _SLOW:
             continue
         tau = np.concatenate([rows.tau for rows in recording.source.rows(first, length, 65_536)])

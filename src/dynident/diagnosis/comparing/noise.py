@@ -34,7 +34,7 @@ class LackOfFit:
         Mean square of what is common to the repetitions over that of what differs between them; near 1 where nothing is
         missing.
     p_value : (n,)
-        p-value of that ratio, with as many degrees of freedom as the rows are worth.
+        The p-value of that ratio, with as many degrees of freedom as the rows are worth.
     """
 
     f: FloatArray
@@ -137,11 +137,14 @@ def estimate_noise_from_repetitions(comparison: Comparison) -> NoiseFloor | None
     pairs = [_pair_repetition(comparison, runs, repeat) for repeat in repeats]
     if sum(len(measured[0]) for measured, _ in pairs) < _FEWEST_PAIRS:
         return None
+    # The smaller of both counts: what the motion does not repeat exactly is in the torques, and what the model gets
+    # wrong in the residuals.
     squares = [
         _compute_mean_square([second - first for first, second in signals]) for signals in zip(*pairs, strict=True)
     ]
     floor = np.sqrt(0.5 * np.minimum(*squares))
     longest = max(repeats, key=lambda repeat: repeat.duration)
+    # Within one track the lag is the period; separate tracks are one period each.
     period = longest.lag if longest.a == longest.b else longest.duration
     repetitions = 1.0 + sum(r.duration for r in repeats) / period
     # A row between two others of its kind is in two pairs: its information counts once.

@@ -260,6 +260,7 @@ def _get_duration(track: Track) -> float:
 def _compute_tolerance(own: Sequence[Track]) -> FloatArray:
     low = np.min([track.q.min(axis=0) for track in own], axis=0)
     high = np.max([track.q.max(axis=0) for track in own], axis=0)
+    # A share of its own range would leave a joint that hardly moves no tolerance: its noise would be a difference.
     ranges = np.asarray(high - low)
     return np.asarray(_SAME * np.where(ranges < _STANDING * ranges.max(), ranges.max(), ranges))
 
@@ -292,6 +293,7 @@ def _select_same_rows(a: Track, b: Track, lag: float, tolerance: FloatArray) -> 
     close = _select_close_rows(a, b, lag, tolerance)
     for first, last in _yield_runs(close):
         if a.t[last - 1] - a.t[first] < _SHORTEST or not a.moving[first:last].any():
+            # Short agreements come about by chance, and a pause is no repetition.
             close[first:last] = False
     return close
 

@@ -99,6 +99,7 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
             )
             power, weight = power + (last - first) * here, weight + last - first
     frequency = fft.rfftfreq(length, step)
+    # The power of a sine is half the square of its amplitude.
     return ResidualSpectrum("time", frequency, np.sqrt(2.0 * power / weight), 2.0 / (length * step))
 
 
@@ -147,5 +148,6 @@ def angle_spectrum(
     size = fft.next_fast_len(_PADDING * n_bins, real=True)
     frequency = fft.rfftfreq(size, span / n_bins)
     in_range = (frequency >= 1.0 / span) & (frequency <= highest)
+    # A real wave has half of its amplitude at the negative frequency.
     amplitude = 2.0 * np.abs(fft.rfft(sums, size)) / max(weight, np.finfo(float).tiny)
     return ResidualSpectrum("angle", frequency[in_range], amplitude[in_range], 2.0 / span)

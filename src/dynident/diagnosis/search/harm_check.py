@@ -1,4 +1,4 @@
-"""No rung that hurts: each finding, in the order in which it would be added, beside those before it."""
+"""Check that no finding makes the prediction worse, in the order in which they would be added."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def select_harmless(
     columns: Sequence[tuple[int, ...]],
     noise: FloatArray,
 ) -> list[int]:
-    """Numbers of those findings that make the prediction worse nowhere, in the order in which they are to be added.
+    """Select the findings that make the prediction worse nowhere, in the order in which they are to be added.
 
     One that hurts waits for the next that does not, and is tried again beside it: friction judged on torque that is
     late is not what it is once the delay is known. Whole runs are left out of the fit where the others determine the
@@ -38,9 +38,19 @@ def select_harmless(
 
     Parameters
     ----------
-    base : columns of the model
-    columns : those of each finding, the most important first
+    base : tuple of int
+        Columns of the model.
+    columns : sequence of tuple of int
+        Columns of each finding, the most important first.
     noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    data : PhasedProducts
+        Products of all columns.
+
+    Returns
+    -------
+    list of int
+        Numbers of the findings.
     """
     accepted: list[int] = []
     waiting = list(range(len(columns)))
@@ -61,7 +71,7 @@ def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ..
 
 
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
-    """Whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
+    """Return whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
     removed = float(before.sum() - after.sum())
     if after.sum() > _NOTICED**2 * before.sum():
         return True

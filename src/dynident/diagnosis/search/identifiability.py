@@ -1,4 +1,4 @@
-"""Whether the motion determines the model, and what may be named where it does not."""
+"""Check whether the motion determines the model, and what may be named where it does not."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ On a clean delta robot, what passed the gate explained 0.03 of it; friction hidd
 
 
 def is_determined(rows: Products, state: State) -> bool:
-    """Whether the model that the search starts from predicts parts of the motion from the others.
+    """Return whether the model that the search starts from predicts parts of the motion from the others.
 
     Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
     with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
@@ -33,6 +33,7 @@ def is_determined(rows: Products, state: State) -> bool:
     usual = np.ones(rows.n_stretches, dtype=bool)
     for finding in state.picks:
         usual &= ~_find_active_blocks(rows, finding.columns)
+    # Interleaved folds are surrounded by data of the fit; a contiguous fold is a motion that the fit has not seen.
     inside, ahead = (
         float((compute_held_out_errors(rows, columns, state.noise, kind)[usual] / state.noise**2).sum())
         for kind in ("interleaved", "contiguous")
@@ -41,7 +42,7 @@ def is_determined(rows: Products, state: State) -> bool:
 
 
 def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandidate) -> bool:
-    """Whether a candidate takes away most of what the model leaves where it was fitted.
+    """Return whether a candidate takes away most of what the model leaves where it was fitted.
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
     or a few that take so much of what all parameters together could not are no chance, either.
@@ -57,7 +58,7 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
 
 
 def _find_active_blocks(rows: Products, columns: Sequence[int]) -> BoolArray:
-    """(s,): the stretches in which any of the columns is not zero."""
+    """Return the blocks (s,) in which any of the columns is not zero."""
     is_shown = np.zeros(rows.n_stretches, dtype=bool)
     for joint, where in enumerate(rows.position):
         _, places = find_present(where, np.array(columns, dtype=np.intp))

@@ -18,14 +18,14 @@ from dynident.regressors.model import Model
 
 
 def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search with one finding instead of several on a joint, where that one explains as much."""
+    """Merge several findings on a joint into one, where that one explains as much."""
     for several in _group_by_joint(state.picks):
         state = _merge_group(rows, data, pool, state, several)
     return state
 
 
 def _group_by_joint(picks: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings that are functions of the position of the same joint, in the same runs."""
+    """Group findings that are functions of the position of the same joint, in the same runs."""
     places: dict[object, list[Finding]] = {}
     for pick in picks:
         mine = pick.judged.candidate
@@ -40,6 +40,7 @@ def _merge_group(
     removed = {column for finding in several for column in finding.columns}
     others = tuple(pick for pick in state.picks if pick not in several)
     without_them = replace(state, base=tuple(k for k in state.base if k not in removed), picks=others)
+    # One effect is the better explanation only if it has no more parameters and constants than all of them together.
     most = sum(finding.judged.freedom for finding in several)
     judged = score_all(data, pool, without_them.base, _list_single_curves(pool, without_them, several), state.noise)
     judged = [scored for scored in judged if scored.freedom <= most]
@@ -75,7 +76,7 @@ def _merge_group(
 
 
 def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
-    """Curves over the position of that joint; none so general that it explains whatever was found."""
+    """List curves over the position of that joint; none so general that it explains whatever was found."""
     mine = several[0].judged.candidate
     names = {finding.judged.candidate.effect for finding in several}
     candidates = []
@@ -88,21 +89,21 @@ def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -
 
 
 class ProductSource(Protocol):
-    """Where the products of any columns come from."""
+    """Source of the products of any columns."""
 
     @property
     def model(self) -> Model:
         """The model in which something is missing."""
 
     def gather_products(self, pool: Pool) -> PhasedProducts:
-        """Inner products of all columns of a pool and of the torque."""
+        """Return inner products of all columns of a pool and of the torque."""
 
     def add_findings(self, findings: Sequence[Finding]) -> ProductSource:
-        """The same, with the torque predicted by the model with these findings in it."""
+        """Return the same with the torque predicted by the model with these findings in it."""
 
 
 def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search with the names that functions of a joint's position have beside all that was found on that joint."""
+    """Give functions of a joint's position the names that they have beside all that was found on that joint."""
     for number, finding in enumerate(state.picks):
         later = state.picks[number + 1 :]
         # Another function of the position says what its constants are off by, until they are refined.
@@ -138,19 +139,19 @@ def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state
 
 
 def is_of_position(finding: Finding) -> bool:
-    """Whether it is a function of the positions and the direction alone."""
+    """Return whether a finding is a function of the positions and the direction alone."""
     return get_effect(finding.judged.candidate.effect).of_position
 
 
 def _may_be_a_wave(finding: Finding) -> bool:
-    """Whether it is, or might be called, a wave over the joint's angle."""
+    """Return whether a finding is, or might be called, a wave over the joint's angle."""
     names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
     known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
     return any(get_effect(name).proposal == "angle_spectrum" for name in known)
 
 
 def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
-    """Whether it is none of the other findings, nor contained in one."""
+    """Return whether a candidate is none of the other findings, nor contained in one."""
     return not any(
         other.judged.candidate.effect == candidate.effect
         or candidate.effect in get_effect(other.judged.candidate.effect).covers
