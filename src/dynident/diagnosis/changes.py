@@ -91,6 +91,7 @@ def compute_friction_differences(
     """
     # At least one row: a joint that never moves then has the speed zero, and no difference.
     rows = np.maximum(np.sum([comparison.moving.sum(axis=0) for comparison in later], axis=0), 1)
+    # Mean speed of the rows where the joint moves: the friction there is what the data know best.
     speeds = np.sum([(np.abs(comparison.dq) * comparison.moving).sum(axis=0) for comparison in later], axis=0) / rows
     friction_torque = np.sum([_compute_dissipation(comparison) for comparison in later], axis=0) / rows
     return tuple(

@@ -223,6 +223,7 @@ def examine(
         picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
         unknown = find_unknown_patterns(final) if held else unknown
     residual = _compute_rms(final)
+    # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     ranked = rank_effects((*contacts, *picks), first, (*pushes, *recommended))

@@ -55,6 +55,8 @@ def find_misnamed(
         of_position = get_effect(choice.effect).of_position
         if not of_position and len(choice.joints) != 1:
             continue
+        # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
+        # the doubt.
         least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
         # An effect across two joints has one name and acts on both.
         here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]

@@ -168,6 +168,7 @@ def _bin_for_joint(
     cycles = dict(ranked.choice.shape).get("k")
     if cycles:
         options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
+    # By the effect's own torque: what the other parameters give up to it depends on other variables.
     shares = [_compute_explained_share(values, own) for _, _, values in options]
     # Of axes that show it equally well the first: they are in the order in which people think of them.
     variable, unit, values = options[next(k for k, s in enumerate(shares) if s >= max(shares) - _AMBIGUOUS)]
@@ -211,6 +212,7 @@ def _compute_explained_share(values: FloatArray, curve: FloatArray) -> float:
 def _compute_travel(q: FloatArray, dq: FloatArray) -> FloatArray:
     """Return (m,): how far a joint has come since its last reversal, with the sign of its motion."""
     sign = np.sign(dq)
+    # A stroke begins wherever the velocity changes its sign.
     starts_stroke = np.concatenate([[True], sign[1:] != sign[:-1]])
     return np.asarray(q - q[np.flatnonzero(starts_stroke)[np.cumsum(starts_stroke) - 1]])
 

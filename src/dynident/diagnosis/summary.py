@@ -51,6 +51,7 @@ def rank_effects(
     """
     ranked: list[RankedEffect] = []
     for finding, choice in zip(picks, recommended, strict=True):
+        # The same effect on other joints is another place, not another name.
         others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
         why = finding.why or f"Its mark in a residual: {get_effect(choice.effect).signature}."

@@ -86,6 +86,7 @@ class BlockNumbering:
 
     def _open_block(self, start: float) -> None:
         """Open the block that begins at a time or, where the motion has been here before, the block of that time."""
+        # Within a repeated interval the block depends on the place in the period, not on which period it is.
         for number, period in enumerate(self._periods):
             if period.start <= start < period.end + period.lag:
                 length = max(self._shortest, min(self._usual, period.lag / MANY))

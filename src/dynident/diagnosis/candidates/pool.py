@@ -224,6 +224,7 @@ def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[E
         return [EffectChoice(effect.id, carries, (), runs) for runs in leads.run_groups]
     if effect.scope == "robot":
         return _list_robot_choices(effect, model, leads)
+    # What the model has on a joint is not missing there.
     free = [j for j in possible if not _is_in_model(effect, model, robot.joint_names[j])]
     if effect.proposal == "angle_spectrum":
         waves = _list_waves(effect, model, leads.angle_lines.clear + leads.angle_lines.faint)
@@ -268,6 +269,7 @@ def _acts_visibly(effect: Effect, choice: EffectChoice, model: Model) -> bool:
 
 def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
     """List the choices of an effect that belongs to the whole robot."""
+    # Each burst is tried as a disturbance of just that time.
     if effect.proposal == "burst":
         return [
             EffectChoice(effect.id, (), _sort_shape({"t0": start, "t1": end}), (run,))

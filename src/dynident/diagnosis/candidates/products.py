@@ -285,6 +285,7 @@ def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, 
 
 def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Return which of `columns` (c,) a joint has, and where in its products they stand."""
+    # An empty list of columns would be an index of floats.
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)
     return have, places[have]

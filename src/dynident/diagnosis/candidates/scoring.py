@@ -184,6 +184,7 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
     deviations_of = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):
         for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
+            # What each block moves the parameters by; the sum of squares over the blocks is their variance.
             spread = scores[member] @ unit.T
             deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
     return deviations_of

@@ -49,6 +49,7 @@ def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredC
     if len(runs) < 2:
         return share
     without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
+    # Leaving out a run is the harder test: blocks of one run resemble each other.
     return min(share, _compute_share_ahead(margins, without))
 
 

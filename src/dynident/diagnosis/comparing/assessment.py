@@ -137,6 +137,7 @@ def _word_notes(
         wrong = [
             name
             for name, p, ratio in zip(comparison.joint_names, fit.p_value, over, strict=True)
+            # Both: with very many rows a trifle is significant, and a large ratio alone may be chance.
             if p < _SURE and ratio > _MISSING
         ]
         if wrong:

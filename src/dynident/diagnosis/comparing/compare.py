@@ -199,6 +199,7 @@ class Comparison:
         parts = [part for part in np.split(np.arange(len(self.t)), borders) if len(part) >= 2]
         rms = self.errors.rms
         local = np.array([np.sqrt((self.residual[part] ** 2).mean(axis=0)) for part in parts]).reshape(-1, len(rms))
+        # Relative to each joint's own rms: else the joints of large torque would take all places.
         ratios = np.divide(local, rms, out=np.zeros_like(local), where=rms > 0)
         order = np.argsort(-ratios, axis=None, kind="stable")[:_WORST]
         places = zip(*np.unravel_index(order, ratios.shape), strict=True)
@@ -318,6 +319,7 @@ def _yield_parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield times, segment numbers and the signals side by side, as they leave the filter."""
+    # Poses at rest have no motion that could be filtered.
     if has_poses(recording):
         yield _compare_poses(identification, recording)
         return

@@ -365,6 +365,7 @@ def _compute_distances(a: FloatArray, b: FloatArray) -> FloatArray:
 
     Joints count by their own spread in `a`, those that hardly move not at all.
     """
+    # Each joint in units of its own motion: a large joint must not hide that a small one goes elsewhere.
     spread = a.std(axis=0)
     moving = spread > _STANDING * spread.max() if spread.max() > 0 else np.zeros(len(spread), dtype=bool)
     if not moving.any():

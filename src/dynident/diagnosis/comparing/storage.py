@@ -218,6 +218,7 @@ class StoredComparison:
         over_x, *rest = self._read(*columns)
         residual = self._read_residual(joint)
         over_y = rest[0] if rest else np.zeros_like(over_x)
+        # Over one signal the second axis is a single bin, so that one call serves both cases.
         numbers_of_bins = [bins, bins if rest else 1]
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
         spread, *_ = binned_statistic_2d(over_x, over_y, residual, "std", numbers_of_bins)
@@ -234,6 +235,7 @@ class StoredComparison:
 
     def compute_spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
         """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
+        # The file has no kinds of joints; the unit of the torque tells them.
         revolute = self.get_unit(joint) == "N m"
         t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
         residual = self._read_residual(joint)
@@ -271,6 +273,7 @@ class StoredComparison:
             return None
         metadata = self._file.metadata
         column = self._file.schema_arrow.names.index("t")
+        # Parquet stores the extremes of a column by row group: groups outside of the times are not read at all.
         times = [metadata.row_group(k).column(column).statistics for k in range(metadata.num_row_groups)]
         return [
             k

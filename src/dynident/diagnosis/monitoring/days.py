@@ -147,6 +147,7 @@ def build_measure(identification: Identification, *, with_temperature: bool = Fa
                 possible_by_columns.setdefault(tuple(numbers), PossibleChange(choice, tuple(numbers)))
         return tuple(possible_by_columns.values())
 
+    # The days are not known yet: any label stands for the later runs.
     leads = ShapeProposals(has_temperature=with_temperature, since=_ANY)
     # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
     plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]

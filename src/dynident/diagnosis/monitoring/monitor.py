@@ -148,6 +148,7 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
     DynidentError
         Where there are fewer than two days, two of one name, or days that are not of this measure.
     """
+    # The names of the days serve as labels of runs, so each must be there once.
     names = tuple(day.name for day in days)
     _check_days(measure, days, names)
     pool, columns = build_step_pool(measure, names)

@@ -98,6 +98,7 @@ def build_step_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple
     columns, steps = list(wide.columns), [StepColumn(k) for k in range(n_wide)]
     rows, numbers = [wide.entry_rows], [wide.entry_columns]
     number_of: dict[StepColumn, int] = {column: k for k, column in enumerate(steps)}
+    # Not from the first day on, which all others are compared with.
     for since in range(1, len(names)):
         for k in changing:
             acting = wide.entry_rows[wide.entry_columns == k]
@@ -188,6 +189,7 @@ def _apply_steps(reduction: Reduction, columns: Sequence[StepColumn], day: int) 
     for equation in reduction.equations:
         where = {int(column): place for place, column in enumerate(equation.columns)}
         own = [k for k, column in enumerate(columns) if column.number in where]
+        # A matrix of zeros and ones chooses the columns; its last place is that of Y.
         change = np.zeros((len(equation.columns) + 1, len(own) + 1))
         change[-1, -1] = 1.0
         for new, k in enumerate(own):

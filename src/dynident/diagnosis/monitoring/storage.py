@@ -39,6 +39,7 @@ def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
         "equations": len(days[0].reduction.equations) if days else 0,
         "days": [{"name": day.name, "source": day.source} for day in days],
     }
+    # An .npz file holds nothing but arrays, so that the JSON text is stored as bytes.
     arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
     for number, day in enumerate(days):
         arrays |= {f"{number}/floor": day.floor, f"{number}/spans": day.reduction.spans}

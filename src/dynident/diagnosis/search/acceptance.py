@@ -130,6 +130,7 @@ def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
     joint : int
         Index of the joint.
     """
+    # In units of the noise of this joint alone, whatever the others gain.
     before = scored.before[:, joint] / state.noise[joint] ** 2
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)

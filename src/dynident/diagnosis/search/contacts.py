@@ -94,6 +94,7 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
     contacts = [finding for finding in state.picks if finding.is_transient]
     if len(contacts) in (0, len(state.picks)):
         return state
+    # The contacts are taken out and looked for again, beside all that was found since.
     touched = {k for finding in contacts for k in finding.columns}
     rest = tuple(k for k in state.base if k not in touched)
     still_contacts = {

@@ -40,8 +40,10 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
     """
     shares: dict[Key, float] = {}
     for scored in first:
+        # Groups are left out: each of their joints is a candidate by itself.
         if len(scored.candidate.joints) <= 1:
             key = (scored.candidate.effect, scored.candidate.joints)
+            # The constants of which most is left count: an effect is invisible only if none of them shows.
             shares[key] = max(shares.get(key, 0.0), scored.separability)
     why = "of its column is left beside the model on this motion, so it could not have shown"
     return tuple(
@@ -95,6 +97,7 @@ def find_too_uncertain(
 def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
     """Return the pool's columns of a finding, with the shape constants nearest to those that it was found with."""
     choice = finding.judged.candidate.choice
+    # Refined constants are not on the grid of the pool any more.
     alike = [
         candidate
         for candidate in pool.candidates
@@ -133,6 +136,7 @@ def _yield_deviations(
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in alone:
         sets.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
+    # What was found is among these columns: the noise is what is left beside it.
     noise = estimate_residual_noise(data, base)
     for kinds, members in sets.items():
         rows = data.select_for_candidates(base, np.array(kinds))

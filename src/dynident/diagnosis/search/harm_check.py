@@ -64,6 +64,7 @@ def select_harmless(
 def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
     rows = data.select_for_model(base + own)
     plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
+    # Whole runs are the harder test: they are other motions, or other days.
     kind = "runs" if can_leave_out_runs(rows, grown) else "parts"
     before, after = (compute_held_out_errors(rows, model, noise, kind) for model in (plain, grown))
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
@@ -75,6 +76,7 @@ def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
     removed = float(before.sum() - after.sum())
     if after.sum() > _NOTICED**2 * before.sum():
         return True
+    # A joint is harmed where its error grows noticeably, by much of what the finding removes in all, and beyond chance.
     added = (after - before).sum(axis=0)
     grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > _IN_PASSING * removed)
     return bool((grown & (compute_evenness((after - before).T) >= _CHANCE)).any())

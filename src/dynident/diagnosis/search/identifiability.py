@@ -52,6 +52,7 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
     before, after, _, _ = compute_fitted_errors(rows, columns, scored.candidate, state.noise)
     own = list(scored.joints)
     initial, remaining = before[:, own].sum(axis=0), after[:, own].sum(axis=0)
+    # A group is judged by all of its joints together.
     if len(scored.candidate.joints) > 1:
         initial, remaining = initial.sum(keepdims=True), remaining.sum(keepdims=True)
     return bool((remaining <= (1.0 - MOST_OF_FIT) * initial).any() and scored.drop >= MOST_OF_FIT)

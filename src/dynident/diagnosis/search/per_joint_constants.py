@@ -82,6 +82,7 @@ def merge_alike(
 def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
     """Return the finding, or one for every set of constants that its joints have, that of most joints first."""
     group = finding.judged.candidate
+    # Without a constant that is refined there is nothing in which joints could differ.
     if len(group.joints) < 2 or all(spec.refined is None for spec in get_effect(group.effect).shapes):
         return [finding]
     each = [_choose_constants(data, pool, state, group, joint) for joint in group.joints]
@@ -89,6 +90,7 @@ def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Find
     if len(shapes) < 2:
         return [finding]
     rest = tuple(k for k in state.base if k not in finding.columns)
+    # Joints that have the same constants stay together.
     whole = [_join_candidates(some) for some in sorted(shapes.values(), key=len, reverse=True)]
     return [
         replace(
@@ -109,6 +111,7 @@ def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Can
         and candidate.columns != mine
     ]
     rest = tuple(k for k in state.base if k not in mine)
+    # The group's constants are scored along with the joint's own, beside the same model.
     first, *judged = score_all(data, pool, rest, [same, *others], state.noise)
     best = max(judged, key=lambda scored: scored.total_gain, default=first)
     return best.candidate if _are_distinguishable(first, best) else same

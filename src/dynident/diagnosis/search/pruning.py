@@ -56,6 +56,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         judged = [
             (_rescore_finding(data, pool, state, finding), finding)
             for finding in state.picks
+            # A contact happened once and cannot be held out.
             if not finding.is_transient
         ]
         weak = [

@@ -94,6 +94,7 @@ def locate_findings(
     tuple of Finding
         All findings in their order.
     """
+    # Only what some runs have may be on any link; other effects were found on their joints.
     loose = [k for k, pick in enumerate(picks) if get_effect(pick.judged.candidate.effect).in_some_runs]
     if not loose:
         return tuple(picks)
@@ -187,6 +188,7 @@ def refine_findings(
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
     findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    # Refining may lead to constants that the data cannot resolve.
     visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     findings, choices = tuple(findings[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
@@ -298,6 +300,7 @@ class _RefinedModel:
         self, floor: FloatArray, preprocessing: Preprocessing
     ) -> tuple[tuple[EffectChoice, ...], list[int]]:
         """Return the choices that still improve the prediction, on the joints where they do, and their indices."""
+        # As after a search that found all of these: each is judged beside all others.
         everything = tuple(range(self.pool.observation.n_columns))
         state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
         state = drop_faded_contacts(self.data, self.pool, state, preprocessing)

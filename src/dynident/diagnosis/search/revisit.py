@@ -59,6 +59,7 @@ def _merge_group(
     # The columns of the search without them are the finer pool's first.
     here = tuple(range(finer.n_base))
     fine = rows.gather_products(finer)
+    # The findings as one candidate, so that it can be compared with each single effect.
     both, *each = score_all(fine, finer, here, [together, *singles], state.noise)
     as_good = [
         option
@@ -68,6 +69,7 @@ def _merge_group(
     best = max(as_good, key=lambda scored: scored.total_gain, default=None)
     if best is None:
         return state
+    # That something is there was tested for each of them; the new name takes over the surest test.
     p = min(finding.p for finding in several)
     new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
     picks = [new if pick is several[0] else pick for pick in state.picks]

@@ -66,6 +66,7 @@ def select_candidate(
         The effect, and what the data cannot tell from it.
     """
     large = [scored for scored in judged if is_acceptable(state, data, scored)]
+    # Physics is checked last and once for each, since it takes a fit of the model with the candidate.
     natural = {id(scored) for scored in large if is_physically_possible(data, pool, state.base, state.noise, scored)}
     passing = [scored for scored in large if id(scored) in natural]
     unnatural = [scored for scored in large if id(scored) not in natural]
@@ -341,6 +342,7 @@ def drop_idle_joints(
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
+    # The gain from a passive joint shows in the torque of the joint that moves it.
     movers = pool.observation.robot.get_movers
     gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, data, chosen, movers(name)[0])]
     if not gaining or len(gaining) == len(chosen.candidate.joints):

@@ -185,6 +185,7 @@ def _score_same_rows(
 def find_acting_columns(pool: Pool) -> BoolArray:
     """Return (columns, joints): the joints whose torque each column contributes to."""
     acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
+    # W has an entry wherever a column gives torque on a joint.
     acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
     return acts
 
@@ -196,6 +197,7 @@ def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
 def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
     """Return the rms (n,) of the held-out residual of every joint for the model so far."""
     rows = data.select_for_model(base)
+    # Held out, so that a model with many columns does not look less noisy than it is.
     squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(
         axis=0
     )

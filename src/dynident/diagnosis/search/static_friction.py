@@ -306,6 +306,7 @@ def _find_best_friction(
     The narrower its peak, the larger it has to be.
     """
     robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
+    # What the model has on this joint already cannot be missing there.
     known = {choice.effect for choice in grown.choices.effects if not choice.joints or name in choice.joints}
     # A halt need not hold all that friction can: the strongest halts show how much that is.
     needed = float(np.quantile(halts.beyond, 0.9))
@@ -323,6 +324,7 @@ def _find_best_friction(
             continue
         exact = _FrictionTrials.from_choices(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
         fit = next(iter(exact.candidate_fits), None)
+        # Interpolating between widths may miss: the fit at the width itself decides.
         if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.is_harmless(fit):
             return exact.test_where_moving(fit)
     return None

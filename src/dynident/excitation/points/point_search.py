@@ -80,6 +80,7 @@ class FreePoints:
         """Return a sequence with one point moved, and other shares for the two moves that it belongs to."""
         points, shares = sequence.points.copy(), sequence.shares.copy()
         k = int(rng.integers(self.count))
+        # Now and then a point is drawn anew, so that the search can leave a place where small changes gain nothing.
         if rng.random() < _FRESH:
             points[k] = self.postures[rng.integers(len(self.postures))]
         else:

@@ -217,6 +217,7 @@ def build_bounds(
                 title="Unknown joint",
             )
         check_limits(stated, name, make_pointer(name, within=at))
+    # Assumptions are collected over all joints, for one note a kind of limit.
     assumed = _Assumptions()
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
     notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes()]
