@@ -188,7 +188,23 @@ def word_summary(
     floor: FloatArray,
     model: Model,
 ) -> str:
-    """Word the verdict in a few sentences."""
+    """Word the verdict in a few sentences.
+
+    Parameters
+    ----------
+    verdict : Adequacy
+        The verdict.
+    ranked : sequence of RankedEffect
+        The ranking.
+    unknown : sequence of UnknownPattern
+        What the residual still depends on.
+    residual : (n,)
+        Rms of the residual of each joint, N m or N.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    model : Model
+        The model in which something is missing.
+    """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         names = "; ".join(

@@ -195,7 +195,19 @@ def map_sequentially(
     sizes: Sequence[float],
     progress: Progress = ignore_progress,
 ) -> list[_Result]:
-    """Apply `work` to every item in turn; takes and returns the same as `map_in_threads`."""
+    """Apply `work` to every item in turn; takes and returns the same as `map_in_threads`.
+
+    Parameters
+    ----------
+    work : function
+        Takes an item and a progress function.
+    items : sequence of _Item
+        What `work` is applied to.
+    sizes : sequence of float
+        Size of each item in samples; progress is counted by them.
+    progress : Progress
+        Called with the share of the whole and a message; may raise to cancel.
+    """
     total_size, before = float(sum(sizes)) or 1.0, 0.0
     results = []
     for item, size in zip(items, sizes, strict=True):

@@ -155,7 +155,15 @@ def stack_run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> c
 
 
 def list_rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
-    """Return the inputs of all effects other than the links, besides the directions of friction."""
+    """Return the inputs of all effects other than the links, besides the directions of friction.
+
+    Parameters
+    ----------
+    signals : SimulatedSignals
+        Symbols of the motion within a step.
+    runs : sequence of RunSignal
+        Run signals that the torque depends on.
+    """
     return [
         signals.q,
         signals.dq,

@@ -52,7 +52,19 @@ class Gains:
 
 
 def compute_joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
-    """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it."""
+    """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it.
+
+    Parameters
+    ----------
+    controller : Controller
+        The joint controller.
+    dynamics : Dynamics
+        Equation of motion of the robot.
+    path : ReferencePath
+        The reference at any time.
+    times : (k,)
+        Times within the motion, s.
+    """
     # The gains need a mean over the motion, not every sample: some 200 states are enough.
     sampled_times = times[:: max(1, len(times) // _STATES)]
     q, dq, _ = path.evaluate(sampled_times)
@@ -79,7 +91,19 @@ def compute_joint_gains(controller: Controller, dynamics: Dynamics, path: Refere
 def compute_feed_forward_torque(
     controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray
 ) -> FloatArray:
-    """Return the feed-forward torque (k, n) at times t (k,)."""
+    """Return the feed-forward torque (k, n) at times t (k,).
+
+    Parameters
+    ----------
+    controller : Controller
+        The joint controller.
+    dynamics : Dynamics
+        Equation of motion of the robot.
+    path : ReferencePath
+        The reference at any time.
+    t : (k,)
+        Times, s.
+    """
     q, dq, ddq = path.evaluate(t)
     if controller.feed_forward == "none":
         return np.zeros_like(q)

@@ -99,7 +99,15 @@ class ReferencePath:
 
 
 def check_reference(reference: Reference, robot: Robot) -> None:
-    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward."""
+    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward.
+
+    Parameters
+    ----------
+    reference : Reference
+        The trajectory.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     m = len(reference.t)
     if reference.t.ndim != 1 or m < 2:
         raise DynidentError("a trajectory needs at least two samples", pointer="/trajectory/t", title=_TITLE)

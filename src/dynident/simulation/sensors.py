@@ -91,7 +91,19 @@ class SensorEffects:
         return cls(robot, tuple(others), delay, added, signals)
 
     def compute_torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
-        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
+        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label.
+
+        Parameters
+        ----------
+        t : (m,)
+            Times of the samples, s.
+        truth : Truth
+            The motion and torque without sensors.
+        temperature : (m, n)
+            Temperatures of the joints, degC; zeros where none is prescribed.
+        run : str
+            Label of the run.
+        """
         torque = truth.tau
         if self.added is not None:
             third, fourth = _differentiate_twice(t, truth.ddq)
@@ -174,7 +186,15 @@ _TITLE = "Unusable sensors"
 
 
 def check_sensors(sensors: Sensors, robot: Robot) -> None:
-    """Raise `DynidentError` for a value that no sensor has."""
+    """Raise `DynidentError` for a value that no sensor has.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     check_ranges(sensors, "/noise")
     absolute = sensors.torque_noise_absolute
     if absolute is not None and len(absolute) != robot.n:
@@ -202,7 +222,17 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
 
 
 def quantise_positions(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
-    """Return positions (m, n) rounded to the encoders' counts."""
+    """Return positions (m, n) rounded to the encoders' counts.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    q : (m, n)
+        Positions, rad or m.
+    """
     if not sensors.encoder_counts:
         return q
     turn = np.array([2 * np.pi if joint.kind == "revolute" else 1.0 for joint in robot.joints])
@@ -211,7 +241,17 @@ def quantise_positions(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatAr
 
 
 def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n)."""
+    """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n).
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    tau : (m, n)
+        Torque of the run, N m or N.
+    """
     if sensors.torque_noise_absolute is not None:
         return np.array(sensors.torque_noise_absolute, dtype=np.float64)
     largest = np.abs(tau).max(axis=0)
@@ -224,7 +264,19 @@ def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> 
 def draw_sampling_steps(
     sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator
 ) -> IndexArray:
-    """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending."""
+    """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    steps_per_sample : int
+        Number of internal steps in a sampling period.
+    n_samples : int
+        Number of samples.
+    rng : np.random.Generator
+        Generator of the jitter.
+    """
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular

@@ -72,7 +72,15 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
 
 
 def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
-    """Split values of all portions in a row into one array (g, k, k) a portion."""
+    """Split values of all portions in a row into one array (g, k, k) a portion.
+
+    Parameters
+    ----------
+    values : (products,)
+        Values of all portions in a row.
+    portions : sequence of Batch
+        The candidates, by number of columns.
+    """
     sizes = [portion.columns.size * portion.width for portion in portions]
     parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
     return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))

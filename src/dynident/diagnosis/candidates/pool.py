@@ -206,7 +206,17 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
 
 
 def select_columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
-    """Return the columns of a candidate that are of one joint."""
+    """Return the columns of a candidate that are of one joint.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and candidates.
+    candidate : Candidate
+        The candidate.
+    joint : str
+        Name of the joint.
+    """
     return tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
 
 
@@ -243,6 +253,15 @@ def list_change_candidates(effect: Effect, model: Model, leads: ShapeProposals) 
     """List the choices of an effect in the later runs alone: what it is more, or less, than before.
 
     Friction of all joints together is asked about where no temperature can say that they were warm.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    model : Model
+        The model in which something is missing.
+    leads : ShapeProposals
+        Labels of the later runs, and whether there are temperatures.
     """
     robot, since = model.robot.tree, leads.since
     possible = find_places(effect, model.robot)
@@ -285,7 +304,17 @@ def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> 
 
 
 def is_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Return whether a choice's shape constants are large enough to be seen in the data."""
+    """Return whether a choice's shape constants are large enough to be seen in the data.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
+    """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = CATALOGUE[choice.effect].shapes
     return all(resolved.is_resolved(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
@@ -296,6 +325,15 @@ def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) 
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
     """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
@@ -304,7 +342,17 @@ def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) 
 
 
 def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Return whether a choice's slip distance is at the limit of resolution: how it slips within is not seen."""
+    """Return whether a choice's slip distance is at the limit of resolution: how it slips within is not seen.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
+    """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     slips = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "displacement"]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in slips]

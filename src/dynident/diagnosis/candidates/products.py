@@ -91,7 +91,13 @@ class RowStack:
         return float((self.columns[-1] ** 2).sum())
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()] * self.columns[second.ravel()]
         return sum_by_stretch(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
@@ -122,7 +128,13 @@ class ProductStack:
         return float(self.values[:, -1, -1].sum())
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         wide = self.values.shape[1]
         places = rows * wide + columns
         # One flat index instead of three: four times as fast.
@@ -169,13 +181,29 @@ class Products:
         return len(self.stacks)
 
     def sum_products(self, joint: int, places: IndexArray) -> FloatArray:
-        """Return the products (k, k) of a joint over all blocks, at some of its places."""
+        """Return the products (k, k) of a joint over all blocks, at some of its places.
+
+        Parameters
+        ----------
+        joint : int
+            Index of the joint.
+        places : (k,)
+            Places among the products of the joint.
+        """
         where = np.ix_(places, places)
         first, *others = self.stacks[joint]
         return sum((stack.total[where] for stack in others), first.total[where])
 
     def take_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        joint : int
+            Index of the joint.
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         first, *others = (stack.take_products(rows, columns) for stack in self.stacks[joint])
         for other in others:
             first += other
@@ -222,6 +250,13 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
     left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    kind : {"runs", "parts", "interleaved", "contiguous"}
+        Kind of folds.
     """
     each = [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
     if kind == "runs":
@@ -238,7 +273,15 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
 
 
 def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
-    """Return whether there are several runs, and the columns of a model are known without any one of them."""
+    """Return whether there are several runs, and the columns of a model are known without any one of them.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    """
     runs = split_data_folds(data, "runs")
     return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
 
@@ -284,7 +327,15 @@ def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, 
 
 
 def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return which of `columns` (c,) a joint has, and where in its products they stand."""
+    """Return which of `columns` (c,) a joint has, and where in its products they stand.
+
+    Parameters
+    ----------
+    where : (all columns,)
+        Place of each column in the products of the joint, -1 where the joint lacks it.
+    columns : (c,)
+        Columns to look for.
+    """
     # An empty list of columns would be an index of floats.
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)

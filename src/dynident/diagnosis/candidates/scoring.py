@@ -51,7 +51,19 @@ class Score:
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
-    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block."""
+    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kind : str
+        Kind of folds, see `split_data_folds`.
+    """
     return score_candidates(data, base, (), noise, kind)[0]
 
 
@@ -148,6 +160,17 @@ def compute_contributions(
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
     left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidates : sequence of Candidate
+        The candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
     return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
@@ -156,7 +179,19 @@ def compute_contributions(
 def compute_block_contributions(
     blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
 ) -> list[FloatArray]:
-    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums."""
+    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
     fit = FoldFit(total, blocks.portions)
     sums = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
@@ -175,6 +210,15 @@ def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> li
 
     From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
     """
     total = blocks.sum_products(noise)
     scores = compute_block_contributions(blocks, total, count, noise)
@@ -199,6 +243,17 @@ def compute_fitted_errors(
     data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
     """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
 
     Returns
     -------

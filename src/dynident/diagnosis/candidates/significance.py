@@ -139,7 +139,15 @@ class ScoredCandidate:
         return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
 
     def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
-        """Return whether it still improves the prediction beside all that was found."""
+        """Return whether it still improves the prediction beside all that was found.
+
+        Parameters
+        ----------
+        least_drop : float
+            Share of the error that it has to remove.
+        least_t : float
+            Least t of its gain over the blocks.
+        """
         return self.drop >= least_drop and self.t >= least_t
 
 
@@ -161,7 +169,15 @@ class BaselineErrors:
 
     @classmethod
     def from_errors(cls, before: FloatArray, noise: FloatArray) -> BaselineErrors:
-        """Build them from squared errors (s, n) and the noise (n,)."""
+        """Build them from squared errors (s, n) and the noise (n,).
+
+        Parameters
+        ----------
+        before : (s, n)
+            Squared errors of the model alone, held out, N² m².
+        noise : (n,)
+            Standard deviation of the noise of each joint, N m or N.
+        """
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
         return cls(weighted, np.minimum(1.0, _CAP * compute_median_error(whole) / np.maximum(whole, 1e-300)))
@@ -230,7 +246,13 @@ def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:
 
 
 def are_indistinguishable(best: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Return whether the blocks do not tell two explanations apart: mean difference below its standard error."""
+    """Return whether the blocks do not tell two explanations apart: mean difference below its standard error.
+
+    Parameters
+    ----------
+    best, other : ScoredCandidate
+        The candidates to compare, scored on the same rows.
+    """
     difference = best.gains - other.gains
     return abs(compute_t(difference)) < 1.0 or np.allclose(difference, 0.0)
 
@@ -260,7 +282,13 @@ def _is_worth_complexity(best: ScoredCandidate, simpler: ScoredCandidate) -> boo
 
 
 def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
-    """Return whether a candidate removes so much more of the error than another that it may be more complex."""
+    """Return whether a candidate removes so much more of the error than another that it may be more complex.
+
+    Parameters
+    ----------
+    best, simpler : ScoredCandidate
+        The candidate in question, and the one that it is compared with.
+    """
     difference = best.gains - simpler.gains
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())

@@ -59,7 +59,13 @@ def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:
 
 
 def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
-    """Return whether a candidate would be another name: another effect that is not known to be the same function."""
+    """Return whether a candidate would be another name: another effect that is not known to be the same function.
+
+    Parameters
+    ----------
+    chosen, rival : ScoredCandidate
+        The candidates to compare.
+    """
     mine, theirs = get_effect(chosen.candidate.effect), get_effect(rival.candidate.effect)
     if theirs.id == mine.id:
         return False

@@ -195,7 +195,17 @@ class StoredComparison:
         return self._units[self._find_joint(joint)]
 
     def read_signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
-        """Return one joint's signals between two times in s."""
+        """Return one joint's signals between two times in s.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        start : float or None
+            First time, s; the beginning where left out.
+        end : float or None
+            Last time, s; the end where left out.
+        """
         index = self._find_joint(joint)
         groups = self._find_row_groups(start, end)
         t, segment, measured, predicted, deviation, q, dq, ddq, load = self._read(
@@ -211,7 +221,17 @@ class StoredComparison:
         return every.select_rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
 
     def compute_residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
-        """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not."""
+        """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        x, y : str
+            Names of the signals, as `Comparison.get_signal` takes them; `y` is None for a map over one.
+        bins : int
+            Number of bins of each signal.
+        """
         self._find_joint(joint)
         names = [x] if y is None else [x, y]
         columns = [self._find_column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
@@ -234,7 +254,15 @@ class StoredComparison:
         )
 
     def compute_spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
-        """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
+        """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        over : {"angle", "time"}
+            What the residual is a function of.
+        """
         # The file has no kinds of joints; the unit of the torque tells them.
         revolute = self.get_unit(joint) == "N m"
         t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
@@ -248,7 +276,15 @@ class StoredComparison:
         return JointSpectrum(residual_spectrum, "cycles/m", _list_peaks(residual_spectrum, None))
 
     def compute_autocorrelation(self, joint: str, longest: float) -> Autocorrelation:
-        """Compute the autocorrelation of a joint's residual up to a lag in s."""
+        """Compute the autocorrelation of a joint's residual up to a lag in s.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        longest : float
+            Longest lag, s.
+        """
         self._find_joint(joint)
         t, segment = self._read("t", "segment")
         return autocorrelation(t, segment, self._read_residual(joint), longest)

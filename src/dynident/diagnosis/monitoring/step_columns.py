@@ -68,7 +68,13 @@ class StepProductStack(ProductStack):
         return np.asarray(later[both, self._places[:, None], self._places])
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         products = super().take_products(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])
         day = self._day.reshape(-1, *([1] * both.ndim))

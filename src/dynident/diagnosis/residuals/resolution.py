@@ -78,7 +78,15 @@ class Resolution:
 
 
 def compute_resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
-    """Compute what recordings filtered like this can resolve, from the accelerations at their reversals."""
+    """Compute what recordings filtered like this can resolve, from the accelerations at their reversals.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    preprocessing : Preprocessing
+        Filters of the model.
+    """
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:

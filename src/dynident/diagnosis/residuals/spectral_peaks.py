@@ -187,7 +187,15 @@ class AngleLines:
 
 
 def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
-    """Find lines in the spectrum of the residual over each joint's own angle."""
+    """Find lines in the spectrum of the residual over each joint's own angle.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     clear, faint = [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
@@ -290,7 +298,15 @@ class MotionLines:
 
 
 def find_motion_lines(comparisons: Sequence[Comparison], highest: float) -> MotionLines:
-    """Find lines in the spectrum of all joints' velocities over time, below `highest` in Hz."""
+    """Find lines in the spectrum of all joints' velocities over time, below `highest` in Hz.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    highest : float
+        Highest frequency, Hz.
+    """
     pieces = split_pieces(comparisons)
     period, size = choose_spectrum_grid(pieces)
     if not size or highest <= SLOWEST_VIBRATION:
@@ -338,7 +354,17 @@ def _compute_periodogram(t: FloatArray, values: FloatArray, period: float, size:
 
 
 def find_peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
-    """Find peaks of at least so many times their surroundings, the highest first."""
+    """Find peaks of at least so many times their surroundings, the highest first.
+
+    Parameters
+    ----------
+    k : (f,)
+        Frequencies, evenly spaced.
+    power : (f,)
+        Power at each frequency.
+    least : float
+        Least ratio to the median of the surroundings.
+    """
     if len(power) < 3:
         return []
     width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)

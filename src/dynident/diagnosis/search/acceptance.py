@@ -68,7 +68,17 @@ def is_acceptable(state: State, data: PhasedProducts, scored: ScoredCandidate) -
 
 
 def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate would be a finding, were it not of some runs and too small for that."""
+    """Return whether a candidate would be a finding, were it not of some runs and too small for that.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
     return (
         bool(scored.candidate.runs)
         and not _explains_enough_of_runs(state, scored)
@@ -147,6 +157,15 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
     """Return whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
 
     What friction leaves is on its own joint; where else a cable pulls is not known.
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    finding : ScoredCandidate
+        The finding whose formula is rough.
+    floor : (n,)
+        Noise of the sensors, N m or N.
     """
     rough = get_effect(finding.candidate.effect)
     if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
@@ -155,7 +174,15 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
 
 
 def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float:
-    """Return the squared error that a candidate removes, in units of the sensors' noise (n,)."""
+    """Return the squared error that a candidate removes, in units of the sensors' noise (n,).
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    """
     removed = (scored.before - scored.after).sum(axis=0)
     unit = np.maximum(floor**2, _QUIET * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
@@ -168,7 +195,19 @@ def get_least_gain(effect: Effect) -> float:
 
 
 def compute_gain_over_floor(scored: ScoredCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
-    """Return the squared error that a candidate removes on a joint, over that of the sensor's noise."""
+    """Return the squared error that a candidate removes on a joint, over that of the sensor's noise.
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    joint : int
+        Index of the joint.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    data : PhasedProducts
+        Products of all columns.
+    """
     removed = float((scored.before - scored.after)[:, joint].sum()) / max(
         float(data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
     )

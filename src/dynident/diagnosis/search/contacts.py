@@ -90,6 +90,17 @@ def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preproce
 
     They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
     unusually large may look like one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    preprocessing : Preprocessing
+        Filters of the model.
     """
     contacts = [finding for finding in state.picks if finding.is_transient]
     if len(contacts) in (0, len(state.picks)):

@@ -28,6 +28,13 @@ def is_determined(rows: Products, state: State) -> bool:
 
     Where the motion does not determine it, what a candidate gains is what it happens to hold the model by. Stretches
     with what was found already, a contact, do not count: it happened once, no other part of the motion tells of it.
+
+    Parameters
+    ----------
+    rows : Products
+        Rows that are equations for the model.
+    state : State
+        The model so far and what was found.
     """
     columns = np.array(state.base, dtype=np.intp)
     usual = np.ones(rows.n_stretches, dtype=bool)
@@ -46,6 +53,15 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
 
     There nothing is predicted, so that none of it is for holding a model that the motion does not determine; a column
     or a few that take so much of what all parameters together could not are no chance, either.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    state : State
+        The model so far and what was found.
+    scored : ScoredCandidate
+        The candidate.
     """
     rows = data.select_for_candidates(state.base, np.array(data.find_row_kinds(scored.candidate.columns)))
     columns = np.array(state.base, dtype=np.intp)

@@ -143,7 +143,13 @@ def _is_slimmer(state: State, slim: ScoredCandidate, other: ScoredCandidate) -> 
 
 
 def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Return whether a candidate gains as much as one with more constants, each of which is the best of many."""
+    """Return whether a candidate gains as much as one with more constants, each of which is the best of many.
+
+    Parameters
+    ----------
+    slim, other : ScoredCandidate
+        The candidate with fewer constants, and the one with more, scored on the same rows.
+    """
     less = other.total_gain - slim.total_gain
     told_apart = compute_t(other.gains - slim.gains) >= _APART and _exceeds_constant(less, other)
     return (less <= _AS_MUCH * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
@@ -189,6 +195,18 @@ def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
 
 
 def build_finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
-    """Build the pool of the search's columns so far and, behind them, these choices."""
+    """Build the pool of the search's columns so far and, behind them, these choices.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    choices : sequence of EffectChoice
+        What stands behind these columns.
+    """
     base = [pool.observation.columns[k] for k in state.base]
     return replace(build_pool_of_choices(model, choices, base), since=pool.since)

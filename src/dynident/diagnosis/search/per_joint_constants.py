@@ -28,6 +28,15 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
 
     A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
     same one stay together.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
     """
     picks: list[Finding] = []
     for finding in state.picks:

@@ -94,7 +94,17 @@ def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: S
 
 
 def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
-    """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group."""
+    """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     base = state.base
     joints = []
     for finding in state.picks:

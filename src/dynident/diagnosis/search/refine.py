@@ -48,7 +48,15 @@ class RecordedSource:
     reference: ReferenceParameters
 
     def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
-        """Return inner products of all columns of a pool and of the torque."""
+        """Return inner products of all columns of a pool and of the torque.
+
+        Parameters
+        ----------
+        pool : Pool
+            Model and candidates.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
+        """
         return gather_products(
             pool.observation,
             self.model.signals,

@@ -18,7 +18,19 @@ from dynident.regressors.model import Model
 
 
 def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """Merge several findings on a joint into one, where that one explains as much."""
+    """Merge several findings on a joint into one, where that one explains as much.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     for several in _group_by_joint(state.picks):
         state = _merge_group(rows, data, pool, state, several)
     return state
@@ -105,7 +117,19 @@ class ProductSource(Protocol):
 
 
 def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """Give functions of a joint's position the names that they have beside all that was found on that joint."""
+    """Give functions of a joint's position the names that they have beside all that was found on that joint.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     for number, finding in enumerate(state.picks):
         later = state.picks[number + 1 :]
         # Another function of the position says what its constants are off by, until they are refined.

@@ -245,7 +245,15 @@ def _prefer_usual_change(
 
 
 def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
-    """Return whether a candidate is a change of the later runs that robots seldom get from one day to the next."""
+    """Return whether a candidate is a change of the later runs that robots seldom get from one day to the next.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    scored : ScoredCandidate
+        The candidate.
+    """
     return is_lasting_change(scored.candidate.choice, state.since) and _is_seldom(scored)
 
 

@@ -148,7 +148,21 @@ def score_all(
 def score_one(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
 ) -> ScoredCandidate:
-    """Score a finding beside another model by its gains alone; its p stays one."""
+    """Score a finding beside another model by its gains alone; its p stays one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
     rows = data.select_for_candidates(base, np.array(data.find_row_kinds(candidate.columns)))
     blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), [candidate])
     return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
@@ -195,7 +209,15 @@ def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
 
 
 def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
-    """Return the rms (n,) of the held-out residual of every joint for the model so far."""
+    """Return the rms (n,) of the held-out residual of every joint for the model so far.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    base : tuple of int
+        Columns of the model.
+    """
     rows = data.select_for_model(base)
     # Held out, so that a model with many columns does not look less noisy than it is.
     squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(

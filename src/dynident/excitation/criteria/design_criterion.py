@@ -175,7 +175,15 @@ def build_design_criterion(
 
 
 def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
-    """Return the effects of a design, with those that its criterion is to separate."""
+    """Return the effects of a design, with those that its criterion is to separate.
+
+    Parameters
+    ----------
+    effects : tuple of EffectChoice
+        Effects to be identified.
+    choice : CriterionChoice
+        The criterion.
+    """
     if choice.name != "separation":
         return effects
     return effects + tuple(rival for rival in choice.effects if not _is_covered(rival, effects))
@@ -223,7 +231,15 @@ def select_parameters(model: DesignModel, choice: CriterionChoice, noise: Mappin
 
 
 def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
-    """Return one over the noise of every joint (n,)."""
+    """Return one over the noise of every joint (n,).
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    noise : mapping of str to float
+        Standard deviation of each joint's torque noise by joint name, N m or N.
+    """
     for name, value in noise.items():
         at = make_pointer(name, within="/noise")
         if name not in model.robot.joint_names:
@@ -252,7 +268,15 @@ def _find_parameters(model: DesignModel, chosen_names: Sequence[str]) -> tuple[i
 
 
 def find_effect_parameters(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
-    """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed."""
+    """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    """
     return tuple(
         k
         for k, column in enumerate(model.base_columns[: model.n_parameters])

@@ -166,7 +166,15 @@ class ParameterSelection:
 def build_variance_criterion(
     deciding: ParameterSelection, a_priori: FloatArray
 ) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,)."""
+    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,).
+
+    Parameters
+    ----------
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
+    a_priori : (b,)
+        Magnitudes |Z| of the parameters.
+    """
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         rows = deciding.weight_rows(w)
@@ -180,7 +188,17 @@ def build_variance_criterion(
 
 
 def sum_variances(deciding: ParameterSelection, a_priori: FloatArray, w: FloatArray) -> float:
-    """Return the criterion's value without its logarithm; infinite where a parameter is not determined."""
+    """Return the criterion's value without its logarithm; infinite where a parameter is not determined.
+
+    Parameters
+    ----------
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
+    a_priori : (b,)
+        Magnitudes |Z| of the parameters.
+    w : (r, b)
+        Rows of W.
+    """
     variances = compute_inverse_diagonal(deciding.weight_rows(w)).variances
     indices = [k for group in deciding.groups for k in group]
     if not np.isfinite(variances[indices]).all():

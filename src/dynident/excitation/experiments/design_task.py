@@ -85,7 +85,15 @@ class DesignTask:
         return compute_margins(self.limits, finely, torque)
 
     def evaluate_pieces(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> MotionValues:
-        """Return the values of the exciting part of a sequence of pieces."""
+        """Return the values of the exciting part of a sequence of pieces.
+
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            Pieces of the motion, one after the other.
+        exciting : tuple of (float, float)
+            Times between which the exciting part lies, s.
+        """
         motion = sample_pieces(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
         # Some ten thousand samples give the values as well as all of them.

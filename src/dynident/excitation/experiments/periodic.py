@@ -66,7 +66,15 @@ def build_family(trajectory: TrajectoryRequest, period: float) -> Family:
 
 
 def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design a trajectory of a linear family, with the moves there and back."""
+    """Design a trajectory of a linear family, with the moves there and back.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
     trajectory = request.trajectory
     # A period that is a whole number of samples: repeated periods then have the same samples, and can be averaged.
@@ -217,7 +225,17 @@ def _evaluate_motion(task: DesignTask, judge: CandidateEvaluator, motion: Period
 def fit_within_limits(
     task: DesignTask, family: Family, best: Candidate
 ) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
-    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees."""
+    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    family : Family
+        Family of trajectories.
+    best : Candidate
+        The best trajectory of the search.
+    """
     x = best.x.copy()
     paces = task.request.trajectory.paces
     families = [family] if len(paces) == 1 else [_change_pace(family, pace, task.rate) for pace in paces]

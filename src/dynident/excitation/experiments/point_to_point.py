@@ -35,7 +35,15 @@ _HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_
 
 
 def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design a sequence of moves through points and back to the first, with the moves there and back."""
+    """Design a sequence of moves through points and back to the first, with the moves there and back.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, bounds, model = task.request, task.bounds, task.model
     check_no_path(model)
     rng = np.random.default_rng(request.seed)
@@ -132,7 +140,15 @@ def _improve_candidates(
 def select_first_fitting(
     task: DesignTask, sequences: Sequence[PointSequence]
 ) -> tuple[PointSequence, tuple[Piece, ...]]:
-    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    sequences : sequence of PointSequence
+        Sequences, the best first.
+    """
     for sequence in sequences[:_MOST_SETTLED]:
         try:
             return sequence, slow_until_fitting(task, sequence)
@@ -167,7 +183,15 @@ def _plan_round(task: DesignTask, sequence: PointSequence) -> tuple[Piece, ...]:
 
 
 def verify_pieces(task: DesignTask, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
-    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken."""
+    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    pieces : tuple of Piece
+        Pieces of the motion, one after the other.
+    """
     margins = task.verify_pieces(pieces)
     if not are_limits_kept(margins):
         raise build_limit_error(margins)

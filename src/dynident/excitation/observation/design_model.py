@@ -73,7 +73,15 @@ def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> De
 
 
 def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
-    """Return the note that names the locked joints."""
+    """Return the note that names the locked joints.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the joints.
+    moving : (n,)
+        Which joints move.
+    """
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
         f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the "
@@ -194,7 +202,15 @@ class DesignModel:
         return self.observation.n_memory > 0
 
     def compute_memory(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
-        """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
+        """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions along the path, rad or m.
+        periodic : bool
+            Whether the path is one period of many.
+        """
         return PathMemory(self.observation.memory).compute_states(q, periodic=periodic)
 
     def observe(
@@ -243,7 +259,17 @@ class DesignModel:
         return w.reshape(-1, observation.n_columns)
 
     def observe_along(self, motion: Motion, samples: IndexArray, runs: FloatArray | None = None) -> FloatArray:
-        """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`."""
+        """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion, which begins at rest.
+        samples : (m,)
+            Indices of the samples to evaluate.
+        runs : (m, number of run signals), optional
+            1 where a sample is in a signal's runs; in all of them where left out.
+        """
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
         # Motions have three derivatives; elastic gears need the fourth.
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
@@ -267,6 +293,11 @@ class DesignModel:
 
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         """Return the torque (m, n) of the description's inertias at q, q̇, q̈ (m, n).
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
 
         Raises
         ------

@@ -31,7 +31,15 @@ class PathMemory:
         self._slips = np.array([signal.slip for signal in self.signals])
 
     def compute_states(self, q: FloatArray, *, periodic: bool) -> FloatArray:
-        """Return states (m, k) along q (m, n); of a periodic path those of a later period, with the start forgotten."""
+        """Return states (m, k) along q (m, n); of a periodic path those of a later period, with the start forgotten.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions along the path, rad or m.
+        periodic : bool
+            Whether the path is one period of many.
+        """
         states = MemoryStates(self.signals)
         # One period before forgets the start: from then on the states repeat with the period.
         if periodic:
@@ -39,7 +47,17 @@ class PathMemory:
         return states.push(q)
 
     def pull_back(self, q: FloatArray, z: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return ∂/∂q (m, n) from ∂/∂z (m, k) on a periodic path q (m, n) with the states z (m, k)."""
+        """Return ∂/∂q (m, n) from ∂/∂z (m, k) on a periodic path q (m, n) with the states z (m, k).
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions along a periodic path, rad or m.
+        z : (m, k)
+            Hysteresis states along it.
+        gradient : (m, k)
+            Derivative of a function by these states.
+        """
         gradient_of_path = np.zeros_like(q)
         if not len(self.signals):
             return gradient_of_path

@@ -41,7 +41,15 @@ class RowModel:
     mix: FloatArray | None
 
     def build_rows(self, w: FloatArray, dq: FloatArray) -> FloatArray:
-        """Return the rows (N n, b), or (N, b) where the joints are joined."""
+        """Return the rows (N n, b), or (N, b) where the joints are joined.
+
+        Parameters
+        ----------
+        w : (N, n, b)
+            W of the dynamic model by sample and joint.
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        """
         n_samples, _, b = w.shape
         rows = np.einsum("kj,kjb->kb", dq, w)[:, None] if self.joined else w
         if self.mix is not None:
@@ -49,7 +57,17 @@ class RowModel:
         return np.ascontiguousarray(rows).reshape(-1, b)
 
     def pull_back(self, w: FloatArray, dq: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ∂/∂W (N, n, b) and ∂/∂q̇ (N, n) from ∂/∂rows."""
+        """Return ∂/∂W (N, n, b) and ∂/∂q̇ (N, n) from ∂/∂rows.
+
+        Parameters
+        ----------
+        w : (N, n, b)
+            W of the dynamic model by sample and joint.
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        gradient : (rows, b)
+            Derivative of a function by the rows.
+        """
         of_rows = gradient.reshape(len(w), -1)
         if self.mix is not None:
             # The gradient goes back through a linear operation by its transpose.
@@ -59,7 +77,15 @@ class RowModel:
         return dq[:, :, None] * of_rows[:, None, :], np.einsum("kjb,kb->kj", w, of_rows)
 
     def compute_unmixed_noise(self, dq: FloatArray, noise: FloatArray) -> FloatArray:
-        """Return the standard deviation (N, k) of the k rows of a sample before mixing, for joint noise (n,)."""
+        """Return the standard deviation (N, k) of the k rows of a sample before mixing, for joint noise (n,).
+
+        Parameters
+        ----------
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        noise : (n,)
+            Standard deviation of the noise of each joint, N m or N.
+        """
         if not self.joined:
             return np.broadcast_to(noise, dq.shape)
         return np.asarray(np.sqrt((dq**2) @ noise**2))[:, None]

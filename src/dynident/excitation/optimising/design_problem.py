@@ -40,7 +40,15 @@ class Multipliers:
     penalty: float
 
     def update(self, at: Evaluation, penalty: float) -> Multipliers:
-        """Return those of the next round, after an evaluation at the end of this one."""
+        """Return those of the next round, after an evaluation at the end of this one.
+
+        Parameters
+        ----------
+        at : Evaluation
+            Evaluation at the end of this round.
+        penalty : float
+            Weight μ of the next round.
+        """
         return Multipliers(
             np.maximum(0.0, self.values + self.penalty * at.excess),
             np.maximum(0.0, self.crowding + self.penalty * at.crowding),
@@ -145,6 +153,13 @@ class DesignProblem:
         """Return the augmented Lagrangian at coefficients (m n,), exact gradient included.
 
         F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
+
+        Parameters
+        ----------
+        flat : (m n,)
+            Coefficients of the family.
+        multipliers : Multipliers
+            Multipliers of this round.
         """
         x = flat.reshape(self.family.n_coefficients, self.n)
         q, dq, ddq, dddq, ddddq = self._basis @ x

@@ -77,7 +77,17 @@ class FreePoints:
         return PointSequence(points, sequence.shares)
 
     def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Return a sequence with one point moved, and other shares for the two moves that it belongs to."""
+        """Return a sequence with one point moved, and other shares for the two moves that it belongs to.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
         points, shares = sequence.points.copy(), sequence.shares.copy()
         k = int(rng.integers(self.count))
         # Now and then a point is drawn anew, so that the search can leave a place where small changes gain nothing.
@@ -125,7 +135,17 @@ class TwoPoints:
         return self.draw(rng)
 
     def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Return a sequence around a nearby posture, by other distances."""
+        """Return a sequence around a nearby posture, by other distances.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
         middle = sequence.points.mean(axis=0) + size * self.bounds.half_range * rng.standard_normal(len(self.shortest))
         way = sequence.points[1] - sequence.points[0]
         length = np.abs(way) + size * self.longest * rng.standard_normal(len(way))
@@ -182,6 +202,23 @@ def draw_sequences(
 ) -> list[EvaluatedSequence]:
     """Return `count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
 
+    Parameters
+    ----------
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    count : int
+        Number of sequences to draw.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    enough : callable
+        Asked before each draw; True ends the drawing once there is a sequence.
+
     Raises
     ------
     ImpossibleLimitsError
@@ -230,7 +267,27 @@ def improve_sequence(
     budget: Budget,
     progress: Progress,
 ) -> tuple[PointSequence, bool]:
-    """Return the sequence after so many variations, and whether the time allowed all of them."""
+    """Return the sequence after so many variations, and whether the time allowed all of them.
+
+    Parameters
+    ----------
+    first : PointSequence
+        The sequence to begin with, which keeps the limits.
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    variations : int
+        Number of variations to try.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    """
     criterion = yardstick.smooth_criterion
     # The first sequence was drawn within the limits, so that its moves exist.
     moves = legs.plan_sequence(first)

@@ -160,5 +160,13 @@ def stack_rows(legs: Sequence[PlannedMove]) -> FloatArray:
 
 
 def evaluate_moves(legs: Sequence[PlannedMove], yardstick: DesignCriterion) -> CriterionValues:
-    """Return the values of moves by the true criteria."""
+    """Return the values of moves by the true criteria.
+
+    Parameters
+    ----------
+    legs : sequence of PlannedMove
+        Moves, one after the other.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    """
     return yardstick.evaluate(stack_rows(legs), 1)

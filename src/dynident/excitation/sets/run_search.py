@@ -106,6 +106,17 @@ class RunSearch:
     def search_first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> RunMotion:
         """Return the motion of a run that adds the most to the information (b, b) of those before.
 
+        Parameters
+        ----------
+        run : PlannedRun
+            The run, whose motion is not known yet.
+        information : (b, b)
+            Information ∫ WᵀW dt of the runs before.
+        budget : Budget
+            Time and number of starts.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
+
         Raises
         ------
         ImpossibleLimitsError
@@ -119,6 +130,17 @@ class RunSearch:
         """Return the motion of a run that is the best by the requested criterion.
 
         `information` (b, b) is that of all other runs.
+
+        Parameters
+        ----------
+        run : PlannedRun
+            The run.
+        information : (b, b)
+            Information ∫ WᵀW dt of all other runs.
+        budget : Budget
+            Time and number of starts.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
 
         Raises
         ------

@@ -48,7 +48,15 @@ class _PlacedRun:
 
 
 def design_sequential(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design the runs of a set one after the other, each to complement those before, with the moves between them."""
+    """Design the runs of a set one after the other, each to complement those before, with the moves between them.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, bounds, model = task.request, task.bounds, task.model
     runs = plan_runs(request.trajectory.sets, model.robot.joint_names)
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):

@@ -139,7 +139,15 @@ class FollowerRates:
 
     @classmethod
     def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> FollowerRates | None:
-        """Return those of a robot, tightened by the stated limits; None where there are none."""
+        """Return those of a robot, tightened by the stated limits; None where there are none.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, as its description gives it.
+        stated : mapping of str to Limits
+            Limits that the request states, by joint name.
+        """
         if robot.linkage is None:
             return None
         rates: dict[int, tuple[float, float]] = {}
@@ -159,13 +167,25 @@ class FollowerRates:
         return cls(robot.linkage, tuple(rates), names, velocities, accelerations)
 
     def find_largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
+        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         _, speed, acceleration = self.linkage.compute_motion(q, dq, ddq)
         own = list(self.joints)
         return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
 
     def are_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Return whether a motion of the driven joints keeps all of them."""
+        """Return whether a motion of the driven joints keeps all of them.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         velocity, acceleration = self.find_largest(q, dq, ddq)
         return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
 
@@ -200,7 +220,15 @@ class LoopConstraints:
 
     @classmethod
     def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopConstraints | None:
-        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
+        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, as its description gives it.
+        stated : mapping of str to Limits
+            Limits that the request states, by joint name.
+        """
         if robot.linkage is None:
             return None
         # Of the description's and the stated limits the tighter end counts, either side for itself.
@@ -276,7 +304,15 @@ class LoopConstraints:
 
 
 def word_singularity(condition: float, largest: float) -> str:
-    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones."""
+    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones.
+
+    Parameters
+    ----------
+    condition : float
+        Worst condition of the loops; infinite where they are open.
+    largest : float
+        Largest condition that is allowed.
+    """
     if not np.isfinite(condition):
         return "the closed loops would be open: no position of the passive joints closes them there."
     return (

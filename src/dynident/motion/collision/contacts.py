@@ -88,7 +88,17 @@ def build_solid(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
 
 
 def build_half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
-    """Return the solid behind a plane: normal · x < offset."""
+    """Return the solid behind a plane: normal · x < offset.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    normal : (3,)
+        Unit normal in the base frame, to the free side.
+    offset : float
+        Smallest value of normal · x on the free side, m.
+    """
     return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0, ())
 
 
@@ -226,7 +236,15 @@ class ContactCheck:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def compute_distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
-        """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap."""
+        """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap.
+
+        Parameters
+        ----------
+        pair : SolidPair
+            The pair.
+        q : (m, n)
+            Postures, rad or m.
+        """
         return self._compute_distances(pair, _PlacedPostures(joint_frames(self._robot, q)))
 
     def find_too_near(self, q: FloatArray) -> BoolArray:

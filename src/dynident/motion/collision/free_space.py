@@ -150,7 +150,17 @@ class FreeSpace:
 
 
 def word_contact(name: str, distance: float, clearance: float) -> str:
-    """Say that two things come too near each other."""
+    """Say that two things come too near each other.
+
+    Parameters
+    ----------
+    name : str
+        Names of both.
+    distance : float
+        Their smallest distance, m; not above 0 where they touch.
+    clearance : float
+        Distance that has to be kept, m.
+    """
     near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
     return f"'{name}' {near}; {clearance:g} m must be kept."
 

@@ -169,7 +169,13 @@ class Bounds:
         return None if self.space is None or self.space.loops is None else self.space.loops.rated
 
     def are_follower_rates_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n)."""
+        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n).
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         return self.follower_rates is None or self.follower_rates.are_kept(q, dq, ddq)
 
 

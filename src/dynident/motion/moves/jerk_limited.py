@@ -193,7 +193,15 @@ def _is_within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> boo
 
 
 def find_straight_obstacle(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
-    """Return the error that names what is in the straight path between two postures (n,); None where it is clear."""
+    """Return the error that names what is in the straight path between two postures (n,); None where it is clear.
+
+    Parameters
+    ----------
+    start, end : (n,)
+        Postures at the ends, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    """
     if bounds.space is None:
         return None
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)

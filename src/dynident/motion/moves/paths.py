@@ -125,7 +125,19 @@ def find_stations(start: FloatArray, end: FloatArray, bounds: Bounds, model: Tor
 
 
 def plan_moves(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
-    """Return moves from posture to posture, at rest in each, within all limits."""
+    """Return moves from posture to posture, at rest in each, within all limits.
+
+    Parameters
+    ----------
+    stations : sequence of (n,)
+        Postures in the order in which they are visited, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    model : TorqueModel
+        Model that predicts the torque.
+    rate : float
+        Sampling rate, Hz.
+    """
     moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
     return moves[0] if len(moves) == 1 else PieceChain(moves)
 

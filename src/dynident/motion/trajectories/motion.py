@@ -172,7 +172,15 @@ def sample_pieces(pieces: Sequence[Piece], rate: float) -> Motion:
 
 
 def check_length(pieces: Sequence[Piece], rate: float) -> None:
-    """Raise `DynidentError` where a sequence of pieces has more samples at `rate` (Hz) than can be handled."""
+    """Raise `DynidentError` where a sequence of pieces has more samples at `rate` (Hz) than can be handled.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+        Pieces of the motion, one after the other.
+    rate : float
+        Sampling rate, Hz.
+    """
     samples = sum(piece.duration for piece in pieces) * rate
     if samples > MOST_SAMPLES:
         raise DynidentError(
