@@ -85,6 +85,7 @@ def make_monotonic(progress: Progress) -> Progress:
 
     def inner(fraction: float, message: str) -> None:
         nonlocal reached
+        # A repeated step begins at zero again; the report stays where it was.
         reached = max(reached, fraction)
         progress(reached, message)
 

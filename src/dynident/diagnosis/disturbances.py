@@ -200,6 +200,7 @@ def _build_disturbance(span: OutlyingSpan, number: int, recording: Recording, co
     residual = np.where(comparison.counted_rows, comparison.residual, 0.0)
     inside = (comparison.t >= span.start) & (comparison.t <= span.end)
     segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
+    # A span may reach over a pause; the disturbance is sought in the segment where it begins.
     inside &= comparison.segment == segment
     # Joints are made comparable by their usual residual outside of the span.
     usual = _compute_median_sizes(residual, comparison.counted_rows & ~inside[:, None])

@@ -195,6 +195,8 @@ def examine(
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
     rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    # One pass over the recordings for the model and all candidates: every score of the search comes from these
+    # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
     start = _build_start_state(data, pool, identification, floor)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)

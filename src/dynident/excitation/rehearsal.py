@@ -110,6 +110,7 @@ def rehearse_motion(
         motion = sample_pieces(course.pieces, rate)
         return Rehearsal(motion, float(len(motion.t)))
     trajectory = request.trajectory
+    # The period need not be a whole number of samples: nothing is recorded.
     family = build_family(trajectory, trajectory.duration)
     yardstick = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.starts_or_default, request.time_budget)

@@ -62,6 +62,7 @@ class BlockNumbering:
             Where the run repeats itself.
         """
         self._run, self._periods = label, periods
+        # The places of a period are those of one run: the next run may have another motion.
         self._begun = {}
         # A new run begins a new block, whatever its time.
         self._end = -np.inf
@@ -409,6 +410,7 @@ def gather_products(
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += compute_used_duration(recording)
     starts = shows_at_starts(observation)
+    # Where a joint never sticks, what acts at low speeds shows at its reversals as well.
     turns = _find_memory_columns(observation, signals) | (starts & free)
     run = stretches.list_runs()
     (stacks, counts), turning, partial = collected.finish(len(run))

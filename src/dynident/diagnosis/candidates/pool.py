@@ -183,6 +183,7 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
     columns: list[Column] = list(beside or model.kept)
     n_base = len(columns)
     candidates: list[Candidate] = []
+    # Columns that several choices share are evaluated once.
     index = {column.key: k for k, column in enumerate(columns)}
 
     seen: set[tuple[int, ...]] = set()

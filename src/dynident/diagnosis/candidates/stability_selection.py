@@ -40,6 +40,7 @@ def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredC
     """
     if not rivals:
         return 1.0
+    # Gains are sums over blocks, so that the margin of a resample is a weighted sum of these.
     margins = np.array([[_compute_margin(name, rival) for rival in rivals] for name in names])
     s = len(names[0].gains)
     # Bootstrap: how often each block is drawn stands for the block itself, since gains are sums over blocks.

@@ -145,6 +145,7 @@ class Comparison:
         """Measured minus predicted torque (m, n); at standstill the distance to the band; 0 without known torque."""
         standing = self.phase == Phase.STANDING
         residual = np.where(standing, compute_band_distance(self.measured, self.lower, self.upper), self.raw_residual)
+        # Rows without recorded torque count for nothing: zero keeps them out of every sum.
         return np.where(self.has_torque, residual, 0.0)
 
     @property
@@ -358,6 +359,7 @@ def _yield_parts(
         # Both directions of friction; which of them is the larger torque depends on the sign of the parameters.
         band = [np.where(phase == Phase.STANDING, base + way, predicted) for way in (either[:, n:], either[:, :n])]
         lower, upper = np.minimum(*band), np.maximum(*band)
+        # Behind the entries of both sets of columns stand torque and motion, in the order of `values`.
         measured = rows[:, first : first + n]
         motion, more = rows[:, first + n : first + 4 * n], rows[:, first + 4 * n :]
         progress(min(1.0, (t[-1] - start) / max(end - start, 1e-9)), f"predicting {recording.name}")

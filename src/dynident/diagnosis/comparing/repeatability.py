@@ -159,6 +159,7 @@ def find_periods(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
 
 
 def _load_tracks_by_segment(recording: Recording) -> list[list[Track]]:
+    # Some tens of samples a second show how an arm moves; long recordings are thinned further.
     stride = max(1, int(recording.sampling_rate / _TRACK_RATE), -(-recording.n_samples // _TRACK_ROWS))
     tracks_by_segment: list[list[Track]] = [[] for _ in recording.segments]
     for first, length in find_used_runs(recording):
@@ -343,6 +344,7 @@ def _find_departure_lag(track: Track) -> float | None:
 def _find_lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
     """Return lags in s at which the two motions are most alike, best first, from `smallest` on where it is given."""
     step = a.step
+    # Both motions on one grid of time, as the distances at all lags need it.
     t_b = np.arange(b.t[0], b.t[-1] + 1e-9, step)
     distance = _compute_distances(a.q, b.q if b is a else b.curve(t_b))
     lags = np.arange(-len(a.t) + 1, len(t_b) if b is not a else len(a.t))

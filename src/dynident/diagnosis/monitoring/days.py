@@ -152,6 +152,7 @@ def build_measure(identification: Identification, *, with_temperature: bool = Fa
     # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
     plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]
     changing = [_drop_runs(choice) for effect in plain for choice in list_change_candidates(effect, model, leads)]
+    # A model without friction that follows the temperature would take warmth for wear.
     warm = [
         effect for effect in CATALOGUE.values() if with_temperature and effect.needs_temperature and not effect.shapes
     ]

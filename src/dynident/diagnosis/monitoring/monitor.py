@@ -103,6 +103,7 @@ def _judge_by_side(scored: ScoredCandidate, pool: Pool, data: PhasedProducts) ->
     since = get_first_day(scored.candidate, len(pool.since) + 1)
     if not since:
         return scored
+    # The runs of these products are the days.
     later = data.moving.run >= since
     # Of ten days, the last has a tenth of all the error: over all days even a complete change would explain little.
     sides = [replace(scored, before=scored.before[side], after=scored.after[side]) for side in (~later, later)]

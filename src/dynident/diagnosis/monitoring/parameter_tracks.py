@@ -62,6 +62,7 @@ def _widen_interval(
     if course is None:
         return value
     days = np.flatnonzero(np.isfinite(course.values))
+    # The number of changes up to each day: the days between two changes form a period.
     period = np.searchsorted(np.array(begun), days, side="right")
     count = np.bincount(period, minlength=len(begun) + 1)
     means = np.bincount(period, course.values[days], minlength=len(begun) + 1) / np.maximum(count, 1)

@@ -138,6 +138,7 @@ def _list_targets(rows: _PatternRows, j: int) -> tuple[FloatArray, FloatArray]:
 def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
     """Yield ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
     sign = np.sign(rows.dq[:, j])
+    # Pairs of bins have to be coarse: ten by ten of them share the rows of all.
     position = _number_bins(rows.q[:, j], _COARSE_BINS)
     yield "position", _number_bins(rows.q[:, j], _BINS)
     yield "velocity", _number_bins(rows.dq[:, j], _BINS)

@@ -113,6 +113,7 @@ def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
 
 def _yield_too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
     """Yield effects that would not show even in their usual size."""
+    # The surest parameter of the effect, over all of its shape constants, decides whether it would have shown.
     best: dict[Key, tuple[float, Invisible]] = {}
     for candidate, spreads in _yield_deviations(data, pool, base):
         key = (candidate.effect, candidate.joints)

@@ -92,6 +92,7 @@ def search_findings(
         hidden = set(reached) - known
         awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
+        # What the chosen effect says is no candidate on its joints any more.
         remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
         if not remaining:
             break

@@ -62,6 +62,7 @@ def select_harmless(
 
 
 def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
+    # The rows of the larger model for both, so that the errors are of the same samples.
     rows = data.select_for_model(base + own)
     plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
     # Whole runs are the harder test: they are other motions, or other days.

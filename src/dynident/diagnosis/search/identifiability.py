@@ -63,6 +63,7 @@ def is_main_explanation(data: PhasedProducts, state: State, scored: ScoredCandid
     scored : ScoredCandidate
         The candidate.
     """
+    # Fitted, not held out: what a poor motion leaves undetermined cannot be predicted by any model.
     rows = data.select_for_candidates(state.base, np.array(data.find_row_kinds(scored.candidate.columns)))
     columns = np.array(state.base, dtype=np.intp)
     before, after, _, _ = compute_fitted_errors(rows, columns, scored.candidate, state.noise)

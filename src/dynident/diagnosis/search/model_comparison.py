@@ -178,6 +178,7 @@ def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate])
     for effect in dict.fromkeys(scored.candidate.effect for scored in near):
         own = [scored for scored in near if scored.candidate.effect == effect]
         same = [scored for scored in own if scored.candidate.joints == mine.joints]
+        # One set of joints for each effect: that of the chosen name if there is one, else the best.
         joints = (same or own)[0].candidate.joints
         contenders += [scored for scored in own if scored.candidate.joints == joints][:_STARTS]
     return contenders

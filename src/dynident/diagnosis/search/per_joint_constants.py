@@ -39,6 +39,7 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
         The model so far and what was found.
     """
     picks: list[Finding] = []
+    # Group after group, each beside what the earlier ones have become.
     for finding in state.picks:
         parts = _split_finding(data, pool, state, finding)
         columns = tuple(k for part in parts for k in part.columns)

@@ -128,6 +128,7 @@ def _select_members(
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
         scored = score_one(data, pool, rest, alone, state.noise)
+        # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):

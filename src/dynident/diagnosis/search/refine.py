@@ -108,6 +108,7 @@ def locate_findings(
         return tuple(picks)
     model = identification.model
     places = {k: _list_places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    # The findings and all places of the loose ones in one pool, so that the recordings are read once.
     choices = [pick.judged.candidate.choice for pick in picks] + [choice for own in places.values() for choice in own]
     pool = build_pool_of_choices(model, choices)
     data = gather_products(
@@ -140,6 +141,7 @@ def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoi
 def _move_to_best_link(pick: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda scored: scored.total_gain)
     alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
+    # Things are usually attached at the outer end of an arm.
     outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
     outer_scored = replace(outer, p=pick.p)
     return replace(

@@ -144,6 +144,7 @@ def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state
     mine = finding.judged.candidate
     others = (*state.picks[:number], *state.picks[number + 1 :])
     without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
+    # The same joint in the same runs: only the name is in question.
     free = [
         candidate for candidate in pool.candidates if candidate.joints == mine.joints and candidate.runs == mine.runs
     ]

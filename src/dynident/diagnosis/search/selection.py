@@ -144,6 +144,7 @@ def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[Scored
     """Find a dependence on warmth that explains as much as a change of the later day: that is no wear."""
     if not is_lasting_change(chosen.candidate.choice, state.since):
         return None
+    # An arm gets warm as a whole: warmth of more joints explains a change on any of them.
     places = set(chosen.candidate.joints)
     lasting = [
         scored

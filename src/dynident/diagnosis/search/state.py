@@ -119,6 +119,7 @@ def score_all(
     list of ScoredCandidate
         The candidates in their order, with the p-value of the family-wise test.
     """
+    # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
         # Candidates with the same rows are scored together, so that the model's products are summed once.

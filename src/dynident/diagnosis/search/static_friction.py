@@ -139,6 +139,7 @@ def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
         # A segment's border ends a halt even where the joint stands on both sides of it.
         starts = np.flatnonzero(standing & ((edge[:-1] == 1) | broken[:-1]))
         ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
+        # Half of the band is what the model's friction holds in either direction.
         rest, hold = comparison.residual[:, joint], 0.5 * (comparison.upper - comparison.lower)[:, joint]
         for a, b in zip(starts, ends, strict=True):
             most = int(a + np.abs(rest[a:b]).argmax())

@@ -202,6 +202,7 @@ def build_smooth_criterion(
     """
     check_criterion(choice)
     scope = deciding or ParameterSelection.select_all(len(a_priori))
+    # All of them are logarithms: their differences are relative, and no criterion needs a scale of its own.
     criteria: Mapping[str, Criterion] = {
         "condition_number": condition_number,
         "d_optimal": d_optimal,

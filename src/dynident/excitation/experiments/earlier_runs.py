@@ -54,6 +54,7 @@ def build_earlier_rows(
                 pointer="/earlier_ids",
                 title="Another robot's measurement",
             )
+    # Filtered as an identification would filter them, so that their rows are worth as much as it will make of them.
     preprocessing = choose_preprocessing(recordings)
     reduction = reduce_recordings(model.observation, recordings, preprocessing, model.reference, progress)
     n, b = model.robot.n, model.n_parameters

@@ -99,6 +99,7 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_sample_dependent else _VALUED_SAMPLES
     fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
+    # The search looks at the samples of a period; between them a motion may swing out a little further.
     motions, margins = fit_within_limits(task, family, best)
     placed = plan_home_moves(request.home, motions[0].start, bounds, model, rate)
     # The moves from and to home are verified by themselves, as they do not depend on the search.

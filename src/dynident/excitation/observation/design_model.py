@@ -183,6 +183,7 @@ class DesignModel:
         """Values (b,) of all base parameters by the description's inertias; zero where these say nothing."""
         if self.robot.inertias is None:
             return np.zeros(self.base.count)
+        # A description has values for the links alone; all other parameters count as zero.
         standard = np.zeros(len(self.columns))
         for k, column in enumerate(self.columns):
             if get_role(column) == "link":

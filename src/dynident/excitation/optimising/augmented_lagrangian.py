@@ -144,6 +144,7 @@ def search_stepwise(
             Candidate(before.best, judge.evaluate(before.best)), before.completed, budget.is_spent
         )
     yield best_so_far
+    # Where time alone is limited, every candidate may become a start.
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     problems = [problem]
     for first in range(0 if before is None else before.first, start_count, _HEAT):

@@ -68,6 +68,7 @@ class SearchCheckpoint:
         }
         arrays = {"candidates": self.candidates, "best": self.best}
         for k, start in enumerate(self.starts):
+            # An .npz file is flat, so that the names of arrays carry the number of their start.
             arrays |= {f"start{k}.{name}": value for name, value in start.arrays.items()}
         with io.BytesIO() as file:
             np.savez(file, said=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)  # type: ignore[arg-type]

@@ -171,6 +171,7 @@ class DesignProblem:
         chosen = self._mask_uncounted(w[:, :, :b])
         criterion, of_rows = self._criterion(scale * self._row_model.build_rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
+        # Everything as a share of its limit: one penalty then weighs all kinds of limits alike.
         shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)

@@ -120,6 +120,7 @@ def draw_candidates(
     postures = draw_holdable_postures(bounds, model, rng)
     # Coarsely: of many random motions only the best are looked at closely later.
     shrinking = AmplitudeScaler(family, bounds, model, fine=False)
+    # Position to jerk, without the offset, which no scale changes.
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
     candidates: list[Candidate] = []
     for index in range(count):

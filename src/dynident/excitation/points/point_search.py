@@ -246,6 +246,7 @@ def draw_sequences(
 def _draw_within_limits(space: PointSpace, legs: MovePlanner, rng: np.random.Generator) -> PointSequence:
     """Return a random sequence, point after point drawn again until the moves keep the limits, or many times."""
     sequence = space.draw(rng)
+    # A sequence that still breaks a limit after so many draws is given up by the caller.
     for _ in range(_REDRAWN * len(sequence.points)):
         k = legs.find_first_broken(sequence)
         if k is None:

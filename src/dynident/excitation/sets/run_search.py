@@ -189,6 +189,7 @@ class RunSearch:
             raise ImpossibleLimitsError(
                 "no motion with locked joints was found that keeps the limits", pointer="/limits"
             )
+        # The bounds are those of the posture in which this candidate has the other joints locked.
         best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
         problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds)
         shrinking = AmplitudeScaler(family, bounds, model)

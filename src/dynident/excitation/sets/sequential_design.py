@@ -108,6 +108,7 @@ def _search_again(
     best_runs = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return best_runs
+    # An exchange of one run is judged by the criterion of all runs together.
     value = _evaluate_runs(task, best_runs).criterion
     # Without full rank no exchange of one run has a finite value, so that none could be compared.
     if not np.isfinite(value):

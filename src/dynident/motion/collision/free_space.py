@@ -395,6 +395,7 @@ def _build_clearance_pairs(
         for ball in cover_with_balls(part)
     ]
     followed = _select_followed(robot, capsules, surroundings.clearance, postures)
+    # In the order of the distances: pairs of links, ends at planes, planes of the tool, boxes.
     clearances = [
         *(surroundings.clearance for _ in followed),
         *(kept_from[ball.joint, half.name] for ball, half in half_spaces),

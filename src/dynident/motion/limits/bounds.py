@@ -215,6 +215,7 @@ def build_bounds(
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
+    # Names first: the limits of a misspelt joint would otherwise be ignored.
     for name, stated in overrides.items():
         if name not in robot.tree.joint_names:
             raise DynidentError(

@@ -74,6 +74,7 @@ class BSplineFamily:
     def _splines(self) -> tuple[BSpline, ...]:
         """Shapes (m - 1) over u = t / period from 0 to 1, and their four derivatives."""
         ends = (np.zeros(DEGREE), np.linspace(0.0, 1.0, self.intervals + 1), np.ones(DEGREE))
+        # Clamped: with end knots of full multiplicity the curve begins and ends at its outermost control points.
         knots = np.concatenate(ends)
         # Without the three control points at either end, all shapes and two derivatives of theirs are zero at the
         # border.
