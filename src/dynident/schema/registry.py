@@ -16,7 +16,7 @@ from dynident.errors import DynidentError
 from dynident.schema.fields import Choice, check_ranges, get_default
 
 EntryT = TypeVar("EntryT", bound="RegistryEntry")
-# Kinds that packages of others add stand behind all built-in ones, which have places of their own.
+# Kinds without a place of their own come last.
 _LAST = 100
 
 

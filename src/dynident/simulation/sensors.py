@@ -280,7 +280,7 @@ def draw_sampling_steps(
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular
-    # The internal steps are the finest clock there is, so jitter is drawn in seconds and rounded to whole steps.
+    # The internal steps are the finest clock there is, so the jitter is drawn in steps and rounded to whole ones.
     spread = sensors.jitter * sensors.sampling_rate * steps_per_sample
     # Two neighbouring samples are shifted by less than half a period each, so that their order stays.
     largest = max(0, (steps_per_sample - 1) // 2)

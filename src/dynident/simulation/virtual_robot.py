@@ -132,10 +132,10 @@ class VirtualRobot:
         n = self.robot.n
         truth = Truth(*(np.ascontiguousarray(samples[:, k * n : (k + 1) * n]) for k in range(4)))
         t = reference.t[0] + steps * (period / steps_per_sample)
-        # The order of the draws, jitter before noise, is part of what a seed means: another order would give other
-        # recordings.
         noise = compute_noise_deviation(sensors, self.robot, truth.tau)
         sensor_torque = self.sensing.compute_torque(t, truth, path.evaluate_temperature(t), run)
+        # The order of the draws, jitter before noise, is part of what a seed means: another order would give other
+        # recordings.
         tau = sensor_torque + noise * rng.standard_normal(sensor_torque.shape)
         return SimulatedRecording(
             robot=self.robot,

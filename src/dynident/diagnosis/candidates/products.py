@@ -336,7 +336,7 @@ def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, In
     columns : (c,)
         Columns to look for.
     """
-    # An empty list of columns would be an index of floats.
+    # An empty list of columns makes an array of floats, which is no index.
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)
     return have, places[have]
