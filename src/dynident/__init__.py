@@ -113,6 +113,7 @@ if not TYPE_CHECKING:
         if home is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         try:
+            # Stored in the module's namespace, so that Python calls this function once a name.
             value = globals()[name] = getattr(import_module(home), name)
         except ModuleNotFoundError as missing:
             # A module of this library that is missing is an error of the library, not of the installation.

@@ -22,11 +22,12 @@ def single_threaded(function: Callable[_Arguments, _Result]) -> Callable[_Argume
     Parameters
     ----------
     function : callable
+        A function whose matrices are small.
 
     Returns
     -------
     callable
-        Of the same signature.
+        The function with the same signature.
     """
 
     @wraps(function)

@@ -14,11 +14,14 @@ def replace_control_characters(text: str) -> str:
     Parameters
     ----------
     text : str
+        Any text.
 
     Returns
     -------
     str
+        A text of the same length.
     """
+    # Replaced, not removed: positions in the text stay what they are.
     return NOT_XML.sub("\ufffd", text)
 
 
@@ -30,10 +33,12 @@ def encode_text(text: str) -> bytes:
     Parameters
     ----------
     text : str
+        Any text, lone surrogates included.
 
     Returns
     -------
     bytes
+        UTF-8.
     """
     return text.encode("utf-8", "backslashreplace")
 
@@ -44,9 +49,11 @@ def escape_surrogates(text: str) -> str:
     Parameters
     ----------
     text : str
+        Any text, lone surrogates included.
 
     Returns
     -------
     str
+        A text that every UTF-8 writer takes.
     """
     return encode_text(text).decode("utf-8")

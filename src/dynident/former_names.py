@@ -296,6 +296,7 @@ class FormerModuleFinder(MetaPathFinder, Loader):
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Return a spec if the module is a former one."""
+        # Of the former modules only `desk` was a package; all others lie in packages that still exist.
         return ModuleSpec(fullname, self, is_package=fullname == "dynident.desk") if fullname in MODULES else None
 
     def exec_module(self, module: ModuleType) -> None:
@@ -308,6 +309,8 @@ class FormerModuleFinder(MetaPathFinder, Loader):
         )
 
         def get(name: str) -> object:
+            # Python itself asks modules for names such as __path__; a present module's answer would be about that
+            # module.
             if name.startswith("__"):
                 raise AttributeError(name)
             return getattr(import_module(present), NAMES.get(present, {}).get(name, name))

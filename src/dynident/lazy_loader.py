@@ -59,6 +59,7 @@ def find_export_modules(package: str) -> Mapping[str, str]:
     assert isinstance(spec.loader, InspectLoader)
     # By the loader, not from a file: the package may lie in a ZIP archive.
     source = spec.loader.get_source(package) or ""
+    # The imports for type checkers are the only list of exports, so that it cannot differ from what type checkers see.
     branches = [node.body for node in ast.parse(source).body if isinstance(node, ast.If)]
     imports = [node for body in branches for node in body if isinstance(node, ast.ImportFrom)]
     return {name.name: node.module for node in imports if node.module for name in node.names}

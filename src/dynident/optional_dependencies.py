@@ -53,7 +53,9 @@ def format_install_hint(package: str) -> str:
     Returns
     -------
     str
+        A part of a sentence that names the extra to install.
     """
+    # Python names the innermost module that it could not find; the package around it is what has to be installed.
     name = package.partition(".")[0]
     extra = EXTRA_OF_PACKAGE.get(name, "science" if name in SCIENCE_PACKAGES else "service")
     return f"install it with: pip install 'dynident[{extra}]'"

@@ -19,8 +19,10 @@ class Checkpoints(Protocol):
     def save(self, make: Callable[[], bytes]) -> None:
         """Store a checkpoint.
 
-        Parameters ---------- make : function
-            Makes the checkpoint's bytes. Computations call `keep` often; the storage calls `make` only from time to
+        Parameters
+        ----------
+        make : function
+            Makes the checkpoint's bytes. Computations call `save` often; the storage calls `make` only from time to
             time.
         """
 
@@ -72,15 +74,18 @@ def make_monotonic(progress: Progress) -> Progress:
     Parameters
     ----------
     progress : Progress
+        Called with the largest fraction so far.
 
     Returns
     -------
     Progress
+        Takes any fractions.
     """
     reached = 0.0
 
     def inner(fraction: float, message: str) -> None:
         nonlocal reached
+        # A repeated step begins at zero again; the report stays where it was.
         reached = max(reached, fraction)
         progress(reached, message)
 

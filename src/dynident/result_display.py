@@ -14,6 +14,7 @@ def format_text_table(
     Parameters
     ----------
     title : str
+        The line above the table.
     columns : sequence of str
         The heads.
     rows : sequence of sequences of str
@@ -26,6 +27,7 @@ def format_text_table(
     Returns
     -------
     str
+        Lines without blanks at their ends.
     """
     all_rows = [columns, *rows]
     widths = [max(len(row[k]) for row in all_rows) for k in range(len(columns))]
@@ -34,6 +36,7 @@ def format_text_table(
         + "  ".join(_pad(text, width, k >= right_from) for k, (text, width) in enumerate(zip(row, widths, strict=True)))
         for row in all_rows
     ]
+    # A table of many rows shows the first ones only and says how many it leaves out.
     rest = [f"  … and {count - len(rows)} more"] if count > len(rows) else []
     return "\n".join([title, *(line.rstrip() for line in lines), *rest])
 
@@ -61,6 +64,7 @@ def render_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right
     Returns
     -------
     str
+        An HTML table.
     """
 
     def cells(tag: str, texts: Sequence[str]) -> str:
@@ -75,7 +79,20 @@ def render_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, right
 
 
 def render_paragraph(text: str, *, strong: bool = False) -> str:
-    """Return a paragraph of plain text, which is escaped; bold where `strong` is true."""
+    """Return a paragraph of plain text.
+
+    Parameters
+    ----------
+    text : str
+        Plain text, which is escaped.
+    strong : bool
+        Whether it is bold.
+
+    Returns
+    -------
+    str
+        An HTML element.
+    """
     inner = f"<strong>{escape(text)}</strong>" if strong else escape(text)
     return f'<p style="margin:4px 0">{inner}</p>'
 
@@ -99,6 +116,7 @@ def render_details(title: str, content: str) -> str:
     Returns
     -------
     str
+        An HTML element that needs no script.
     """
     return f"<details><summary>{escape(title)}</summary>{content}</details>"
 

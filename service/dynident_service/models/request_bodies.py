@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from inspect import cleandoc
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -77,9 +78,14 @@ def derive_query(science: type) -> object:
 def find_body(science: type) -> type[BaseModel]:
     """Return the body of a request of the library, or of a part of one."""
     if science not in BODIES:
-        plain: type[BaseModel] = create_model(science.__name__, __base__=RequestModel, __doc__=science.__doc__)
+        plain: type[BaseModel] = create_model(science.__name__, __base__=RequestModel, __doc__=_get_prose(science))
         derive_body(science)(plain)
     return BODIES[science]
+
+
+def _get_prose(science: type) -> str:
+    """Return the docstring of a request without the section on its fields, which the contract describes one by one."""
+    return cleandoc(science.__doc__ or "").partition("\n\nParameters\n")[0]
 
 
 def _derive_field(science: type, request_field: Field[Any], or_null: bool = False) -> tuple[Any, Any]:
@@ -141,7 +147,7 @@ def _build_kind_model(kind: type[RegistryEntry]) -> type[BaseModel]:
     name_field: dict[str, Any] = {"name": (Literal[kind.name], ...)}
     derived = {option_field.name: _derive_field(kind, option_field) for option_field in fields(kind)}
     model: type[BaseModel] = create_model(  # type: ignore[call-overload]
-        kind.__name__, __base__=RequestModel, __doc__=kind.__doc__, **name_field, **derived
+        kind.__name__, __base__=RequestModel, __doc__=_get_prose(kind), **name_field, **derived
     )
     BODIES[kind], REQUESTS[model] = model, kind
     return model

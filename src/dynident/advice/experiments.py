@@ -28,6 +28,7 @@ def choose_experiment(suspect: str, rival: str | None) -> Experiment:
     Experiment
     """
     effect = get_effect(suspect)
+    # The same effect at two places: the kind of experiment that finds the place, not the effect, is needed.
     if suspect == rival:
         return EXPERIMENTS[effect.place_experiment]
     kind = None if rival is None else _find_distinguishing_kind(effect, get_effect(rival))
@@ -64,10 +65,24 @@ _RIPPLE_FREQUENCY, _SWEEP = 2.0, (20.0, 120.0)
 
 @dataclass(frozen=True)
 class Question:
-    """What an experiment has to decide.
+    """The question that an experiment has to decide.
 
-    `effects` are the model's, with all that was found beside `suspect`; `rival` is what else the suspect may be, None
-    where it could not be seen. `joints` are those that the suspect sits on; `noise` by joint, of a sample at `rate` Hz.
+    Parameters
+    ----------
+    effects : tuple of EffectChoice
+        Effects of the model, and all that was found beside the suspect.
+    suspect : EffectChoice
+        The effect that was found, or could not be seen.
+    rival : EffectChoice or None
+        What else the suspect may be; None where it could not be seen.
+    joints : tuple of str
+        Names of the joints that the experiment has to move.
+    bounds : Bounds
+        Limits of the motion.
+    noise : mapping of str to float
+        Standard deviation of the torque noise of a sample by joint, N m or N.
+    rate : float
+        Samples a second, Hz.
     """
 
     effects: tuple[EffectChoice, ...]
@@ -89,7 +104,20 @@ class Question:
         return self.rival is not None and self.rival.effect == self.suspect.effect
 
     def get_shape_constant(self, name: str, otherwise: float) -> float:
-        """Return a shape constant of the suspect or its rival, `otherwise` where neither has it."""
+        """Return a shape constant of the suspect or its rival, `otherwise` where neither has it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the shape constant.
+        otherwise : float
+            The value where neither effect has it.
+
+        Returns
+        -------
+        float
+            Value of the constant, in its unit.
+        """
         for choice in self.rivals:
             if name in choice.shape_values:
                 return choice.shape_values[name]
@@ -130,7 +158,19 @@ class Question:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A kind of experiment: in words (the subject of a sentence), as a design, and what people have to do."""
+    """A kind of experiment: in words, as a design, and what people have to do.
+
+    Parameters
+    ----------
+    words : str
+        The experiment as the subject of a sentence.
+    design : callable
+        Function that makes the design request for a question.
+    instructions : tuple of str
+        What people have to do besides running the motion.
+    predictable : bool
+        Whether the motion alone decides, so that its result can be predicted.
+    """
 
     words: str
     design: Callable[[Question], DesignRequest]
@@ -148,6 +188,7 @@ def _request_constant_speeds(question: Question) -> DesignRequest:
     if peak:
         limit = float(question.bounds.velocity[question.joint_indices].min())
         slow = tuple(factor * peak / limit for factor in _PEAK_SPEEDS)
+    # Rounded, and each speed once: two shares that the clipping makes equal would be measured twice.
     speeds = sorted({round(float(np.clip(share, _SLOWEST, 1.0)), 5) for share in (*slow, *_FAST_SPEEDS)})
     single = len(question.joints) == 1
     return question.build_request(
@@ -164,7 +205,7 @@ def _request_constant_speeds(question: Question) -> DesignRequest:
 
 def _request_slow_sweep(question: Question) -> DesignRequest:
     """Request a sweep so slow that the waves of a ripple stay within the filter's band."""
-    # A ripple of k waves a radian that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
+    # A ripple of k waves a turn that is crossed at a speed v has the frequency k v / 2π; the duration keeps that at
     # _RIPPLE_FREQUENCY on the joint with the longest way.
     widths = 2 * question.bounds.half_range[question.joint_indices]
     duration = float(widths.max()) * abs(question.get_shape_constant("k", 6.0)) / (2 * np.pi * _RIPPLE_FREQUENCY)

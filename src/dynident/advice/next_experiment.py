@@ -78,8 +78,7 @@ def next_experiment(
     Doubts about findings come first and are settled as well as a motion can. An effect that could not be seen is asked
     about only where its usual size would have been missed and the motion would show it. No motion is proposed that
     decides nothing. The promised separation is that of the data at hand together with the motion of a design that
-    counts
-    these data as `earlier` runs.
+    counts these data as `earlier` runs.
 
     Parameters
     ----------
@@ -110,6 +109,7 @@ def next_experiment(
         )
         if answer is not None and answer.decides:
             return answer.advice
+        # Doubts come in order of importance, so that the first answer is kept if none decides.
         second_best = second_best or answer
     return None if second_best is None else second_best.advice
 
@@ -199,6 +199,7 @@ def _propose_experiment(
         # Effects that no motion has columns for.
         return None
     pairing, question = case.pairing, case.question
+    # What is a combination of other columns for every motion cannot be told from them by any motion.
     if _is_absorbed(pairing.model, doubt.suspect):
         return None
     present = pairing.compute_separation()
@@ -230,6 +231,8 @@ def _propose_experiment(
             return None
         if reached is None or not reached.standard_deviation < _BETTER * present.standard_deviation:
             return None
+    # An answer that cannot be predicted counts as deciding: what it rests on, such as a temperature, is what tells the
+    # two apart.
     decides = present is None or reached is None or _is_decisive(present, reached)
     if not doubt.rivals:
         if present is None or not decides:
@@ -278,13 +281,16 @@ def _list_experiments(question: Question) -> list[Experiment]:
     if question.is_about_place:
         # What shows the effect shows it wherever it is.
         return offered
+    # Where no kind is made for the pair, an experiment that shows one of the two well may still decide.
     offered += [EXPERIMENTS[get_effect(name).experiment] for name in names]
+    # Each kind once, in the order of preference; a set would lose the order.
     return list(dict.fromkeys(offered))
 
 
 def _build_case(identification: Identification, data: _AvailableData, doubt: Doubt, bounds: Bounds) -> _Case:
     model = identification.model
     pairing = _find_hardest_pairing(identification, data, doubt)
+    # Rows of the fit are decimated; the experiment is sampled as the recordings are.
     rate = _compute_row_rate(data.comparisons)
     raw_rate = rate * identification.preprocessing.decimation
     names, weights = model.robot.joint_names, pairing.row_weights
@@ -330,6 +336,7 @@ def _build_pairing(
 ) -> _Pairing:
     model = identification.model
     of_place = rival is not None and rival.effect == doubt.suspect.effect
+    # The order matters: of columns that depend on each other, the base parameters keep the earlier ones.
     pair = (doubt.suspect,) if rival is None else (rival, doubt.suspect) if of_place else (doubt.suspect, rival)
     extended_model = build_design_model(
         model.robot,
@@ -341,6 +348,7 @@ def _build_pairing(
     rows = evaluate_data_rows(extended_model, data.comparisons, data.recordings)
     weights = compute_row_weights(rows)
     known = rows.compute_normal_equations(weights)
+    # Without a parameter that decides until one is found below.
     undecided = _Pairing(rival, extended_model, rows, weights, known, None, None)
     own = find_effect_parameters(extended_model, doubt.suspect)
     others = () if rival is None else find_effect_parameters(extended_model, rival)
@@ -389,6 +397,7 @@ def _get_typical_sizes(model: DesignModel, suspect: EffectChoice, parameters: Se
 
 def _compute_row_rate(comparisons: Sequence[Comparison]) -> float:
     """Return the rows a second of filtered, decimated data."""
+    # The median: gaps between segments are a few long steps among many short ones.
     steps = np.concatenate([np.diff(comparison.t) for comparison in comparisons])
     return 1.0 / float(np.median(steps))
 

@@ -12,9 +12,18 @@ from dynident.excitation import DesignRequest
 class Separation:
     """How well an effect can be told from all else that may explain the same residual.
 
-    `share` is what is left of its column beside the model and its rival; `standard_deviation`, in `unit`, that of the
-    parameter which comes out best, infinite where nothing determines it; `t_value` the amplitude found so far over it,
-    `None` where none is known.
+    Parameters
+    ----------
+    parameter : str
+        Name of the parameter of the effect that comes out best.
+    unit : str
+        Unit of the parameter and of its standard deviation.
+    share : float
+        Share of the parameter's column that is left beside the model and the rival, 0 to 1.
+    standard_deviation : float
+        Standard deviation of the parameter; infinite where nothing determines it.
+    t_value : float or None
+        Amplitude found so far over the standard deviation; None where none is known.
     """
 
     parameter: str
@@ -26,10 +35,21 @@ class Separation:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A motion that would tell more: why, the design, and what people have to do beside running it.
+    """A motion that would tell more: why, the design, and what people have to do besides running it.
 
-    `present_separation` is that of the data at hand, `expected_separation` that of these data and the motion together;
-    `None` where it rests on more than the motion (a temperature, a touch).
+    Parameters
+    ----------
+    reason : str
+        Why this experiment, and what it should give, in words for the user.
+    design : DesignRequest
+        The request for the motion.
+    present_separation : Separation, optional
+        How well the data at hand tell the effects apart; None where the answer rests on more than the motion, such as a
+        temperature or a touch.
+    expected_separation : Separation, optional
+        How well these data and the motion together will tell them apart; None as above.
+    instructions : tuple of str
+        What people have to do besides running the motion.
     """
 
     reason: str
@@ -46,6 +66,34 @@ class NextExperiment:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AdvisedDiagnosis(Diagnosis):
-    """A diagnosis, and the experiment that would decide what it leaves open, None where a motion decides nothing."""
+    """A diagnosis, and the experiment that would decide what it leaves open.
+
+    Parameters
+    ----------
+    verdict : {"adequate", "missing_effect", "unexplained"}
+        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains.
+    summary : str
+        The result in a few sentences.
+    noise_floor : (n,)
+        What no model of a joint can explain, N m or N, from the torque above the filter's band.
+    residual_rms : (n,)
+        Root mean square of the residual of each joint, N m or N.
+    candidates : tuple of RankedEffect
+        Effects that were tried, the one that explains most first.
+    recommended : tuple of EffectChoice
+        Effects to be added to the model.
+    unknown : tuple of UnknownPattern
+        Dependences in the residual that no effect explains.
+    not_visible : tuple of Invisible
+        Effects that this data could not have shown.
+    failure_map : tuple of FailureSpot
+        Where the residual of each joint is largest.
+    changes : tuple of Change, optional
+        What differs from the baseline, empty where nothing does; None where there was no baseline.
+    friction : tuple of FrictionDifference
+        How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
+    next_experiment : NextExperiment, optional
+        The proposed experiment; None where a motion decides nothing.
+    """
 
     next_experiment: NextExperiment | None = None

@@ -34,7 +34,15 @@ _ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """WᵀW (b, b) and Wᵀρ (b,) in units of the noise: what rows of data tell about the parameters."""
+    """Normal equations in units of the noise: what rows of data tell about the parameters.
+
+    Parameters
+    ----------
+    matrix : (b, b)
+        WᵀW with rows in units of the noise.
+    right : (b,)
+        Wᵀρ with the residual ρ in units of the noise.
+    """
 
     matrix: FloatArray
     right: FloatArray
@@ -45,12 +53,22 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class DataRows:
-    """Data at hand beside a model with more effects: w (m, n, b), residual (m, n) of the model without them.
+    """Data at hand beside a model with more effects, thinned.
 
-    Both are zero where a joint stands; `counts` (n,) are the rows of every joint where it moves.
-
-    `n_rows` rows of data are like these; `stretch` consecutive ones of them belong together; `borders` are where
-    recordings begin and end.
+    Parameters
+    ----------
+    w : (m, n, b)
+        Columns of the parameters by sample and joint; zero where a joint stands.
+    residual : (m, n)
+        Residual of the model without the effects in question, N m or N; zero where a joint stands.
+    counts : (n,)
+        Number of rows in which each joint moves.
+    n_rows : int
+        Number of rows of data that these stand for.
+    stretch : int
+        Number of consecutive rows that belong together, because their residuals are correlated.
+    borders : tuple of int
+        Indices of the rows at which recordings begin and end.
     """
 
     w: FloatArray
@@ -66,13 +84,31 @@ class DataRows:
         return self.n_rows / max(len(self.w), 1)
 
     def compute_normal_equations(self, row_weights: FloatArray) -> NormalEquations:
-        """Return the normal equations of these rows; row_weights (n,) are one over the noise of a row of data."""
+        """Return the normal equations of these rows.
+
+        Parameters
+        ----------
+        row_weights : (n,)
+            One over the noise of a row of data, by joint.
+
+        Returns
+        -------
+        NormalEquations
+            The equations of all joints together.
+        """
+        # A thinned row stands for several, so its weight grows with the root of their number.
         weights = row_weights * np.sqrt(self.share)
         weighted = (self.w * weights[:, None]).reshape(-1, self.w.shape[2])
         return NormalEquations(weighted.T @ weighted, weighted.T @ (self.residual * weights).reshape(-1))
 
     def to_earlier_rows(self, n_rows: float) -> FloatArray:
-        """Return rows (b n, b), joint after joint, that stand for these beside W / √N of `n_rows` of an experiment."""
+        """Return rows (b n, b), joint after joint, that stand for these beside W / √N of `n_rows` of an experiment.
+
+        Parameters
+        ----------
+        n_rows : float
+            Number N of rows of the experiment.
+        """
         # The triangular factor of a joint's rows has the same normal equations as the rows themselves, in b rows
         # instead of m.
         factors = [np.linalg.qr(self.w[:, j], mode="r") for j in range(self.w.shape[1])]
@@ -98,9 +134,11 @@ def evaluate_data_rows(
 
     Returns
     -------
-    Rows
+    DataRows
+        The columns, and the residual that they have to explain.
     """
     total = sum(len(comparison.t) for comparison in comparisons)
+    # Division rounded up, so that no more rows are left than allowed.
     every = max(1, -(-total // _MOST_DATA_ROWS))
     w, residual, borders, seconds, step = [], [], [0], 0.0, 1.0
     n, b = model.robot.n, model.n_parameters
@@ -110,6 +148,7 @@ def evaluate_data_rows(
             continue
         step = float(np.median(np.diff(comparison.t)))
         seconds += step * len(comparison.t)
+        # The columns of elastic gears need the derivative of the acceleration, which recordings do not have.
         jerk = np.gradient(comparison.ddq, step, axis=0)
         motion = Motion(
             step * np.arange(len(comparison.t), dtype=np.float64), comparison.q, comparison.dq, comparison.ddq, jerk
@@ -122,6 +161,7 @@ def evaluate_data_rows(
         residual.append(comparison.residual[samples] * moves)
         counts += moves.sum(axis=0)
         borders.append(borders[-1] + len(samples))
+    # A block has to be longer than residuals are correlated, and there have to be enough blocks to estimate a variance.
     stretch = max(1, round(float(np.clip(seconds / _STRETCHES, _SHORTEST, _LONGEST)) / (step * every)))
     return DataRows(np.concatenate(w), np.concatenate(residual), counts, total, stretch, tuple(borders))
 
@@ -137,12 +177,24 @@ def _evaluate_run_signals(model: DesignModel, segments: FloatArray, recording: R
 
 
 def compute_row_weights(rows: DataRows) -> FloatArray:
-    """Return (n,): one over the noise that every row would have if rows were independent of each other.
+    """Return one over the noise that every row would have if rows were independent of each other.
 
     The noise is what is left once all effects of the model are fitted, those in doubt included: an effect that is
     missing must not count as noise of the experiment that is to show it.
+
+    Parameters
+    ----------
+    rows : DataRows
+        Data at hand beside the model with all effects in question.
+
+    Returns
+    -------
+    (n,)
+        Weight of a row of each joint.
     """
     n, b = rows.w.shape[1:]
+    # Each joint pays for its part of the parameters; the bound of one keeps a joint that hardly moved from a negative
+    # number.
     freedom = np.maximum(rows.counts - b / n, 1.0)
     noise = floor_noise(np.sqrt((rows.residual**2).sum(axis=0) / freedom))
     rest = rows.residual
@@ -168,6 +220,7 @@ def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> floa
         return 1.0
     windows = np.array(starts)[:, None] + np.arange(rows.stretch)
     w = rows.w[:, joint]
+    # Columns that are zero for this joint would make its normal equations singular.
     used = np.flatnonzero((w != 0).any(axis=0))
     return compute_overstatement(
         w[windows][:, :, used], rest[windows, joint], float(np.count_nonzero(rest[windows, joint]))
@@ -177,7 +230,22 @@ def _compute_overstatement(rows: DataRows, rest: FloatArray, joint: int) -> floa
 def normal_equations_from_rehearsal(
     model: DesignModel, rehearsal: Rehearsal, row_weights: FloatArray
 ) -> NormalEquations:
-    """Return the normal equations that an experiment would give, whose rows have the noise 1 / row_weights (n,)."""
+    """Return the normal equations that an experiment would give.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model with the effects in question.
+    rehearsal : Rehearsal
+        The motion, and the number of samples that it would be recorded with.
+    row_weights : (n,)
+        One over the noise of a row, by joint.
+
+    Returns
+    -------
+    NormalEquations
+        The equations, with zero on the right.
+    """
     motion = rehearsal.motion
     samples = _spread_samples(len(motion.t))
     w = model.observe_along(motion, samples)
@@ -185,6 +253,7 @@ def normal_equations_from_rehearsal(
     moves = np.abs(motion.dq[samples]) > STANDSTILL_VELOCITY
     weights = (row_weights * moves).reshape(-1) * np.sqrt(rehearsal.n_samples / len(samples))
     weighted = w * weights[:, None]
+    # A motion that was not run has no residual: it sharpens the estimate and does not move it.
     return NormalEquations(weighted.T @ weighted, np.zeros(w.shape[1]))
 
 
@@ -208,6 +277,7 @@ def fit_amplitudes(equations: NormalEquations, suspect: Sequence[int], rivals: S
     (len(suspect),)
         The values of the suspect's parameters.
     """
+    # The rivals are left out: the suspect then takes all of what the two could explain.
     columns = [k for k in range(len(equations.right)) if k not in set(rivals) - set(suspect)]
     solved = _solve_scaled(equations.matrix[np.ix_(columns, columns)], equations.right[columns])
     return np.asarray(solved[[columns.index(k) for k in suspect]])
@@ -226,16 +296,18 @@ def compute_separation(model: DesignModel, known: NormalEquations, parameter: in
     Parameters
     ----------
     model : DesignModel
+        Model with the effects in question.
     known : NormalEquations
-        All data that count.
+        Normal equations of all data that count.
     parameter : int
-        Its number in the model.
+        Number of the parameter in the model.
     size : float or None
-        Its amplitude, None where nobody knows it.
+        Amplitude of the parameter in its unit; None where nobody knows it.
 
     Returns
     -------
     Separation
+        Standard deviation of the parameter, and what its column has to itself.
     """
     inverse = compute_diagonal_from_information(known.matrix)
     deviation = float(np.sqrt(inverse.variances[parameter]))

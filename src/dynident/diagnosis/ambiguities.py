@@ -12,6 +12,7 @@ from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.robot.model import Robot
 
+# More rivals would make a question that no single experiment decides.
 _MOST_RIVALS = 3
 _CLOSE, _NEAR, _NEAR_T = 0.95, 0.8, 2.0
 """A rival is one that gains so much of what the pick gains (`_CLOSE`), or less (`_NEAR`) where stretches disagree which
@@ -24,9 +25,16 @@ constants of a grid, and a power law of the speed that no grid value met took St
 
 @dataclass(frozen=True)
 class Doubt:
-    """An effect that was found, or could not be seen, and its rivals: what else it may be, hardest first.
+    """An effect that was found, or could not be seen, and what else it may be.
 
-    `beside` are the other effects of the model that the data ask for.
+    Parameters
+    ----------
+    suspect : EffectChoice
+        The effect that was found, or could not be seen.
+    rivals : tuple of EffectChoice
+        What else it may be, hardest to tell first; none where the effect could not be seen.
+    beside : tuple of EffectChoice
+        The other effects that the data ask for.
     """
 
     suspect: EffectChoice
@@ -50,18 +58,21 @@ def list_doubts(
 
     Parameters
     ----------
-    picks, recommended : of equal length
+    picks, recommended : sequences of equal length
         The findings, and how they are recommended.
     invisible : sequence of Invisible
+        Effects that the data could not have shown.
     robot : Robot
-    judged : sequence of JudgedCandidate
+        The robot, which gives joints and shape constants of unseen effects.
+    judged : sequence of ScoredCandidate
         All candidates tried beside the diagnosed model: rivals that come near a finding are among them.
-    asked : sequence of effect ids
-        Those that somebody named; the others were only tried because they are in the catalogue.
+    asked : sequence of str
+        Ids of effects that somebody named; the others were only tried because they are in the catalogue.
 
     Returns
     -------
     tuple of Doubt
+        Doubts about findings first, then effects that could not be seen.
     """
     doubts = []
     for finding, choice in zip(picks, recommended, strict=True):
@@ -70,6 +81,7 @@ def list_doubts(
         rivals = _list_rivals(choice, finding.equal)
         doubt = Doubt(choice, rivals, others) if rivals else _find_near_doubt(choice, others, judged)
         doubts += [doubt] if doubt else []
+    # One doubt an effect, with all joints on which it could not be seen.
     hidden: dict[str, list[str]] = {}
     for invisible_effect in invisible:
         hidden.setdefault(invisible_effect.effect, []).extend(invisible_effect.joints)
@@ -129,8 +141,11 @@ def _find_near_doubt(
         for scored in judged
         if _is_nearly_as_good(scored, _find_counterpart(scored, choice, own), _are_confused(scored, choice))
     ]
+    # The strongest rival decides which joints are at issue; weaker ones at the same place join it.
     for first in sorted(near, key=lambda scored: -scored.total_gain):
         place = _get_place(first.candidate.joints, choice)
+        # A rival may be about some of the joints only: the finding is doubted on these, and stays undoubted on the
+        # others.
         at_issue = tuple(name for name in choice.joints if name in place)
         same_place = [scored for scored in near if _get_place(scored.candidate.joints, choice) == place]
         rivals = _list_rivals(choice, sorted(same_place, key=lambda scored: -scored.total_gain))
@@ -146,6 +161,7 @@ def _find_best_by_place(
 ) -> dict[frozenset[str], ScoredCandidate]:
     """Return the best candidate of the finding's effect on each subset of its joints."""
     best: dict[frozenset[str], ScoredCandidate] = {}
+    # Best first, so that the first candidate of each set of joints is the best one.
     for scored in sorted(judged, key=lambda scored: -scored.total_gain):
         joints = frozenset(scored.candidate.joints)
         within = joints <= set(choice.joints) and bool(joints) == bool(choice.joints)
@@ -180,12 +196,14 @@ def _is_nearly_as_good(scored: ScoredCandidate, best: ScoredCandidate | None, co
         return False
     if scored.total_gain >= (_NEAR_IN_NAME if confused else _CLOSE) * best.total_gain:
         return True
+    # A gain that is only somewhat smaller is a rival where the blocks disagree about which of the two is better.
     return scored.total_gain >= _NEAR * best.total_gain and compute_t(best.gains - scored.gains) < _NEAR_T
 
 
 def _build_unseen_choice(effect: str, joints: Sequence[str], robot: Robot) -> EffectChoice:
     """Return an effect that could not be seen, with shape constants from the middle of its grid."""
     names = tuple(dict.fromkeys(joints))
+    # A joint that follows others has no limits of its own: its mover gives the scale of the grid.
     first = robot.get_movers(names[0])[0] if names else 0
     grid = CATALOGUE[effect].grid(robot, first)
     shape = grid[len(grid) // 2] if grid else {}

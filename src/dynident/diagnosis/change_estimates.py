@@ -24,7 +24,19 @@ _MASS, _MOMENTS = "Mp", ("MXp", "MYp", "MZp")
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimated columns of a model: values (c,) and their statistics."""
+    """Estimated parameters of a model, with their uncertainty.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    columns : tuple of Column
+        Columns of the model.
+    values : (c,)
+        Estimated parameters of the columns.
+    statistics : Statistics
+        Covariance and degrees of freedom of the estimates.
+    """
 
     robot: Robot
     columns: tuple[Column, ...]
@@ -49,8 +61,9 @@ def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> 
     Parameters
     ----------
     estimates : Estimates
-        Of a model with the columns of the change.
+        Estimates of a model with the columns of the change.
     pick : Finding
+        The finding, with the names that the data cannot tell from it.
     ranked : RankedEffect
         The same finding in the ranking.
     """
@@ -61,6 +74,7 @@ def yield_changes(estimates: Estimates, pick: Finding, ranked: RankedEffect) -> 
         others = [scored.candidate.choice for scored in pick.equal]
         names = [name for other in others for name in _list_equivalents(other, ranked.choice, joint)]
         choice = replace(ranked.choice, joints=(joint,) if joint else ())
+        # What changes together is reported together: friction grows in all its parts.
         for effect in get_effect(choice.effect).changes_with:
             values += _list_changed_values(estimates, replace(choice, effect=effect, shape=()), joint)
         yield Change(
@@ -174,6 +188,7 @@ def _find_value_before(estimates: Estimates, column: Column) -> float | None:
         for other, value in zip(estimates.columns, estimates.values, strict=True)
         if (other.effect, other.parameter, other.link) == place
     ]
+    # A column for all runs is what the parameter was; without one the model has no value from before.
     if all(runs for runs, _ in own):
         return None
     return sum(value for runs, value in own if not runs or len(runs) > len(column.runs))
@@ -192,6 +207,8 @@ def _compute_moment(estimates: Estimates, moments: Sequence[int]) -> ChangedValu
     size = float(np.linalg.norm(components))
     direction = components / max(size, np.finfo(float).tiny)
     covariance = estimates.statistics.covariance[np.ix_(index, index)]
+    # The size is linear in the components along its own direction: the delta method, with its deviation from their
+    # covariance.
     deviation = float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
     half = float(stdtrit(estimates.statistics.freedom[index].min(), 0.975)) * deviation
     return ChangedValue("m l", size, "kg m", (size - half, size + half))

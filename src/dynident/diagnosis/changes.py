@@ -41,18 +41,22 @@ def add_friction_differences(
     ----------
     grown : Identification
         The model with all findings.
-    since : labels of the later runs
+    since : tuple of str
+        Labels of the later runs.
     recordings : sequence of Recording
+        Both sets of recordings.
 
     Returns
     -------
     Identification
+        The extended model; where nothing is lacking or determined, the model that was given.
     """
     lacking = [
         EffectChoice(effect, joints, (), since) for effect, joints in _list_lacking_friction(grown, since).items()
     ]
     if not lacking:
         return grown
+    # At once where that works: a joint fit of all differences is one identification instead of many.
     with suppress(DynidentError):
         return extend_at_once(grown, lacking, recordings)
     # What the motions do not determine of one joint is no reason to say nothing of the others.
@@ -76,15 +80,19 @@ def compute_friction_differences(
     ----------
     grown : Identification
         The model with all findings, and with friction that may differ.
-    since : labels of the later runs
+    since : tuple of str
+        Labels of the later runs.
     later : sequence of Comparison
         The later recordings with a model of them.
 
     Returns
     -------
     tuple of FrictionDifference
+        One for each joint that moves and whose friction may differ.
     """
+    # At least one row: a joint that never moves then has the speed zero, and no difference.
     rows = np.maximum(np.sum([comparison.moving.sum(axis=0) for comparison in later], axis=0), 1)
+    # Mean speed of the rows where the joint moves: the friction there is what the data know best.
     speeds = np.sum([(np.abs(comparison.dq) * comparison.moving).sum(axis=0) for comparison in later], axis=0) / rows
     friction_torque = np.sum([_compute_dissipation(comparison) for comparison in later], axis=0) / rows
     return tuple(
@@ -155,9 +163,11 @@ def identify_on_both(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     baseline, recordings : sequence of Recording
         The earlier and the later set.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
@@ -169,6 +179,7 @@ def identify_on_both(
     DynidentError
         Where one of the two sets is nothing but such tests, or a recording is in both.
     """
+    # Tests of single joints have their own rows and strategies, which do not combine with those of two sets.
     later = split_friction_tests(recordings)[0]
     try:
         earlier = split_friction_tests(baseline)[0]
@@ -176,6 +187,7 @@ def identify_on_both(
         raise DynidentError(error.detail, pointer="/baseline_ids", title=error.title) from error
     _check_no_copies(earlier, later)
     earlier_names = {recording.name for recording in earlier}
+    # Controllers often name all their recordings alike, and the runs of both days have to be told apart.
     renamed = [
         replace(recording, name=f"{recording.name} (later)") if recording.name in earlier_names else recording
         for recording in later
@@ -191,6 +203,7 @@ def identify_on_both(
         (),
         replace(
             identification.choices,
+            # A global fit by weighted least squares uses nothing but the rows of both sets.
             strategy="global",
             estimator="wls",
             prior=_select_prior(identification.choices.prior),
@@ -230,12 +243,15 @@ def list_changes(
     ----------
     grown : Identification
         The model with all findings, and with friction that may differ in the later runs.
-    picks, ranked : of equal length, in the same order
-    since : labels of the later runs
+    picks, ranked : sequences of equal length
+        The findings, and the same findings in the ranking.
+    since : tuple of str
+        Labels of the later runs.
 
     Returns
     -------
     tuple of Change
+        Changes in the order of the findings.
     """
     estimates = Estimates.from_identification(grown)
     changes: list[Change] = []
@@ -246,7 +262,20 @@ def list_changes(
 
 
 def word_changes(changes: Sequence[Change], friction: Sequence[FrictionDifference]) -> str:
-    """Word what changed in a sentence, and how much friction may have changed without being seen."""
+    """Word what changed in a sentence, and how much friction may have changed without being seen.
+
+    Parameters
+    ----------
+    changes : sequence of Change
+        What differs.
+    friction : sequence of FrictionDifference
+        Differences of friction, findings or not.
+
+    Returns
+    -------
+    str
+        Text for the user.
+    """
     bound = _word_friction_bound({joint for change in changes for joint in change.choice.joints}, friction)
     if not changes:
         return f"Nothing that these recordings can show has changed since the baseline.{bound}"

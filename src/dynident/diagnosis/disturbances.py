@@ -60,11 +60,30 @@ _SLOWEST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """From `start` to `end` (s) of a recording, in its run `run`, the residual is `ratio` times that of the other rows.
+    """A span of time in which something outside the model acts.
 
-    `steps`: the same where it begins and ends at once. `share` (n,): of every joint's squared residual, what is in it;
-    `cause`: what explains it better than a push, in words; `contact`: the push that explains it, `force` the force of
-    it in the middle, N along the axes of the base (3,); None where none does.
+    Parameters
+    ----------
+    recording : int
+        Number of the recording.
+    run : str
+        Label of the run.
+    start : float
+        Start, s.
+    end : float
+        End, s.
+    steps : tuple of (float, float)
+        Start and end of a disturbance that begins and ends at once, s.
+    ratio : float
+        Ratio of the residual to that of the other rows.
+    share : (n,)
+        Share of each joint's squared residual that is in it.
+    cause : str
+        What explains it better than a push, in words; "" where nothing does.
+    contact : Finding, optional
+        The push that explains it; None where none does.
+    force : (3,), optional
+        Force of the push at its middle along the axes of the base, N.
     """
 
     recording: int
@@ -81,7 +100,17 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class UndisturbedData:
-    """The recordings without disturbed seconds, the model identified from them, and the disturbances."""
+    """Recordings without disturbed seconds, and the model identified from them.
+
+    Parameters
+    ----------
+    identification : Identification
+        The model, identified without the disturbed seconds.
+    recordings : tuple of Recording
+        The recordings without these seconds.
+    disturbances : tuple of Disturbance
+        The disturbances.
+    """
 
     identification: Identification
     recordings: tuple[Recording, ...]
@@ -114,12 +143,14 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
-        What the model is diagnosed from.
+        Recordings that the model is diagnosed from.
 
     Returns
     -------
     UndisturbedData
+        What was given where nothing stands out.
     """
     model, preprocessing = identification.model, identification.preprocessing
     reference = identification.estimate.next_reference()
@@ -133,6 +164,7 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     last = np.cumsum([part.n_blocks for part in parts])
     disturbances: list[Disturbance] = []
     for span in outlying.spans:
+        # `last` holds the number of blocks up to the end of each recording.
         number = int(np.searchsorted(last, span.first, side="right"))
         disturbances.append(
             _build_disturbance(span, number, recordings[number], compare(undisturbed, recordings[number]))
@@ -155,6 +187,7 @@ def leave_out_disturbances(identification: Identification, recordings: Sequence[
     pushes = [
         disturbance.contact.judged.candidate.choice for disturbance in explained if disturbance.contact is not None
     ]
+    # A contact that cannot be added to the model is no finding; its sentence remains as a cause.
     if pushes and not _can_be_added(identification, pushes, recordings):
         explained = [
             replace(disturbance, contact=None, cause=_word_push(disturbance, reidentified)) for disturbance in explained
@@ -167,7 +200,9 @@ def _build_disturbance(span: OutlyingSpan, number: int, recording: Recording, co
     residual = np.where(comparison.counted_rows, comparison.residual, 0.0)
     inside = (comparison.t >= span.start) & (comparison.t <= span.end)
     segment = comparison.segment[int(np.flatnonzero(inside)[0])] if inside.any() else 0
+    # A span may reach over a pause; the disturbance is sought in the segment where it begins.
     inside &= comparison.segment == segment
+    # Joints are made comparable by their usual residual outside of the span.
     usual = _compute_median_sizes(residual, comparison.counted_rows & ~inside[:, None])
     power = ((residual / usual) ** 2).sum(axis=1)
     period = float(np.median(np.diff(comparison.t)))
@@ -193,12 +228,14 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
     measured, predicted = comparison.measured[rows], comparison.predicted[rows]
     # At both ends the filter mixes in what was before and after.
     middle = slice(len(measured) // 4, max(len(measured) - len(measured) // 4, 1))
+    # Judged by changes: a brake may hold any constant torque.
     silent = measured[middle].std(axis=0) < _SILENT * predicted[middle].std(axis=0)
     off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
     if off:
         return f"the torque of {', '.join(off)} hardly changes: drives that were off, or brakes that held"
     t = comparison.t[rows]
     before = float((((measured - predicted) / usual) ** 2).sum())
+    # One delay for all joints: what jumps is a clock, which all of them share.
     unexplained = {}
     for delay in _DELAYS:
         moved = np.column_stack([np.interp(t - delay, comparison.t, column) for column in comparison.predicted.T])
@@ -221,6 +258,8 @@ def _compute_median_sizes(residual: FloatArray, rows: BoolArray) -> FloatArray:
 def _find_richest_interval(values: FloatArray) -> tuple[int, int]:
     """Return the first and last index of the interval with the largest sum (Kadane's algorithm)."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
+    # The sum of an interval is the difference of two cumulative sums: the largest one ends where the sum is most above
+    # its least value so far.
     gains = sums - np.minimum.accumulate(sums)
     last = max(int(np.argmax(gains)), 1)
     return int(np.argmin(sums[:last])), last - 1
@@ -266,6 +305,7 @@ def _cut_out(recording: Recording, disturbances: Sequence[Disturbance], margin: 
     windows = list(recording.windows) or [(first, last)]
     for disturbance in disturbances:
         start, end = disturbance.start - margin, disturbance.end + margin
+        # Of every window what lies before and what lies after; parts without length drop out below.
         cut = [(low, min(high, start)) for low, high in windows] + [(max(low, end), high) for low, high in windows]
         windows = sorted((low, high) for low, high in cut if high > low)
     return recording.with_windows(tuple(windows))
@@ -276,6 +316,8 @@ def _add_contact(disturbance: Disturbance, identification: Identification, recor
     model = identification.model
     robot = model.robot
     links = range(robot.tree.n) if robot.linkage is None else (robot.tree.n - 1,)
+    # Both guesses of the ends are tried: where the residual rises and falls, and where a sudden force would begin and
+    # end.
     windows = ((disturbance.start, disturbance.end), disturbance.steps)
     shapes = [
         {"t0": start, "t1": end} | ({"link": k + 1.0} if k + 1 < robot.tree.n else {})

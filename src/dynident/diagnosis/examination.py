@@ -60,10 +60,20 @@ _AT_FIRST = (
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A diagnosis, its doubts, most important first, and the data behind it.
+    """A diagnosis, its doubts, and the data behind it.
 
-    `identification` is the model in question, identified on both sets of recordings where there was a baseline;
-    `comparisons` are its predictions of each of `recordings`, without tests of single joints' friction.
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+    doubts : tuple of Doubt
+        What it leaves open, most important first.
+    identification : Identification
+        The model in question, identified on both sets of recordings where there was a baseline.
+    comparisons : tuple of Comparison
+        Its prediction of each of the recordings.
+    recordings : tuple of Recording
+        The recordings, without tests of single joints' friction.
     """
 
     diagnosis: Diagnosis
@@ -87,22 +97,24 @@ def diagnose(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recordings : sequence of Recording
         The data to learn from; usually those the model was identified on. A recommended effect has improved the
         prediction of blocks that were left out of the fit. Tests of single joints' friction are left out.
     baseline : sequence of Recording, optional
         Earlier recordings of the same robot: differences of `recordings` from these are returned as changes. The model
-        is
-        then identified on both.
-    candidates : sequence of effect ids, optional
-        Only these effects; the whole catalogue otherwise.
+        is then identified on both.
+    candidates : sequence of str, optional
+        Ids of the effects to try; the whole catalogue otherwise.
     most_effects : int
-        At most so many effects are recommended.
+        Largest number of effects that are recommended.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
     Diagnosis
+        Verdict, ranking, and what the data could not tell.
 
     Raises
     ------
@@ -133,12 +145,23 @@ def examine(
 
     Parameters
     ----------
-    identification, recordings, baseline, candidates, most_effects, progress
-        As for `diagnose`.
+    identification : Identification
+        The identified model.
+    recordings : sequence of Recording
+        The data to learn from, as for `diagnose`.
+    baseline : sequence of Recording, optional
+        Earlier recordings of the same robot, as for `diagnose`.
+    candidates : sequence of str, optional
+        Ids of the effects to try; the whole catalogue otherwise.
+    most_effects : int
+        Largest number of effects that are recommended.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
     Examination
+        The diagnosis, its doubts, and the data behind it.
 
     Raises
     ------
@@ -168,9 +191,12 @@ def examine(
     resolved = compute_resolution(comparisons, identification.preprocessing)
     leads = propose_shapes(comparisons, recordings, identification, since)
     pool = build_pool(model, candidates, leads, resolved)
+    # The floor must not depend on the model, in which something may be missing.
     floor = estimate_sensor_noise(recordings, identification.preprocessing)
     reference = identification.estimate.next_reference()
     rows = RecordedSource(model, tuple(recordings), identification.preprocessing, reference)
+    # One pass over the recordings for the model and all candidates: every score of the search comes from these
+    # products.
     data = rows.gather_products(pool, scale_progress(progress, 0.1, 0.5))
     start = _build_start_state(data, pool, identification, floor)
     first = score_all(data, pool, start.base, pool.initial_candidates, start.noise)
@@ -199,6 +225,7 @@ def examine(
         picks, recommended = (*picks, *held), (*recommended, *(finding.judged.candidate.choice for finding in held))
         unknown = find_unknown_patterns(final) if held else unknown
     residual = _compute_rms(final)
+    # Who names the effects to try gets no others.
     contacts = () if candidates and PUSH not in candidates else undisturbed.contacts
     pushes = tuple(finding.judged.candidate.choice for finding in contacts)
     ranked = rank_effects((*contacts, *picks), first, (*pushes, *recommended))
@@ -209,6 +236,7 @@ def examine(
         grown = add_friction_differences(grown, since, recordings)
         # The contacts stand first in the ranking, and are no changes of the robot.
         changes = list_changes(grown, picks, ranked[len(contacts) : len(contacts) + len(picks)], since)
+        # `identify_on_both` puts the later recordings last.
         friction = compute_friction_differences(grown, since, final[-n_later:])
     # What changed is no part of the model: that is of both sets of recordings.
     missing = (*pushes, *(choice for choice in recommended if not is_lasting_change(choice, since)))
@@ -305,6 +333,7 @@ def _group_portions(recommended: Sequence[EffectChoice]) -> list[list[int]]:
     first_order = [get_effect(choice.effect).first_order for choice in recommended]
     portions: list[list[int]] = []
     for number in range(len(recommended)):
+        # A first-order effect depends on the torque that the model before it predicts, and so stands alone.
         if number and not any(first_order[number - 1 : number + 1]):
             portions[-1].append(number)
         else:

@@ -35,7 +35,8 @@ def find_misnamed(
 
     Parameters
     ----------
-    picks, recommended : of equal length
+    picks, recommended : sequences of equal length
+        The findings, and how they are recommended.
     unknown : sequence of UnknownPattern
         Patterns of the residual that is left once all findings are in the model.
     final : sequence of Comparison
@@ -44,6 +45,7 @@ def find_misnamed(
     Returns
     -------
     list of int
+        Numbers of the findings, ascending.
     """
     names = final[0].joint_names
     squares = np.sum([(c.counted_residual**2).sum(axis=0) for c in final], axis=0)
@@ -53,11 +55,15 @@ def find_misnamed(
         of_position = get_effect(choice.effect).of_position
         if not of_position and len(choice.joints) != 1:
             continue
+        # Functions of the position are easily confused, so less of a remainder tells; other effects get the benefit of
+        # the doubt.
         least, kinds = (_LEFT_OVER, _KINDS) if of_position else (_MUCH_LEFT_OVER, get_args(Variable))
         # An effect across two joints has one name and acts on both.
         here = [j for j in judged.joints if names[j] in choice.joints or (of_position and len(choice.joints) == 1)]
         for j in here:
             removed = float((judged.before - judged.after)[:, j].sum())
+            # A pattern's share is one of the residual that is left, so it is turned into a squared error for the
+            # comparison.
             remainders = [p.share * squares[j] for p in unknown if p.joint == names[j] and p.variable in kinds]
             if remainders and max(remainders) > least * removed:
                 wrong.append(number)
@@ -69,10 +75,17 @@ def is_only_helpful_at_first(before: Identification, after: Identification, choi
     """Return whether a first-order effect explains nothing any more in the model that is identified with it.
 
     Its columns are made of the torque that the model without it predicts. Where the motion hardly determines that
-    model, the
-    one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of them
-    together
-    rise.
+    model, the one with it predicts another torque, and the gain is gone: no joint's error falls noticeably, or all of
+    them together rise.
+
+    Parameters
+    ----------
+    before : Identification
+        The model without the effect.
+    after : Identification
+        The model that was identified with it.
+    choice : EffectChoice
+        The effect.
     """
     if not get_effect(choice.effect).first_order:
         return False
@@ -91,13 +104,16 @@ def find_dependent_findings(
     Parameters
     ----------
     picks : sequence of Finding
-    wrong : numbers of the wrong names
-    first : sequence of JudgedCandidate
-        All candidates, judged before anything was found.
+        The findings.
+    wrong : sequence of int
+        Numbers of the wrong names.
+    first : sequence of ScoredCandidate
+        All candidates, scored before anything was found.
 
     Returns
     -------
     list of int
+        Numbers of the findings that go with the wrong names.
     """
     alone = {scored.candidate: scored for scored in first}
     dependent = []

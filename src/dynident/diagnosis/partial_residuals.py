@@ -31,20 +31,44 @@ Axis = Literal["position", "velocity", "acceleration", "load", "time", "travel s
 
 MOST = 12
 """So many of the ranked effects are shown."""
+# Bins of a figure, fewest rows in a bin, and number of entries up to which rows are kept in memory.
 _BINS = 48
 _FEWEST = 8
 _KEPT_VALUES = 4_000_000
+# Difference of the explained shares at which two variables count as equally good, and share of the largest singular
+# value below which a direction is dependent.
 _AMBIGUOUS = 0.02
 _DEPENDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One joint's residual beside an effect, in bins that hold equally many samples.
+    """One joint's residual and a fitted effect, in bins that hold equally many samples.
 
-    `x` (k,) is the mean of `variable` in each bin, in `unit`; `residual` and `spread` (k,) mean and standard deviation
-    of the residual of the model without the effect; `fitted` (k,) the mean of what the effect adds to the prediction
-    once all parameters are fitted anew; `count` (k,). `explained` is the share of the residual's squares that it takes.
+    Parameters
+    ----------
+    rank : int
+        Rank of the effect.
+    effect : str
+        Id of the effect.
+    joint : str
+        Name of the joint.
+    variable : Axis
+        The variable that shows the effect best.
+    unit : str
+        Unit of the variable.
+    x : (k,)
+        Mean of the variable in each bin.
+    residual : (k,)
+        Mean of the residual of the model without the effect, N m or N.
+    spread : (k,)
+        Standard deviation of that residual.
+    fitted : (k,)
+        Mean of what the effect adds to the prediction once all parameters are fitted anew.
+    count : (k,)
+        Number of samples in each bin.
+    explained : float
+        Share of the residual's squares that the effect removes.
     """
 
     rank: int
@@ -93,10 +117,13 @@ def evidence(
     Parameters
     ----------
     identification : Identification
+        The identified model.
     candidates : sequence of RankedEffect
         Those up to rank `MOST` are fitted.
     recordings : sequence of Recording
+        Recordings that the effects are fitted to.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
@@ -125,6 +152,7 @@ def _bin_for_joint(
     effort = robot.joints[joint].effort_unit
     residual, curve, own = rows.residual[:, joint], rows.fitted[number][:, joint], rows.own[number][:, joint]
     total = float((residual**2).sum())
+    # Nothing to draw: the joint has no residual, or the effect does not act on it.
     if not total > 0 or not curve.any():
         return None
     angle = "rad" if effort == "N m" else "m"
@@ -140,6 +168,7 @@ def _bin_for_joint(
     cycles = dict(ranked.choice.shape).get("k")
     if cycles:
         options.insert(0, ("phase", "rad", np.mod(cycles * rows.q[:, joint], 2.0 * np.pi)))
+    # By the effect's own torque: what the other parameters give up to it depends on other variables.
     shares = [_compute_explained_share(values, own) for _, _, values in options]
     # Of axes that show it equally well the first: they are in the order in which people think of them.
     variable, unit, values = options[next(k for k, s in enumerate(shares) if s >= max(shares) - _AMBIGUOUS)]
@@ -165,6 +194,7 @@ def _bin_for_joint(
 
 def _number_bins(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     """Return (m,): the number of each value's bin; bins hold about equally many."""
+    # Quantiles of a signal that stays at one value are equal; each edge once.
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
     which = np.searchsorted(edges, values, side="right")
     return np.asarray(np.unique(which, return_inverse=True)[1])
@@ -182,6 +212,7 @@ def _compute_explained_share(values: FloatArray, curve: FloatArray) -> float:
 def _compute_travel(q: FloatArray, dq: FloatArray) -> FloatArray:
     """Return (m,): how far a joint has come since its last reversal, with the sign of its motion."""
     sign = np.sign(dq)
+    # A stroke begins wherever the velocity changes its sign.
     starts_stroke = np.concatenate([[True], sign[1:] != sign[:-1]])
     return np.asarray(q - q[np.flatnonzero(starts_stroke)[np.cumsum(starts_stroke) - 1]])
 
@@ -256,6 +287,7 @@ def _fit_values(reduction: Reduction, columns: Sequence[int], noise: FloatArray)
     A column may depend on the model's own, which changes nothing in what is predicted.
     """
     factor = build_weighted_factor(reduction.select_columns(columns), noise)
+    # Unit columns: which singular values are cut off must not depend on the units of parameters.
     scales = np.linalg.norm(factor[:, :-1], axis=0)
     scales = np.where(scales > 0, scales, 1.0)
     values = np.zeros(reduction.n_columns)

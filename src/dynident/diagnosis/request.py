@@ -13,7 +13,15 @@ DEFAULT_MOST_EFFECTS = 12
 
 @dataclass(frozen=True)
 class DiagnosisChoices:
-    """Which effects may be missing in a model, and how many are recommended at most."""
+    """Which effects may be missing in a model, and how many are recommended at most.
+
+    Parameters
+    ----------
+    candidates : tuple of str, optional
+        Ids of the effects that may be missing; the whole catalogue where left out.
+    max_effects : int
+        Largest number of effects that are recommended.
+    """
 
     candidates: tuple[str, ...] | None = declare_field(
         "Ids of effects, only these; the whole catalogue where not given", default=None, fewest=1

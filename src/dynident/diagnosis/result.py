@@ -14,9 +14,32 @@ Variable = Literal["position", "velocity", "acceleration", "load", "time", "othe
 
 @dataclass(frozen=True)
 class RankedEffect:
-    """One family at its best place and shape: `choice`, as it can be added.
+    """An effect in the ranking of a diagnosis, at its best place.
 
-    Errors are relative, held out, on its joints.
+    Parameters
+    ----------
+    rank : int
+        Place in the ranking, from 1 on.
+    choice : EffectChoice
+        The effect at its best place with its best shape constants, as it can be added to a model.
+    error_before : float
+        Relative error on held-out data without it, on the joints that it is about.
+    error_after : float
+        Relative error on held-out data with it.
+    error_drop : float
+        Share of the error that it removes.
+    t_value : float
+        The t of its gain over the blocks of time.
+    p_value : float
+        The p-value of the test among all that was tried.
+    significant : bool
+        Whether it is a finding.
+    evidence : str
+        What speaks for it, in words.
+    equivalent : tuple of str
+        Ids of effects that the data cannot tell from it.
+    separability : float
+        Share of its column that is left beside the model, 0 to 1.
     """
 
     rank: int
@@ -44,9 +67,20 @@ class RankedEffect:
 
 @dataclass(frozen=True)
 class ChangedValue:
-    """A number that is another one since: `value` is the difference, in `interval` with a probability of 95 %.
+    """A parameter that differs in the later recordings.
 
-    `before`: what it was, where the model has it.
+    Parameters
+    ----------
+    parameter : str
+        Name of the parameter.
+    value : float
+        Difference from the earlier recordings.
+    unit : str
+        Unit of the value.
+    interval : tuple of (float, float)
+        95 % interval of the difference.
+    before : float, optional
+        What it was before, where the model has it.
     """
 
     parameter: str
@@ -58,10 +92,22 @@ class ChangedValue:
 
 @dataclass(frozen=True)
 class Change:
-    """What the later recordings have and the earlier ones have not: `choice`, in its runs, on one joint or the robot.
+    """An effect that the later recordings have and the earlier ones have not.
 
-    `main` is the number that says how large it is, `more` the others; `p_value` that of the test among all that was
-    tried; `equivalent`: effects, or joints where it is the same effect, that the data cannot tell from it.
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, in the later runs, on one joint or the robot.
+    main : ChangedValue
+        The parameter that says how large the change is.
+    more : tuple of ChangedValue
+        The other parameters.
+    p_value : float
+        The p-value of the test among all that was tried.
+    evidence : str
+        What speaks for it, in words.
+    equivalent : tuple of str
+        Ids of effects, or names of joints where it is the same effect, that the data cannot tell from it.
     """
 
     choice: EffectChoice
@@ -74,10 +120,22 @@ class Change:
 
 @dataclass(frozen=True)
 class FrictionDifference:
-    """How much more of a joint's torque goes into friction in the later recordings, a finding or not.
+    """Difference of a joint's friction in the later recordings, whether it is a finding or not.
 
-    At the joint's mean `speed` there, in rad/s or m/s: `value` in `unit` (N m or N), in `interval` with a probability
-    of 95 %; `before`: what it would have been, on average there, without the difference.
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    speed : float
+        Mean speed of the joint in the later recordings, rad/s or m/s.
+    value : float
+        How much larger the friction is at that speed.
+    interval : tuple of (float, float)
+        95 % interval of the value.
+    unit : str
+        Unit of the value, N m or N.
+    before : float
+        Mean friction without the difference.
     """
 
     joint: str
@@ -90,7 +148,17 @@ class FrictionDifference:
 
 @dataclass(frozen=True)
 class UnknownPattern:
-    """A dependence of a joint's residual that no effect of the catalogue explains; `share` of its variance."""
+    """A dependence of a joint's residual that no effect of the catalogue explains.
+
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    variable : Variable
+        What the residual depends on.
+    share : float
+        Share of the residual's variance.
+    """
 
     joint: str
     variable: Variable
@@ -99,7 +167,19 @@ class UnknownPattern:
 
 @dataclass(frozen=True)
 class Invisible:
-    """An effect that this data could not have shown; `brief` says why where many stand beside each other."""
+    """An effect that this data could not have shown.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect.
+    joints : tuple of str
+        Names of the joints.
+    reason : str
+        Why it could not have shown, in a sentence.
+    brief : str
+        The same in a few words, for a table.
+    """
 
     effect: str
     joints: tuple[str, ...]
@@ -109,7 +189,25 @@ class Invisible:
 
 @dataclass(frozen=True)
 class FailureSpot:
-    """Where a joint's residual is largest over one variable: `rms` (N m or N) between `low` and `high` of it."""
+    """The bin of a variable in which a joint's residual is largest.
+
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    variable : str
+        The variable: position, velocity, load or time.
+    unit : str
+        Unit of the variable.
+    low : float
+        Lower end of the bin.
+    high : float
+        Upper end of the bin.
+    rms : float
+        Rms of the residual in it, N m or N.
+    ratio : float
+        Ratio of that to the joint's rms over all rows.
+    """
 
     joint: str
     variable: str
@@ -124,9 +222,30 @@ class FailureSpot:
 class Diagnosis:
     """The verdict on a model, what is missing in it, and what the data could not tell.
 
-    `noise_floor` (n,) in N m or N: what no model can explain, from the torque above the filter's band. `changes`: what
-    differs from the baseline, none where nothing does; `None` where there was no baseline. `friction`: by how much that
-    of each joint differs from the baseline's, whether it is among the changes or not.
+    Parameters
+    ----------
+    verdict : {"adequate", "missing_effect", "unexplained"}
+        Whether the model is adequate, lacks an effect, or leaves a residual that no effect explains.
+    summary : str
+        The result in a few sentences.
+    noise_floor : (n,)
+        What no model of a joint can explain, N m or N, from the torque above the filter's band.
+    residual_rms : (n,)
+        Root mean square of the residual of each joint, N m or N.
+    candidates : tuple of RankedEffect
+        Effects that were tried, the one that explains most first.
+    recommended : tuple of EffectChoice
+        Effects to be added to the model.
+    unknown : tuple of UnknownPattern
+        Dependences in the residual that no effect explains.
+    not_visible : tuple of Invisible
+        Effects that this data could not have shown.
+    failure_map : tuple of FailureSpot
+        Where the residual of each joint is largest.
+    changes : tuple of Change, optional
+        What differs from the baseline, empty where nothing does; None where there was no baseline.
+    friction : tuple of FrictionDifference
+        How much the friction of each joint differs from the baseline's, whether it is among the changes or not.
     """
 
     verdict: Adequacy

@@ -39,17 +39,19 @@ def rank_effects(
 
     Parameters
     ----------
-    picks, recommended : of equal length
+    picks, recommended : sequences of equal length
         The findings, and how they are recommended.
-    first : sequence of JudgedCandidate
+    first : sequence of ScoredCandidate
         All candidates tried beside the model alone.
 
     Returns
     -------
     tuple of RankedEffect
+        Effects with ranks from 1 on.
     """
     ranked: list[RankedEffect] = []
     for finding, choice in zip(picks, recommended, strict=True):
+        # The same effect on other joints is another place, not another name.
         others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
         why = finding.why or f"Its mark in a residual: {get_effect(choice.effect).signature}."
@@ -137,6 +139,13 @@ def compute_residual_over_noise(comparisons: Sequence[Comparison], floor: FloatA
     """Return (n,): rms of the residual where each joint moves, over the sensor's noise; 0 where that is zero.
 
     In a simulation without sensor noise a residual counts against a small share of the torque instead.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    floor : (n,)
+        Noise of the sensors, N m or N.
     """
     squares = np.sum([np.where(c.moving, c.residual**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
     torque = np.sum([np.where(c.moving, c.measured**2, 0.0).sum(axis=0) for c in comparisons], axis=0)
@@ -153,10 +162,16 @@ def select_verdict(
     Parameters
     ----------
     recommended : sequence of EffectChoice
+        Effects that are recommended.
     unknown : sequence of UnknownPattern
         What the residual depends on.
     above : (n,)
-        `over_noise` of the model with all that is recommended.
+        Ratio of residual to noise, see `compute_residual_over_noise`, of the model with all that is recommended.
+
+    Returns
+    -------
+    str
+        The verdict.
     """
     if recommended:
         return "missing_effect"
@@ -173,7 +188,23 @@ def word_summary(
     floor: FloatArray,
     model: Model,
 ) -> str:
-    """Word the verdict in a few sentences."""
+    """Word the verdict in a few sentences.
+
+    Parameters
+    ----------
+    verdict : Adequacy
+        The verdict.
+    ranked : sequence of RankedEffect
+        The ranking.
+    unknown : sequence of UnknownPattern
+        What the residual still depends on.
+    residual : (n,)
+        Rms of the residual of each joint, N m or N.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    model : Model
+        The model in which something is missing.
+    """
     significant = [ranked_effect for ranked_effect in ranked if ranked_effect.significant]
     if verdict == "missing_effect":
         names = "; ".join(

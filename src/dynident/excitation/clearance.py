@@ -21,14 +21,18 @@ def find_nearest_along(
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     request : DesignRequest
+        The design request, with its limits and surroundings.
     q : (m, n)
+        Postures along the motion, rad or m.
     mesh_folders : sequence of Path
         Folders of the description's meshes.
 
     Returns
     -------
     tuple of Nearest
+        For each body, what it is nearest to; empty where nothing is kept clear of.
 
     Raises
     ------

@@ -39,13 +39,14 @@ def design_experiment(
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     request : DesignRequest
+        What the motion is to show, and the limits that it has to keep.
     progress : Progress
-        Receives the start, the iteration, the criterion and the tightest limit; may raise to cancel.
+        Called with the start, the iteration, the criterion and the tightest limit; may raise to cancel.
     earlier : sequence of Recording
         Recordings of earlier runs: their information about the parameters counts, so that the new experiment
-        complements
-        them.
+        complements them.
     checkpoints : Checkpoints, optional
         Keeps the state of the search of a periodic trajectory. A search that was stopped continues from there, its time
         counted.
@@ -60,6 +61,7 @@ def design_experiment(
     DynidentError
         The request cannot be met; `ImpossibleLimitsError` names the limit in the way.
     """
+    # The time of the budget runs from here on: the model is part of what the user waits for.
     budget = Budget(request.starts_or_default, request.time_budget)
     progress = make_monotonic(progress)
     check_request(request)
@@ -72,6 +74,7 @@ def design_experiment(
     # Designed for limits slightly inside the true ones, the verification does not fail by rounding.
     bounds, notes = limits.tighten(), list[str]()
     if request.trajectory.joints and request.kind not in JOINT_BY_JOINT:
+        # Locked joints stay at home, so home has to be known before the model of the moving joints.
         home = list_home_candidates(request.home, bounds, model)[0]
         moving = select_moving_joints(request.trajectory.joints, robot.joint_names)
         model, bounds = lock_model(model, home, moving), lock_bounds(bounds, home, moving)
@@ -87,6 +90,7 @@ def design_experiment(
     progress(0.0, f"{model.n_parameters} base parameters")
     experiment = design_joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _design_joint_motion(task, budget)
     motion = sample_pieces(experiment.pieces, task.rate)
+    # A floor that was only assumed is not a floor that the user stated: the note on what was checked says so.
     floor_assumed = limits.space is not None and limits.space.assumed
     reach = note_reach(robot, motion.t, motion.q, request.surroundings, floor_assumed=floor_assumed)
     progress(1.0, "done")

@@ -20,13 +20,22 @@ from dynident.motion.limits.postures import compute_static_torque
 from dynident.motion.moves.home import list_home_candidates
 from dynident.motion.trajectories.motion import Motion, PeriodicMotion, concatenate_motions, sample_pieces
 
+# Random motions of a quick rehearsal, and postures of a joint's strokes whose static torque is checked.
 _CANDIDATES = 6
 _POSTURES = 30
 
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """A motion that stands for an experiment: its `n_samples` samples are like those of `motion`."""
+    """A motion that stands for an experiment.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion, sampled sparsely.
+    n_samples : float
+        Number of samples that the experiment would have.
+    """
 
     motion: Motion
     n_samples: float
@@ -36,20 +45,23 @@ def rehearse_quickly(request: DesignRequest, model: DesignModel, bounds: Bounds,
     """Return a motion of the requested kind, fast enough to tell whether that kind is worth while.
 
     Of a periodic trajectory it is one period of the best of a few random ones, at every pace: an optimised one is
-    better,
-    or at least different. The moves from and to rest are not included.
+    better, or at least different. The moves from and to rest are not included.
 
     Parameters
     ----------
     request : DesignRequest
+        The design request.
     model : DesignModel
+        Model with the effects in question.
     bounds : Bounds
+        Limits of the motion.
     rate : float
-        Hz, of the samples of strokes.
+        Rate of the samples of strokes, Hz.
 
     Returns
     -------
     Rehearsal
+        The motion, and the number of samples that it stands for.
 
     Raises
     ------
@@ -68,16 +80,20 @@ def rehearse_motion(
     Parameters
     ----------
     request : DesignRequest
+        The design request.
     model : DesignModel
+        Model with the effects in question.
     bounds : Bounds
+        Limits of the motion.
     rate : float
-        Hz, of the samples of strokes: the design's own where the model has a memory, fewer otherwise.
+        Rate of the samples of strokes, Hz: the design's own where the model has a memory, fewer otherwise.
     earlier : (r, b), optional
-        Rows besides W / √N that stand for earlier runs, see `earlier_rows`.
+        Rows besides W / √N that stand for earlier runs, see `build_earlier_rows`.
 
     Returns
     -------
     Rehearsal
+        The motion, and the number of samples that it stands for.
 
     Raises
     ------
@@ -94,9 +110,11 @@ def rehearse_motion(
         motion = sample_pieces(course.pieces, rate)
         return Rehearsal(motion, float(len(motion.t)))
     trajectory = request.trajectory
+    # The period need not be a whole number of samples: nothing is recorded.
     family = build_family(trajectory, trajectory.duration)
     yardstick = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.starts_or_default, request.time_budget)
+    # The same search with the same seed as the design makes, so that its result foretells the design's.
     best = search_trajectory(request, family, model, bounds, yardstick, budget).best
     parts, elapsed = [], 0.0
     for pace in trajectory.paces:
@@ -105,6 +123,7 @@ def rehearse_motion(
         t = np.arange(0.0, slow.period, trajectory.duration / count_period_samples(model, family))
         part = PeriodicMotion(slow, best.x).evaluate(t)
         parts.append(Motion(elapsed + part.t, part.q, part.dq, part.ddq, part.dddq))
+        # Paces are recorded one after the other.
         elapsed += slow.period
     return Rehearsal(concatenate_motions(parts), elapsed * trajectory.periods * rate)
 
@@ -117,6 +136,7 @@ def _check_holding(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, 
     for joint in sorted({stroke.joint for stroke in strokes}):
         own = [stroke for stroke in strokes if stroke.joint == joint]
         along = np.tile(home, (_POSTURES, 1))
+        # Static torque depends on the position alone, and so on the range of a joint's strokes, not on their number.
         along[:, joint] = np.linspace(
             min(own_stroke.low for own_stroke in own), max(own_stroke.high for own_stroke in own), _POSTURES
         )

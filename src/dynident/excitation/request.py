@@ -36,12 +36,14 @@ SET_KINDS = OneOf(
     Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),
     Choice("vandanjon", "Vandanjon", "Inertia, centrifugal coupling, inertial coupling, gravity."),
 )
+# Starts of the optimisation where neither their number nor a time is given.
 DEFAULT_STARTS = 4
 _MOST_TIMES = 1_000_000
 _MOST_HARMONICS = 100
 _SLOWEST = 1e-4
 """Smallest share of a speed: ten thousand times slower, a motion of a second takes hours."""
 
+# Defaults: shares of the velocity limits, more of them where friction curves, and amplitudes of reversals in rad or m.
 _SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
 _REVERSAL_SPEEDS = (0.01,)
 _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
@@ -49,7 +51,37 @@ _AMPLITUDES = (0.004, 0.008, 0.016, 0.032, 0.064)
 
 @dataclass(frozen=True)
 class TrajectoryRequest:
-    """The family of motions."""
+    """The family of motions.
+
+    Parameters
+    ----------
+    family : str
+        How the motion is written: Fourier series, B-spline, or moves from point to point.
+    duration : float
+        One period, s; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way.
+    harmonics : int
+        Number of harmonics of the fundamental frequency 1 / duration, for Fourier series.
+    intervals : int
+        Number of intervals between the knots, for B-splines.
+    points : int
+        Number of points in a round, for moves from point to point.
+    dwell : tuple of (float, float)
+        Shortest and longest rest in a point, s, for moves from point to point.
+    sets : str
+        Set of test motions, for sequential designs (§12.3.4.2).
+    periods : int
+        Number of times that the period, or the set of strokes, is repeated.
+    sampling_rate : float
+        Sampling rate, Hz.
+    speeds : tuple of float or None
+        Shares of each joint's velocity limit, for constant velocity and reversals.
+    amplitudes : tuple of float or None
+        Lengths of the strokes, rad or m, for reversals.
+    joints : tuple of str
+        Names of the joints that move, the others locked at home; all where empty.
+    paces : tuple of float
+        Shares of the speed at which the same path is followed, one after the other.
+    """
 
     family: str = declare_field("How the motion is written", default="fourier", kinds=FAMILY_KINDS)
     duration: float = declare_field(
@@ -117,6 +149,37 @@ class DesignRequest:
     `effects` None: links, rotors, Coulomb and viscous friction, and for motions of one joint at a time friction and
     offset. `home` (n,). With as many `starts`, completed, the same seed gives the same answer. With the `noise` of the
     joints the criteria about variances weigh them, and the parameters' standard deviations are predicted.
+
+    Parameters
+    ----------
+    kind : str
+        How the joints move, one of `KINDS`.
+    effects : tuple of EffectChoice or None
+        Effects to be identified; None for the default of the kind.
+    criterion : CriterionChoice
+        Criterion that the motion is chosen by.
+    trajectory : TrajectoryRequest
+        Family and length of the motion.
+    limits : mapping of str to Limits
+        Tighter limits for this experiment by joint name.
+    home : tuple of float or None
+        Posture at which the motion begins and ends, rad or m.
+    time_budget : float or None
+        Longest time of the optimisation, s.
+    starts : int or None
+        Number of starts of the optimisation; as many as the time allows, or 4, where left out.
+    random_trajectories : int
+        Number of random motions to start from and to compare with.
+    seed : int
+        Seed of all that is drawn.
+    noise : mapping of str to float
+        Standard deviation of a sample of each joint's torque by joint name, N m or N.
+    torque_margin : float
+        Share by which the torque may be larger than predicted.
+    surroundings : Surroundings
+        What the robot must not touch.
+    model : RowModelName
+        Identification model whose rows the criterion is computed from.
     """
 
     kind: str = declare_field("How the joints move", default="optimized", kinds=DESIGN_KINDS)

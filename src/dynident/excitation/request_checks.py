@@ -15,7 +15,13 @@ _SAMPLES_PER_WAVE = 4
 
 
 def check_request(request: DesignRequest) -> None:
-    """Raise `DynidentError` for an impossible request; joints, effects and limits are checked where they are used."""
+    """Raise `DynidentError` for an impossible request; joints, effects and limits are checked where they are used.
+
+    Parameters
+    ----------
+    request : DesignRequest
+        The request.
+    """
     check_ranges(request)
     _check_choice(request.kind, KINDS, "kind of design", "/kind")
     _check_choice(request.model, ROW_MODELS, "identification model to design for", "/model")
@@ -25,6 +31,7 @@ def check_request(request: DesignRequest) -> None:
     _check_choice(trajectory.family, FAMILIES, "trajectory family", "/trajectory/family")
     check_surroundings(request.surroundings)
     _check_dwell(request)
+    # Filters and integrals over whole periods need a periodic motion of one pace.
     alone = request.kind in JOINT_BY_JOINT or len(trajectory.paces) > 1
     if alone and request.model != "dynamic":
         raise DynidentError(
@@ -88,6 +95,7 @@ def _check_fineness(trajectory: TrajectoryRequest) -> None:
     """Raise where the shapes of a periodic trajectory are too fast for the sampling."""
     pieces = "intervals" if trajectory.family == "b_spline" else "harmonics"
     count = trajectory.intervals if pieces == "intervals" else trajectory.harmonics
+    # A wave takes two intervals of a spline, or one period of the highest harmonic.
     fastest = count / trajectory.duration / (2 if pieces == "intervals" else 1)
     least = _SAMPLES_PER_WAVE * fastest
     if trajectory.sampling_rate < least:

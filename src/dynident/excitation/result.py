@@ -16,12 +16,25 @@ from dynident.robot.collision import UNCHECKED
 
 _WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
 """Beginnings of notes that say what was not checked."""
+# Difference of times (s) that is rounding.
 _HAIR = 1e-9
 
 
 @dataclass(frozen=True)
 class Run:
-    """One test motion of a set: its purpose, the joints that move, and its start and end (s)."""
+    """One test motion of a set.
+
+    Parameters
+    ----------
+    label : str
+        Purpose of the test motion, in words.
+    joints : tuple of str
+        Names of the joints that move.
+    start : float
+        Start in the experiment, s.
+    end : float
+        End in the experiment, s.
+    """
 
     label: str
     joints: tuple[str, ...]
@@ -35,23 +48,28 @@ class Design:
 
     Parameters
     ----------
-    joint_names : (n,)
+    joint_names : tuple of str
+        Names of the n joints.
     request : DesignRequest
+        The request that it answers.
     t : (N,)
-        s
+        Times, s.
     q, dq, ddq : (N, n)
-    exciting : (float, float)
-        Times (s) between which the exciting part lies.
+        Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+    exciting : tuple of (float, float)
+        Times between which the exciting part lies, s.
     period : float or None
         Period of the exciting part, s; None where it has none.
     parameter_names : tuple of str
         Base parameters that it was designed for.
     criterion_values : CriterionValues
+        Values of the exciting part by all criteria.
     baseline : Baseline or None
         What random trajectories reach; None where there is nothing to compare.
     margins : tuple of Margin
         How near every limit comes, on a grid ten times as fine.
     notes : tuple of str
+        Notes for the user: what was assumed, changed, or not checked.
     expected : tuple of ExpectedParameter
         Expected uncertainty of each parameter.
     runs : tuple of Run
@@ -96,6 +114,7 @@ class Design:
         """Number (N,) of the run that a sample belongs to, from 1 on; 0 outside of all runs."""
         number = np.zeros(len(self.t), dtype=np.int64)
         for index, run in enumerate(self.runs):
+            # Times of samples and ends of runs are sums of the same numbers in another order, which rounds differently.
             number[(self.t >= run.start - _HAIR) & (self.t <= run.end + _HAIR)] = index + 1
         return number
 

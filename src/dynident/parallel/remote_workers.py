@@ -30,8 +30,8 @@ class RemoteWorkers(Protocol):
         """Return functions that compute an item on another machine, one for each item that may be under way at a time.
 
         The functions are called as `work` is, and wait for the result. They call the progress function all the time and
-        stop with whatever it raises. Whatever goes wrong on the other machine they raise as `NotElsewhere`: if the item
-        itself is at fault, the same error shows when it is computed here.
+        stop with whatever it raises. Whatever goes wrong on the other machine they raise as `RemoteWorkFailed`: if the
+        item itself is at fault, the same error shows when it is computed here.
 
         Parameters
         ----------
@@ -58,11 +58,13 @@ def share_work_with(others: RemoteWorkers) -> Iterator[None]:
 
     Parameters
     ----------
-    others : Elsewhere
+    others : RemoteWorkers
+        The machines, and how they are reached.
     """
     token = _others.set(others)
     try:
         yield
+    # Also after an error: a thread of the service serves other callers next.
     finally:
         _others.reset(token)
 
@@ -82,7 +84,7 @@ def list_remote_workers(
     Returns
     -------
     sequence of functions
-        As `Elsewhere.places` returns them; empty outside of `shared_with`.
+        As `RemoteWorkers.list_workers` returns them; empty outside of `share_work_with`.
     """
     other_machines = _others.get()
     return () if other_machines is None else other_machines.list_workers(work, size)

@@ -96,10 +96,12 @@ class WorkQueue(Generic[_PartResult]):
         number : int
             Of the part.
         result : object
+            What `collect_results` returns for it.
         took_here : float
             Seconds, if it was computed here; 0 otherwise.
         """
         with self._changed:
+            # A late part may be computed twice; all threads have to see the same result of it.
             self._found.setdefault(number, result)
             self._away.pop(number, None)
             # The slowest pace decides what is late, so that a part elsewhere is seldom computed twice for nothing.
@@ -143,6 +145,7 @@ class WorkQueue(Generic[_PartResult]):
 
     def _find_late(self) -> int | None:
         now = time.monotonic()
+        # Parts that were sent first come first: dictionaries keep the order of insertion.
         for number, since in self._away.items():
             if now - since >= _LATE_FACTOR * self._pace * self._sizes[number]:
                 return number
@@ -192,7 +195,19 @@ def map_sequentially(
     sizes: Sequence[float],
     progress: Progress = ignore_progress,
 ) -> list[_Result]:
-    """Apply `work` to every item in turn; takes and returns the same as `side_by_side`."""
+    """Apply `work` to every item in turn; takes and returns the same as `map_in_threads`.
+
+    Parameters
+    ----------
+    work : function
+        Takes an item and a progress function.
+    items : sequence of _Item
+        What `work` is applied to.
+    sizes : sequence of float
+        Size of each item in samples; progress is counted by them.
+    progress : Progress
+        Called with the share of the whole and a message; may raise to cancel.
+    """
     total_size, before = float(sum(sizes)) or 1.0, 0.0
     results = []
     for item, size in zip(items, sizes, strict=True):
@@ -211,18 +226,19 @@ def map_in_threads(
 ) -> list[_Result]:
     """Apply `work` to every item, in threads where the items are large; return the results in the items' order.
 
-    A thread that is done takes the next item. Other machines that this thread shares with (`elsewhere.shared_with`)
-    take items, too, so `work` has to give the same result wherever it runs.
+    A thread that is done takes the next item. Other machines that this thread shares with
+    (`remote_workers.share_work_with`) take items, too, so `work` has to give the same result wherever it runs.
 
     Parameters
     ----------
     work : function
         Takes an item and a progress function, which stops it once its result is not needed any more.
     items : sequence
+        What `work` is applied to.
     sizes : sequence of float
         Size of each item in samples; progress is counted by them.
     progress : function
-        Called by the calling thread alone.
+        Called by the calling thread alone; may raise to cancel.
 
     Returns
     -------
@@ -305,8 +321,11 @@ class _SharedWork(Generic[_Item, _Result]):
             except RemoteWorkersBusy:
                 self.parts.give_back(number)
                 self.parts.wait_for_end(_RETRY_INTERVAL)
+            # The part is not needed any more, or the whole computation has ended; the next look at the queue tells
+            # which.
             except Cancelled:
                 self.parts.give_back(number)
+            # The machine failed, whatever the reason: this thread asks it no more, and the part is computed here.
             except Exception:
                 self.parts.give_back(number)
                 return
@@ -315,6 +334,7 @@ class _SharedWork(Generic[_Item, _Result]):
         def report_progress(fraction: float, message: str) -> None:
             if not self.parts.is_needed(number):
                 raise Cancelled
+            # A part that is computed here and elsewhere at once must not make the progress go back.
             self._done[number] = max(self._done[number], fraction)
             self.name = message or self.name
 
@@ -327,8 +347,9 @@ def prefetch(items: Iterator[_Item], size: float) -> Generator[_Item, None, None
     Parameters
     ----------
     items : iterator
+        The next one is made while the caller works on the last.
     size : float
-        Of all items together, in samples; below `WORTH` no thread is started.
+        Of all items together, in samples; below `MIN_PARALLEL_SIZE` no thread is started.
 
     Yields
     ------
@@ -360,6 +381,7 @@ def prefetch(items: Iterator[_Item], size: float) -> Generator[_Item, None, None
                 for item in items:
                     put(item)
             except BaseException as error:
+                # The error takes its place in the queue, behind the items that were made before it.
                 put(None, error)
             else:
                 put(None)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     Missing: TypeAlias = Literal[_MISSING_TYPE.MISSING]
 
 T = TypeVar("T")
+# Key of the description in the field's metadata.
 _DESCRIPTION_KEY = "said"
 LARGEST_SEED = 2**53 - 1
 """The largest whole number that every reader of JSON keeps."""
@@ -69,7 +70,13 @@ class NamedValues(Protocol):
 
 
 class OneOf:
-    """A fixed set of names that a field takes one of, with their descriptions."""
+    """A fixed set of names that a field takes one of, with their descriptions.
+
+    Parameters
+    ----------
+    *choices : Choice or str
+        The names, with or without descriptions, in the order of lists.
+    """
 
     def __init__(self, *choices: Choice | str) -> None:
         self.choices = tuple(Choice(choice) if isinstance(choice, str) else choice for choice in choices)
@@ -98,7 +105,7 @@ class FieldDescription:
         The range of a number, or of each number in a list.
     fewest, most : int, optional
         How many items a list may have.
-    kinds : Named, optional
+    kinds : NamedValues, optional
         The names that the field takes one of.
     option : str
         The option of the command line, where it is not the field's own name; "-" where there is none.
@@ -154,7 +161,7 @@ class FieldDescription:
 
 
 class FieldOptions(TypedDict, total=False):
-    """The keyword arguments of `said`: the fields of `Said` except its words."""
+    """The keyword arguments of `declare_field`: the fields of `FieldDescription` except its words."""
 
     unit: str
     above: float | None
@@ -183,7 +190,7 @@ def declare_field(
     default, made_by
         The default, or the function that makes it.
     more
-        As `Said` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
+        As `FieldDescription` has it: unit, above, at_least, at_most, fewest, most, kinds, option, local.
 
     Returns
     -------
@@ -199,10 +206,12 @@ def get_description(request_field: Field[T]) -> FieldDescription:
     Parameters
     ----------
     request_field : dataclasses.Field
+        A field of any dataclass.
 
     Returns
     -------
-    Said
+    FieldDescription
+        Words, unit and range.
     """
     description: FieldDescription = request_field.metadata.get(_DESCRIPTION_KEY, _NO_DESCRIPTION)
     return description
@@ -214,6 +223,7 @@ def redescribe_field(request_field: Field[T], words: str) -> T:
     Parameters
     ----------
     request_field : dataclasses.Field
+        The field, as another request declares it.
     words : str
         What the field is, in a line.
 
@@ -222,6 +232,7 @@ def redescribe_field(request_field: Field[T], words: str) -> T:
     dataclasses.Field
         With the default and every other property of `request_field`.
     """
+    # A field has a default or a factory, never both.
     made_by = None if request_field.default_factory is MISSING else request_field.default_factory
     return _make_field(replace(get_description(request_field), words=words), request_field.default, made_by)
 
@@ -247,6 +258,7 @@ def redeclare_field(
     Returns
     -------
     dataclasses.Field
+        The field, typed as its value.
     """
     description = next(
         get_description(request_field) for request_field in fields(request) if request_field.name == name
@@ -265,6 +277,7 @@ def get_default(request_field: Field[T]) -> T | Missing:
     Returns
     -------
     object
+        The default, made anew where the field has a factory.
     """
     return request_field.default if request_field.default_factory is MISSING else request_field.default_factory()
 
@@ -275,6 +288,7 @@ def check_ranges(request: DataclassInstance, within: str = "") -> None:
     Parameters
     ----------
     request : dataclass instance
+        An instance; parts of it that are requests themselves are checked, too.
     within : str
         JSON pointer to the request, "" at the top.
 
@@ -313,6 +327,7 @@ def _check_values(value: object, name: str, description: FieldDescription, point
             raise DynidentError(f"{name} has {len(value)} items; it must have {allowed}", pointer=pointer)
         for index, item in enumerate(value):
             _check_values(item, name, description, f"{pointer}/{index}")
+    # `is_dataclass` is true for the class itself, too, which has no values to check.
     elif is_dataclass(value) and not isinstance(value, type):
         check_ranges(value, pointer)
 

@@ -16,6 +16,7 @@ from dynident.errors import DynidentError
 from dynident.schema.fields import Choice, check_ranges, get_default
 
 EntryT = TypeVar("EntryT", bound="RegistryEntry")
+# Kinds without a place of their own come last.
 _LAST = 100
 
 
@@ -110,7 +111,18 @@ class Registry(Generic[EntryT]):
         return iter(self.by_name.values())
 
     def names_with(self, trait: str) -> tuple[str, ...]:
-        """Return the names of the kinds whose attribute `trait` is true."""
+        """Return the names of the kinds whose attribute `trait` is true.
+
+        Parameters
+        ----------
+        trait : str
+            Name of a class attribute of the kinds.
+
+        Returns
+        -------
+        tuple of str
+            Names in the order of lists.
+        """
         return tuple(kind.name for kind in self if getattr(kind, trait))
 
     def get(self, kind_or_name: EntryT | str) -> EntryT:
@@ -118,11 +130,13 @@ class Registry(Generic[EntryT]):
 
         Parameters
         ----------
-        kind_or_name : Kind or str
+        kind_or_name : RegistryEntry or str
+            A name, or a kind, which is returned as it is.
 
         Returns
         -------
-        Kind
+        RegistryEntry
+            The kind.
 
         Raises
         ------
@@ -147,7 +161,8 @@ class Registry(Generic[EntryT]):
 
         Returns
         -------
-        Kind
+        RegistryEntry
+            The kind with the options of the document.
 
         Raises
         ------
@@ -156,6 +171,7 @@ class Registry(Generic[EntryT]):
         """
         if isinstance(document, str):
             return self.get(document)
+        # A copy: the document belongs to the caller.
         options = dict(document)
         default = self.get(str(options.pop("name", "")))
         option_names = [option_field.name for option_field in fields(default)]
@@ -175,10 +191,12 @@ class Registry(Generic[EntryT]):
         Parameters
         ----------
         text : str
+            What the user writes on the command line.
 
         Returns
         -------
-        Kind
+        RegistryEntry
+            The kind with the options of the text.
 
         Raises
         ------
@@ -192,7 +210,7 @@ class Registry(Generic[EntryT]):
             option, sign, value = item.partition("=")
             if not sign:
                 raise DynidentError(f"cannot read {item!r} in {text!r}; write option=value", pointer=f"/{self.what}")
-            # An option that the kind does not have passes as text; `of` reports it by name.
+            # An option that the kind does not have passes as text; `from_document` reports it by name.
             options[option.strip()] = _parse_option(
                 value.strip(), defaults.get(option.strip(), MISSING), self.what, item
             )
@@ -208,11 +226,13 @@ def get_kind_name(kind_or_name: RegistryEntry | str) -> str:
 
     Parameters
     ----------
-    kind_or_name : Kind or str
+    kind_or_name : RegistryEntry or str
+        The value of the request's field.
 
     Returns
     -------
     str
+        The name alone, without options.
     """
     return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.name
 
@@ -222,11 +242,13 @@ def format_kind(kind_or_name: RegistryEntry | str) -> str:
 
     Parameters
     ----------
-    kind_or_name : Kind or str
+    kind_or_name : RegistryEntry or str
+        The value of the request's field.
 
     Returns
     -------
     str
+        Words for a person.
     """
     return kind_or_name if isinstance(kind_or_name, str) else kind_or_name.name_with_options
 
@@ -236,11 +258,13 @@ def kind_to_document(kind_or_name: RegistryEntry | str) -> str | dict[str, objec
 
     Parameters
     ----------
-    kind_or_name : Kind or str
+    kind_or_name : RegistryEntry or str
+        The value of the request's field.
 
     Returns
     -------
     str or dict
+        What `Registry.from_document` reads.
     """
     if isinstance(kind_or_name, str):
         return kind_or_name

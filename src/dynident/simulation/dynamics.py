@@ -19,9 +19,22 @@ from dynident.simulation.signals import SimulatedSignals, Sliding
 class Expressions:
     """Symbolic parts of the equation of motion M ddq + c + position torque + rest = tau.
 
-    `rest_mass`, `rest_slope` and `dry` are the derivatives of `rest` by acceleration, by velocity (with the directions
-    of
-    friction held) and by these directions.
+    Parameters
+    ----------
+    mass : casadi.SX
+        Mass matrix of the links, (n, n).
+    bias : casadi.SX
+        Torque c of the links without acceleration, (n, 1).
+    position_torque : casadi.SX
+        Torque of the effects that depend on the position alone, (n, 1).
+    rest : casadi.SX
+        Torque of all other effects, (n, 1).
+    rest_mass : casadi.SX
+        Derivative of `rest` by the acceleration, (n, n).
+    rest_slope : casadi.SX
+        Derivative of `rest` by the velocity with the directions of friction held, (n, n).
+    dry : casadi.SX
+        Derivative of `rest` by the directions of friction, (n, number of sliding velocities).
     """
 
     mass: ca.SX
@@ -40,12 +53,15 @@ class Dynamics:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     signals : SimulatedSignals
+        Symbols of the motion within a step.
     sliding : tuple of Sliding
         The relative velocities with dry friction: those of the n joints first, then any others.
     runs : tuple of RunSignal
         The run signals among its inputs, each 1 in its runs and 0 in all others.
     parts : Expressions
+        The torque, sorted by what determines it.
     rigid : Program
         (q, dq, ddq) -> torque of the links.
     mass_diagonal : Program
@@ -80,6 +96,7 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effects : sequence of TrueEffect
         What acts besides the links; effects of the sensors alone are left out.
     inertias : (n, 10)
@@ -88,6 +105,7 @@ def build_dynamics(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatA
     Returns
     -------
     Dynamics
+        The equation of motion, in symbols and as compiled functions.
     """
     signals = SimulatedSignals(robot)
     truth = build_true_columns(effects, signals)
@@ -137,7 +155,15 @@ def stack_run_symbols(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> c
 
 
 def list_rest_inputs(signals: SimulatedSignals, runs: Sequence[RunSignal]) -> list[ca.SX]:
-    """Return the inputs of all effects other than the links, besides the directions of friction."""
+    """Return the inputs of all effects other than the links, besides the directions of friction.
+
+    Parameters
+    ----------
+    signals : SimulatedSignals
+        Symbols of the motion within a step.
+    runs : sequence of RunSignal
+        Run signals that the torque depends on.
+    """
     return [
         signals.q,
         signals.dq,
@@ -160,6 +186,7 @@ def _build_expressions(
     kinetic, _ = signals.mechanics.energies
     position_torque, rest = ca.SX.zeros(n, 1), ca.SX.zeros(n, 1)
     for column, value in zip(truth.columns, truth.parameters, strict=True):
+        # Effects of the measurement, such as drive gains, change what a sensor shows and not the motion.
         if not signals.is_part_of_motion(column.torque):
             continue
         torque = ca.substitute(column.torque, signals.reference, ca.SX(ca.DM(reference.vector))) * float(value)
@@ -168,6 +195,7 @@ def _build_expressions(
             position_torque += torque
         else:
             rest += torque
+    # Only now are all relative velocities with dry friction known: building the columns has registered them.
     sliding = signals.list_sliding(rest)
     parts = Expressions(
         # From the kinetic energy: 2.6 times fewer operations than the derivative of the rows by the acceleration.

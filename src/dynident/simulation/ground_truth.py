@@ -38,7 +38,7 @@ class TrueEffect:
     joint : str
         Name of the joint; "" where the effect belongs to the whole robot.
     values : tuple of (name, value)
-        Parameters; those that are not named are zero.
+        Parameters, in the units of the catalogue; those that are not named are zero.
     shape : tuple of (name, value)
         Shape constants; those that are not named have their defaults.
     runs : tuple of str
@@ -63,7 +63,15 @@ class TrueEffect:
 
 @dataclass(frozen=True, eq=False)
 class TrueColumns:
-    """Columns of the true effects and their parameters (c,), in the same order."""
+    """Columns of the true effects and their parameters, in the same order.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+        Columns of all effects.
+    parameters : (c,)
+        Value of the parameter of each column.
+    """
 
     columns: tuple[Column, ...]
     parameters: FloatArray
@@ -73,6 +81,20 @@ def may_be_negative(effect: str, parameter: str, runs: Sequence[str]) -> bool:
     """Return whether physics allows a parameter below zero.
 
     The parameter of an effect in some runs alone is a difference from the other runs, and may have either sign.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect in the catalogue.
+    parameter : str
+        Name of the parameter.
+    runs : sequence of str
+        Labels of the runs in which the effect acts; none for all.
+
+    Returns
+    -------
+    bool
+        True where no law of physics keeps the parameter at zero or above.
     """
     return bool(runs) or not any(spec.resists for spec in get_effect(effect).parameters if spec.name == parameter)
 
@@ -85,12 +107,16 @@ def spread_over_joints(
     Parameters
     ----------
     robot : Robot
+        The robot, which gives the joints.
     effect, parameter : str
+        Id of the effect in the catalogue, and the name of one of its parameters.
     values : (n,)
+        Value of the parameter on each joint, in its unit.
 
     Returns
     -------
     tuple of TrueEffect
+        One effect for each joint.
 
     Raises
     ------
@@ -106,7 +132,19 @@ def spread_over_joints(
 
 
 def select_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
-    """Return the inertial parameters (n, 10) of the virtual robot's links; the description's where none are given.
+    """Return the inertial parameters of the virtual robot's links; the description's where none are given.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    inertias : (n, 10) or None
+        Inertial parameters that replace those of the description.
+
+    Returns
+    -------
+    (n, 10)
+        Inertial parameters, a row a link.
 
     Raises
     ------
@@ -130,7 +168,22 @@ def select_inertias(robot: Robot, inertias: FloatArray | None) -> FloatArray:
 
 
 def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: FloatArray) -> ReferenceParameters:
-    """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints."""
+    """Return the parameters that torque is predicted with: of the links, and Ia, Fc, Fv and b of all joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    effects : sequence of TrueEffect
+        All effects of the virtual robot.
+    inertias : (n, 10)
+        Inertial parameters of the links.
+
+    Returns
+    -------
+    ReferenceParameters
+        Parameters of the links and the drives; what no effect gives is zero.
+    """
     drives = np.zeros((len(DRIVE_ROLES), robot.n))
     for effect in effects:
         roles = {spec.name: spec.role for spec in get_effect(effect.effect).parameters}
@@ -138,6 +191,7 @@ def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: Float
             role = roles.get(name)
             # Hysteresis is Coulomb friction once it slides.
             row = _DRIVE_ROWS.get("dry" if role == "dry_once_sliding" else role)
+            # Several effects may have a part in the same role, so values add up.
             if row is not None and effect.joint in robot.joint_names:
                 drives[row, robot.joint_names.index(effect.joint)] += value
     return ReferenceParameters(inertias.reshape(-1, 10), *drives)
@@ -145,6 +199,18 @@ def build_reference(robot: Robot, effects: Sequence[TrueEffect], inertias: Float
 
 def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueColumns:
     """Return the columns of the effects on the robot of `signals`, and the values of their parameters.
+
+    Parameters
+    ----------
+    effects : sequence of TrueEffect
+        The effects with their values.
+    signals : Signals
+        Signals of the robot, which the torque of the columns is an expression of.
+
+    Returns
+    -------
+    TrueColumns
+        The columns and the values of their parameters.
 
     Raises
     ------
@@ -161,6 +227,7 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
         try:
             effect_columns = build_columns([effect.choice], signals)
         except DynidentError as error:
+            # The catalogue points into an effect; the user needs its place in the list.
             error.pointer = pointer
             raise
         # The completed shape constants, so that a default written out is the same effect as one left out.

@@ -28,9 +28,11 @@ class Controller:
     Parameters
     ----------
     feed_forward : {"computed_torque", "gravity", "none"}
+        What the controller knows of the torque: all that the links need, what holds them against gravity, or nothing.
     bandwidth : float
         Natural frequency of a joint's error, Hz.
     damping_ratio : float
+        Damping ratio of a joint's error; 1 is critical damping.
     largest_lag : float
         A joint whose friction would hold it back by more than this (rad or m) is controlled more stiffly.
     """
@@ -50,10 +52,24 @@ class Gains:
 
 
 def compute_joint_gains(controller: Controller, dynamics: Dynamics, path: ReferencePath, times: FloatArray) -> Gains:
-    """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it."""
+    """Return the gains for the mean inertia of each joint along the motion, sampled at times (k,) within it.
+
+    Parameters
+    ----------
+    controller : Controller
+        The joint controller.
+    dynamics : Dynamics
+        Equation of motion of the robot.
+    path : ReferencePath
+        The reference at any time.
+    times : (k,)
+        Times within the motion, s.
+    """
+    # The gains need a mean over the motion, not every sample: some 200 states are enough.
     sampled_times = times[:: max(1, len(times) // _STATES)]
     q, dq, _ = path.evaluate(sampled_times)
     states = len(sampled_times)
+    # Each joint is controlled by itself, so the diagonal of the mass matrix stands for the inertia that it moves.
     inertia = dynamics.mass_diagonal(q).mean(axis=0)
     load = dynamics.rigid(q, np.zeros_like(q), np.zeros_like(q))
     heat = path.evaluate_temperature(sampled_times)
@@ -67,13 +83,27 @@ def compute_joint_gains(controller: Controller, dynamics: Dynamics, path: Refere
     frequency = np.clip(
         np.sqrt(resistance / controller.largest_lag / inertia), least_frequency, max(least_frequency, _FASTEST)
     )
+    # Stiffness m w² and damping 2 d m w: the gains of a second-order system of inertia m, frequency w and damping ratio
+    # d.
     return Gains(inertia * frequency**2, 2 * controller.damping_ratio * inertia * frequency)
 
 
 def compute_feed_forward_torque(
     controller: Controller, dynamics: Dynamics, path: ReferencePath, t: FloatArray
 ) -> FloatArray:
-    """Return the feed-forward torque (k, n) at times t (k,)."""
+    """Return the feed-forward torque (k, n) at times t (k,).
+
+    Parameters
+    ----------
+    controller : Controller
+        The joint controller.
+    dynamics : Dynamics
+        Equation of motion of the robot.
+    path : ReferencePath
+        The reference at any time.
+    t : (k,)
+        Times, s.
+    """
     q, dq, ddq = path.evaluate(t)
     if controller.feed_forward == "none":
         return np.zeros_like(q)

@@ -24,9 +24,9 @@ class Reference:
     t : (m,)
         Times, s, strictly increasing.
     q, dq, ddq : (m, n)
-        rad, rad/s, rad/s² (m, … if prismatic).
+        Positions, velocities and accelerations of the joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
     temperature : (m, n), optional
-        degC, where the joints' temperature is prescribed.
+        Temperatures of the joints, degC, where they are prescribed.
     """
 
     t: FloatArray
@@ -47,11 +47,14 @@ def add_warming(reference: Reference, warming: Warming) -> Reference:
     Parameters
     ----------
     reference : Reference
+        The trajectory; a temperature that it has is replaced.
     warming : Warming
+        How the joints warm up with the time of the session.
 
     Returns
     -------
     Reference
+        The same motion with a temperature for every sample and joint.
 
     Raises
     ------
@@ -81,6 +84,8 @@ class ReferencePath:
 
     def evaluate(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration, each (k, n), at times t (k,)."""
+        # The last internal steps may lie behind the end of the trajectory: the path then stays where it ends, since a
+        # cubic that is continued beyond its samples would run away.
         inside = np.clip(t, self._reference.t[0], self._reference.t[-1])
         return self._q(inside), self._dq(inside), self._dq(inside, 1)
 
@@ -94,13 +99,22 @@ class ReferencePath:
 
 
 def check_reference(reference: Reference, robot: Robot) -> None:
-    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward."""
+    """Raise `DynidentError` where a trajectory does not fit the robot, is not finite, or does not run forward.
+
+    Parameters
+    ----------
+    reference : Reference
+        The trajectory.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     m = len(reference.t)
     if reference.t.ndim != 1 or m < 2:
         raise DynidentError("a trajectory needs at least two samples", pointer="/trajectory/t", title=_TITLE)
     arrays = {"t": reference.t, "q": reference.q, "dq": reference.dq, "ddq": reference.ddq}
     if reference.temperature is not None:
         arrays["temperature"] = reference.temperature
+    # The shape comes first: what follows names the sample and the joint of a bad value by its row and column.
     for name, values in arrays.items():
         if name != "t" and values.shape != (m, robot.n):
             raise DynidentError(

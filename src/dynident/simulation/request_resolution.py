@@ -25,14 +25,18 @@ def build_simulation_request(
     Parameters
     ----------
     requested : Simulated
+        The request, which knows neither the robot nor the motion.
     robot : Robot
+        The robot, as its description gives it.
     reference : Reference
+        The motion that the virtual robot follows.
     rate : float
         Sampling rate of the trajectory, Hz, which the sensors have where the request names none.
 
     Returns
     -------
     SimulationRequest
+        The simulation, with the size of every effect and the parameters of the links.
 
     Raises
     ------
@@ -57,7 +61,14 @@ def check_acting_effects(requested: Simulated, robot: Robot) -> None:
     Parameters
     ----------
     requested : Simulated
+        The request with its effects and its number of runs.
     robot : Robot
+        The robot, as its description gives it.
+
+    Raises
+    ------
+    DynidentError
+        For an effect, joint, shape constant or run that does not exist, or an effect without a size.
     """
     resolve_true_effects(requested.effects, robot)
     for index, acting in enumerate(requested.effects):
@@ -72,11 +83,14 @@ def resolve_true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -
     Parameters
     ----------
     acting_effects : sequence of ActingEffect
+        The effects as they are requested, each for any number of joints.
     robot : Robot
+        The robot, as its description gives it.
 
     Returns
     -------
     tuple of TrueEffect
+        One effect for each joint, with values for its parameters.
 
     Raises
     ------
@@ -85,12 +99,14 @@ def resolve_true_effects(acting_effects: Sequence[ActingEffect], robot: Robot) -
     """
     effects: list[TrueEffect] = []
     for index, acting in enumerate(acting_effects):
+        # The links take part through their inertial parameters in any case.
         if acting.effect == LINKS.effect and not acting.parameters:
             continue
         pointer = f"/effects/{index}"
         try:
             effects += [_resolve_true_effect(acting, robot, joint) for joint in _list_joints(acting, robot)]
         except DynidentError as error:
+            # What raised the error knows only one effect; the user needs its place in the list.
             error.pointer = f"{pointer}{error.pointer}"
             raise
     return tuple(effects)
@@ -102,11 +118,14 @@ def replace_usual_effects(usual: Sequence[TrueEffect], stated: Sequence[TrueEffe
     Parameters
     ----------
     usual, stated : sequence of TrueEffect
+        Effects of usual size, and those whose values the user states.
 
     Returns
     -------
     tuple of TrueEffect
+        All stated effects, then the remaining usual ones.
     """
+    # An effect is replaced on the joint where it is stated, and keeps its usual size on all others.
     occupied = {(effect.effect, effect.joint) for effect in stated}
     return (*stated, *(effect for effect in usual if (effect.effect, effect.joint) not in occupied))
 
@@ -123,11 +142,14 @@ def _list_joints(acting: ActingEffect, robot: Robot) -> Iterator[str]:
 def _resolve_true_effect(acting: ActingEffect, robot: Robot, joint: str) -> TrueEffect:
     """Return one effect on one joint, of its requested or its typical size."""
     shape = tuple(sorted(acting.shape_parameters.items()))
+    # Three sources, the most specific first: the requested values, the usual size of a drive effect, the typical size
+    # of any other effect.
     if acting.parameters:
         return TrueEffect(acting.effect, joint, tuple(sorted(acting.parameters.items())), shape, acting.runs)
     for drive_effect in list_drive_effects(robot):
         if (drive_effect.effect, drive_effect.joint) == (acting.effect, joint):
             return replace(drive_effect, runs=acting.runs)
     typical = build_typical_effect(robot, acting.effect, joint)
+    # Requested shape constants replace the typical ones of the same name.
     completed = tuple(sorted({**dict(typical.shape), **dict(shape)}.items()))
     return TrueEffect(typical.effect, typical.joint, typical.values, completed, acting.runs)

@@ -69,9 +69,12 @@ class SensorEffects:
 
         Returns
         -------
-        Sensing
+        SensorEffects
+            Those effects, as one function of the motion.
         """
         robot, signals = inside.robot, SensorSignals(inside.robot)
+        # An effect belongs to the sensors when one of its columns needs what is not known within a step, such as the
+        # derivatives of the acceleration or the measured motor torque.
         sensor_effects = tuple(
             effect
             for effect in effects
@@ -88,7 +91,19 @@ class SensorEffects:
         return cls(robot, tuple(others), delay, added, signals)
 
     def compute_torque(self, t: FloatArray, truth: Truth, temperature: FloatArray, run: str) -> FloatArray:
-        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label."""
+        """Return the torque (m, n) that the sensors show, without noise, at times t (m,) of the run with that label.
+
+        Parameters
+        ----------
+        t : (m,)
+            Times of the samples, s.
+        truth : Truth
+            The motion and torque without sensors.
+        temperature : (m, n)
+            Temperatures of the joints, degC; zeros where none is prescribed.
+        run : str
+            Label of the run.
+        """
         torque = truth.tau
         if self.added is not None:
             third, fourth = _differentiate_twice(t, truth.ddq)
@@ -98,6 +113,7 @@ class SensorEffects:
             state = (truth.q, truth.dq, truth.ddq, third, fourth)
             inputs = (*state, clock, period, temperature, memory, truth.tau, present)
             torque = torque + self.added(*inputs)
+        # The delay comes last: it holds for all that the sensor shows, the added torque included.
         if self.delay:
             torque = np.column_stack([np.interp(t - self.delay, t, column) for column in torque.T])
         return torque
@@ -170,7 +186,15 @@ _TITLE = "Unusable sensors"
 
 
 def check_sensors(sensors: Sensors, robot: Robot) -> None:
-    """Raise `DynidentError` for a value that no sensor has."""
+    """Raise `DynidentError` for a value that no sensor has.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     check_ranges(sensors, "/noise")
     absolute = sensors.torque_noise_absolute
     if absolute is not None and len(absolute) != robot.n:
@@ -179,6 +203,8 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
             pointer="/noise/torque_noise_absolute",
             title=_TITLE,
         )
+    # Four standard deviations have to fit into one sampling period, or the clipping that keeps samples in order would
+    # cut off much of the jitter.
     if 4 * sensors.jitter * sensors.sampling_rate > 1:
         raise DynidentError(
             f"a jitter of {sensors.jitter} s is too much at {sensors.sampling_rate} Hz; at most a quarter of the "
@@ -196,7 +222,17 @@ def check_sensors(sensors: Sensors, robot: Robot) -> None:
 
 
 def quantise_positions(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatArray:
-    """Return positions (m, n) rounded to the encoders' counts."""
+    """Return positions (m, n) rounded to the encoders' counts.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    q : (m, n)
+        Positions, rad or m.
+    """
     if not sensors.encoder_counts:
         return q
     turn = np.array([2 * np.pi if joint.kind == "revolute" else 1.0 for joint in robot.joints])
@@ -205,11 +241,22 @@ def quantise_positions(sensors: Sensors, robot: Robot, q: FloatArray) -> FloatAr
 
 
 def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n)."""
+    """Return the standard deviation (n,) of the torque noise, for a run with the torques tau (m, n).
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    robot : Robot
+        The robot, as its description gives it.
+    tau : (m, n)
+        Torque of the run, N m or N.
+    """
     if sensors.torque_noise_absolute is not None:
         return np.array(sensors.torque_noise_absolute, dtype=np.float64)
     largest = np.abs(tau).max(axis=0)
     limits = [joint.limits.effort for joint in robot.joints]
+    # Torque sensors are chosen for the drive, so their noise grows with the effort limit of the joint.
     scale = np.array([peak if limit is None else limit for limit, peak in zip(limits, largest, strict=True)])
     return sensors.torque_noise * scale
 
@@ -217,14 +264,28 @@ def compute_noise_deviation(sensors: Sensors, robot: Robot, tau: FloatArray) -> 
 def draw_sampling_steps(
     sensors: Sensors, steps_per_sample: int, n_samples: int, rng: np.random.Generator
 ) -> IndexArray:
-    """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending."""
+    """Return the internal steps (n_samples,) at which samples are taken: regular, shifted by the jitter, ascending.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        The sensors and their noise.
+    steps_per_sample : int
+        Number of internal steps in a sampling period.
+    n_samples : int
+        Number of samples.
+    rng : np.random.Generator
+        Generator of the jitter.
+    """
     regular: IndexArray = np.arange(n_samples, dtype=np.intp) * steps_per_sample
     if sensors.jitter == 0:
         return regular
+    # The internal steps are the finest clock there is, so the jitter is drawn in steps and rounded to whole ones.
     spread = sensors.jitter * sensors.sampling_rate * steps_per_sample
     # Two neighbouring samples are shifted by less than half a period each, so that their order stays.
     largest = max(0, (steps_per_sample - 1) // 2)
     shift = np.clip(np.rint(rng.normal(0.0, spread, n_samples)), -largest, largest).astype(np.intp)
+    # The first sample stays at the start of the trajectory, and no sample may lie behind its end.
     shift[0] = 0
     shifted: IndexArray = np.minimum(regular + shift, regular[-1])
     return shifted

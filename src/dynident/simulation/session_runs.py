@@ -35,12 +35,23 @@ class SimulationRequest(Session):
     Parameters
     ----------
     reference : Reference
+        The motion that the robot follows in every run.
     effects : tuple of TrueEffect
-        An effect that acts in some of the runs alone names them "1", "2" and so on.
+        What acts besides the links. An effect that acts in some of the runs alone names them "1", "2" and so on.
     inertias : (n, 10), optional
         Inertial parameters of the links; those of the robot's description where left out.
     sensors : Sensors
+        The sensors and their noise.
     controller : Controller
+        The joint controller.
+    runs : int
+        Number of times that the motion is made; each run is a segment of the recording.
+    pause : float
+        Time between two runs, s.
+    warming : Warming, optional
+        How the joints warm up; None for the usual warming where an effect needs a temperature.
+    seed : int
+        Seed of the noise.
 
     Notes
     -----
@@ -56,7 +67,15 @@ class SimulationRequest(Session):
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
-    """Inertial parameters (n, 10) of the links, and rotor inertia, Coulomb and viscous friction as effects."""
+    """Standard parameters of a robot by kind: those of the links, and those of the drives as effects.
+
+    Parameters
+    ----------
+    inertias : (n, 10)
+        Inertial parameters of the links, a row a link.
+    effects : tuple of TrueEffect
+        Rotor inertia, Coulomb and viscous friction, where a value was given.
+    """
 
     inertias: FloatArray
     effects: tuple[TrueEffect, ...]
@@ -68,12 +87,16 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = igno
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     request : SimulationRequest
+        The virtual robot, its motion, session and sensors.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
-    Measurement
+    SimulatedRecording
+        The recording of all runs, with the motion and torque that really occurred.
 
     Raises
     ------
@@ -81,6 +104,7 @@ def simulate(robot: Robot, request: SimulationRequest, progress: Progress = igno
         Where the request does not fit the robot, or the robot cannot follow the trajectory.
     """
     _check_effect_runs(request)
+    # Of the progress a twentieth is for building; the runs share the rest evenly.
     progress(0.0, "building the equation of motion")
     virtual = VirtualRobot(robot, request.effects, inertias=request.inertias, controller=request.controller)
     recordings = []
@@ -95,6 +119,7 @@ def _shift_reference(request: SimulationRequest, k: int) -> Reference:
     # The session's time goes on between runs, so that effects of time and temperature do.
     later = k * (request.reference.duration + request.pause)
     reference = replace(request.reference, t=request.reference.t + later)
+    # Temperatures are also made without a request for them where an effect needs them, since it has no torque without.
     heated = any(get_effect(effect.effect).needs_temperature for effect in request.effects)
     if reference.temperature is None and (heated or request.warming is not None):
         return add_warming(reference, request.warming or Warming())
@@ -103,6 +128,8 @@ def _shift_reference(request: SimulationRequest, k: int) -> Reference:
 
 def _derive_seed(seed: int, k: int) -> int:
     """Return the seed of the k-th run; the first run has that of the session, as a single run would."""
+    # A seed sequence of both numbers gives independent noise; seed + k would be the noise of another session's first
+    # run.
     return seed if k == 0 else int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
 
 
@@ -118,12 +145,18 @@ def check_run_labels(effect: str, named: Sequence[str], runs: int, pointer: str)
     Parameters
     ----------
     effect : str
+        Id of the effect, for the message.
     named : sequence of str
         Labels of the runs that the effect names.
     runs : int
         Number of runs.
     pointer : str
         Where the names stand in the request.
+
+    Raises
+    ------
+    DynidentError
+        For a label that is none of "1" to the number of runs.
     """
     labels = [str(k + 1) for k in range(runs)]
     unknown = [run for run in named if run not in labels]
@@ -139,18 +172,21 @@ def build_standard_parameters(robot: Robot, values: Mapping[str, float]) -> Stan
     Parameters
     ----------
     robot : Robot
+        The robot, whose description has to give inertial parameters.
     values : mapping of str to float
         By names such as "ZZ2", "M3", "Ia1", "Fc1", "Fv1".
 
     Returns
     -------
     StandardParameters
+        All inertial parameters, with the given values in place, and the given parameters of the drives.
 
     Raises
     ------
     DynidentError
         For a name that is no standard parameter of this robot, or a value that is not finite.
     """
+    # A copy: the array belongs to the robot, which others use, too.
     inertias = select_inertias(robot, None).copy()
     effects = []
     for name, value in values.items():

@@ -66,7 +66,15 @@ class _StepPrediction(Prediction):
 
 @dataclass(frozen=True, eq=False)
 class Sliding:
-    """A relative velocity with dry friction, and the symbol of its direction: ±1 sliding, anything between at rest."""
+    """A relative velocity with dry friction, and the symbol of its direction.
+
+    Parameters
+    ----------
+    velocity : casadi.SX
+        The relative velocity, rad/s or m/s.
+    direction : casadi.SX
+        Symbol of the direction of friction: ±1 where it slides, anything between at rest.
+    """
 
     velocity: ca.SX
     direction: ca.SX
@@ -97,6 +105,7 @@ class SimulatedSignals(Signals):
 
     def _find_direction(self, velocity: ca.SX) -> ca.SX:
         for j in range(self.robot.n):
+            # The same symbol for the same velocity: a joint slides or rests for all of its friction at once.
             if ca.is_equal(velocity, self.dq[j]):
                 return self.sign[j]
         self._others.append(Sliding(velocity, ca.SX.sym(f"direction_{self.robot.n + len(self._others)}")))
@@ -114,6 +123,7 @@ class SimulatedSignals(Signals):
 
     def is_part_of_motion(self, torque: ca.SX) -> bool:
         """Return whether a column's torque takes part in the motion; if not, it belongs to the measurement."""
+        # Third and fourth derivatives and symbols without a value do not exist within a step.
         return not ca.depends_on(torque, ca.vertcat(self.dddq, self.ddddq, self.predicted.unknown_symbol))
 
 

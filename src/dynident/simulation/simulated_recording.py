@@ -19,9 +19,18 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happened at the samples: q, dq, ddq, tau (m, n), without quantisation and noise.
+    """What really happened at the samples, without quantisation and noise.
 
-    tau is the torque that the motors gave; wrong gains or a delay enter where it is measured.
+    Parameters
+    ----------
+    q : (m, n)
+        Positions, rad or m.
+    dq : (m, n)
+        Velocities, rad/s or m/s.
+    ddq : (m, n)
+        Accelerations, rad/s² or m/s².
+    tau : (m, n)
+        Torque that the motors gave, N m or N; wrong gains or a delay enter only where it is measured.
     """
 
     q: FloatArray
@@ -37,22 +46,23 @@ class SimulatedRecording:
     Parameters
     ----------
     robot : Robot
+        The robot that was measured.
     t : (m,)
         Times, s.
     q : (m, n)
-        Positions as the encoders give them.
+        Positions as the encoders give them, rad or m.
     tau : (m, n)
         Measured motor torque, N m or N, referred to the joint, with noise.
     current : (m, n) or None
-        Motor currents, which replace `tau` in the file where the robot records currents.
+        Motor currents, A, which replace `tau` in the file where the robot records currents.
     temperature : (m, n) or None
         Joint temperatures, degC.
     truth : Truth
         The motion and torque without sensors.
     noise : (n,)
-        Standard deviation of the torque noise: no model can predict better than this.
+        Standard deviation of the torque noise, N m or N: no model can predict better than this.
     tracking_error : (n,)
-        Largest distance from the reference.
+        Largest distance of each joint from the reference, rad or m.
     segment : (m,) or None
         Number of the run, from 1 on, where there is more than one.
     """
@@ -79,11 +89,13 @@ def join_runs(runs: Sequence[SimulatedRecording]) -> SimulatedRecording:
 
     Parameters
     ----------
-    runs : sequence of Measurement
+    runs : sequence of SimulatedRecording
+        Runs in the order of time, all with the same sensors.
 
     Returns
     -------
-    Measurement
+    SimulatedRecording
+        One recording with a segment for each run; a single run is returned as it is.
     """
     if len(runs) == 1:
         return runs[0]
@@ -98,6 +110,7 @@ def join_runs(runs: Sequence[SimulatedRecording]) -> SimulatedRecording:
         truth=Truth(
             *(np.concatenate(series) for series in zip(*(_split_truth(run.truth) for run in runs), strict=True))
         ),
+        # One number a joint has to stand for all runs; the largest promises too much of none of them.
         noise=np.max([run.noise for run in runs], axis=0),
         tracking_error=np.max([run.tracking_error for run in runs], axis=0),
         segment=np.repeat(np.arange(1, len(runs) + 1), [run.n_samples for run in runs]),
@@ -118,12 +131,13 @@ def build_recording_table(measurement: SimulatedRecording) -> pa.Table:
 
     Parameters
     ----------
-    measurement : Measurement
+    measurement : SimulatedRecording
+        The recording to be written.
 
     Returns
     -------
     pyarrow.Table
-        t, q1 …, tau1 … or current1 …; temperature1 … and segment where there are any.
+        Columns t, q1 …, tau1 … or current1 …; temperature1 … and segment where there are any.
     """
     columns: dict[str, FloatArray | NDArray[np.int64]] = {"t": measurement.t}
     signals = {
@@ -145,14 +159,17 @@ def write_simulated_recording(
 
     Parameters
     ----------
-    measurement : Measurement
+    measurement : SimulatedRecording
+        The recording to be written.
     path : Path
+        The file, which is replaced if it exists.
     file_format : {"parquet", "csv"}
+        Format of the file.
 
     Returns
     -------
     Path
-        `path`.
+        The path that was given.
     """
     table = build_recording_table(measurement)
     if file_format == "csv":

@@ -28,6 +28,7 @@ from dynident.effects.hysteresis_states import build_step_expression
 from dynident.expressions import Recurrence
 from dynident.simulation.dynamics import Dynamics, list_rest_inputs, stack_directions
 
+# A fixed number: the iterations are unrolled into one compiled expression, which cannot end early.
 ITERATIONS = 6
 # Velocity (rad/s or m/s) below which the slope of friction is taken to be what it is there: a root of the velocity has
 # none at zero, and a Newton iteration that saw how steep it is close to zero would never leave it.
@@ -43,7 +44,13 @@ _RIGID = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of a robot under joint control."""
+    """One step of a robot under joint control.
+
+    Parameters
+    ----------
+    recurrence : Recurrence
+        Compiled function from one state to the next.
+    """
 
     recurrence: Recurrence
 
@@ -55,7 +62,7 @@ class Step:
         Parameters
         ----------
         state : (s,)
-            As `first_state` makes it.
+            As `build_first_state` makes it.
         inputs : (m, w)
             [q_r, dq_r, feed-forward torque, time, temperature (n), runs].
         h : float
@@ -74,11 +81,26 @@ class Step:
 
 
 def build_first_state(dynamics: Dynamics, q: FloatArray, dq: FloatArray, ddq: FloatArray, h: float) -> FloatArray:
-    """Return the state (s,) of a run that begins with q, dq, ddq (n,): [q, v, a, q_last, z, directions of friction].
+    """Return the state of a run that begins with a given motion.
 
-    v is the velocity half a step before q, a and q_last are acceleration and position of the step before, z the
-    hysteresis states there.
+    The state is [q, v, a, q_last, z, directions of friction]: v is the velocity half a step before q, a and q_last are
+    acceleration and position of the step before, z the hysteresis states there.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Equation of motion of the robot.
+    q, dq, ddq : (n,)
+        Position, velocity and acceleration at the start: rad, rad/s, rad/s² or m, m/s, m/s².
+    h : float
+        Length of a step, s.
+
+    Returns
+    -------
+    (s,)
+        The state, with the hysteresis relaxed.
     """
+    # Leapfrog: the velocity of the state belongs to half a step before the position.
     before = dq - 0.5 * h * ddq
     joints = np.sign(before)
     others = np.zeros(len(dynamics.sliding) - len(q))
@@ -106,7 +128,18 @@ class _Iterate:
 
 
 def build_step(dynamics: Dynamics) -> Step:
-    """Build the step of a robot."""
+    """Build the step of a robot under joint control.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Equation of motion of the robot.
+
+    Returns
+    -------
+    Step
+        The step, compiled.
+    """
     signals, parts, h = dynamics.signals, dynamics.parts, ca.SX.sym("h")
     robot, n = dynamics.robot, dynamics.robot.n
     stiffness, damping = ca.SX.sym("stiffness", n), ca.SX.sym("damping", n)
@@ -121,6 +154,7 @@ def build_step(dynamics: Dynamics) -> Step:
     predicted = velocity + 0.5 * h * before
     tau = feed_forward + stiffness * (reference - signals.q) + damping * (reference_rate - predicted)
     tau = ca.vertcat(*(_limit_torque(tau[j], robot.joints[j].limits.effort) for j in range(n)))
+    # Hysteresis depends on the path of the positions, which the step knows already, so it needs no iteration.
     states = _advance_memory(
         signals.memory_signals,
         memory,
@@ -130,10 +164,13 @@ def build_step(dynamics: Dynamics) -> Step:
     mass, bias, position_torque = rigid(signals.q, predicted)
     known = _StepConstants(h, velocity, mass, bias, tau - position_torque)
     iteration = _Iteration(dynamics, states)
+    # The set of resting joints of the last step is the first guess: few joints start or stop in any one step.
     iterate = _Iterate(predicted, predicted, direction)
     for _ in range(ITERATIONS):
         iterate = iteration.improve(iterate, known)
 
+    # The velocity at the step is the mean of those half a step before and after, so the acceleration is twice the mean
+    # less the first, over h.
     ddq = 2 * (iterate.middle - velocity) / h
     runs = list_rest_inputs(signals, dynamics.runs)[-1]
     state = ca.vertcat(signals.q, velocity, before, last, memory, direction)
@@ -172,6 +209,7 @@ class _Iteration:
         # infinitely steep.
         slope = self._slope(self._q, ca.copysign(ca.fmax(ca.fabs(middle), _STEEPEST), middle), *others)
         residual = load + torque - known.drive
+        # The acceleration is 2 (middle - velocity) / h, hence the factor 2 / h on whatever depends on the acceleration.
         jacobian = ca.densify(2 / h * (known.mass + inertia) + slope)
 
         # What rests has no velocity after the step, hence half of its velocity before it in the middle.
@@ -191,6 +229,8 @@ class _Iteration:
         needed = joints + (0.5 * ca.diag(jacobian) * after - missing) / largest
         directions_next = [_clip_direction(needed / (1 + _HELD))]
         for k in range(n, iterate.direction.numel()):
+            # Relative velocities other than those of joints, such as in a coupled gear: the direction moves by what
+            # would stop the sliding, as far as friction can act on that velocity at all.
             relative, along = self._others(self._q, after)
             along = along[k - n, :]
             response = 2 * ca.mtimes(along, ca.ldl_solve(moves * dry[:, k], *factors))

@@ -27,14 +27,18 @@ def size_parameters(robot: Robot, effect: str, joint: str, torque: FloatArray) -
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effect : str
+        Id of the effect in the catalogue.
     joint : str
-        "" for the whole robot.
+        Name of the joint; "" for the whole robot.
     torque : (n,)
+        Torque that is wanted on each joint, N m or N.
 
     Returns
     -------
-    dict of parameter name to value
+    dict of str to float
+        Value of each parameter by its name.
 
     Raises
     ------
@@ -55,15 +59,19 @@ def size_parameters(robot: Robot, effect: str, joint: str, torque: FloatArray) -
         (signals.time, rng.uniform(0, 10, (_STATES, 1))),
         (signals.period, np.full((_STATES, 1), 1e-3)),
         (signals.temperature, rng.uniform(20, 45, (_STATES, n))),
+        # Hysteresis that slides fully one way or the other has its largest torque.
         (signals.memory_symbols, rng.choice([-1.0, 1.0], (_STATES, len(signals.memory_signals)))),
         (signals.predicted.motor, torque * rng.uniform(-1, 1, (_STATES, n))),
     ]
     runs = [signals.in_runs(run) for run in signals.find_run_signals(stacked)]
+    # What a column refers to, such as the Coulomb friction of its joint, is unknown here: only the links have values.
     known = ca.vertcat(signals.reference, *runs)
     stacked = ca.substitute(stacked, known, ca.vertcat(ca.SX(ca.DM(_build_reference(robot))), ca.SX.ones(len(runs), 1)))
     function = ca.Function("columns", [symbol for symbol, _ in inputs], [stacked]).map(_STATES)
     values_of_states = np.asarray(ca.DM(function(*(values.T for _, values in inputs))), dtype=np.float64)
     rows = values_of_states.reshape(n, _STATES, len(columns))
+    # The largest joint counts: an effect on one joint moves torque on others, too, and none of them may exceed what was
+    # asked for.
     rms = np.sqrt(np.mean(rows**2, axis=1)) / torque[:, None]
     largest = rms.max(axis=0)
     if not (np.isfinite(largest).all() and (largest > 0).all()):
@@ -86,10 +94,12 @@ def list_drive_effects(robot: Robot) -> tuple[TrueEffect, ...]:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
 
     Returns
     -------
     tuple of TrueEffect
+        Joint by joint, those effects for which a usual size is known.
     """
     effects = []
     for choice in DEFAULT_EFFECTS:
@@ -106,13 +116,16 @@ def build_typical_effect(robot: Robot, effect: str, joint: str = "") -> TrueEffe
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effect : str
+        Id of the effect in the catalogue.
     joint : str
-        "" for the whole robot.
+        Name of the joint; "" for the whole robot.
 
     Returns
     -------
     TrueEffect
+        The effect, with a value for each of its parameters.
 
     Raises
     ------

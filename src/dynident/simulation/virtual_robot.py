@@ -50,11 +50,13 @@ class VirtualRobot:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effects : sequence of TrueEffect
         What acts besides the links, such as friction and rotor inertia.
     inertias : (n, 10), optional
         Inertial parameters of the links; those of the description where none are given.
     controller : Controller
+        The joint controller; the default one where left out.
     longest_step : float
         Longest internal step in s.
 
@@ -97,6 +99,7 @@ class VirtualRobot:
         reference : Reference
             It should begin at rest; the robot begins on it. Its time is that of the session.
         sensors : Sensors
+            The sensors; the default ones where left out.
         run : str
             Label of this run: effects that act in some runs alone act in it where they name it.
         seed : int
@@ -106,7 +109,8 @@ class VirtualRobot:
 
         Returns
         -------
-        Measurement
+        SimulatedRecording
+            What the sensors show, beside what really happened.
 
         Raises
         ------
@@ -130,6 +134,8 @@ class VirtualRobot:
         t = reference.t[0] + steps * (period / steps_per_sample)
         noise = compute_noise_deviation(sensors, self.robot, truth.tau)
         sensor_torque = self.sensing.compute_torque(t, truth, path.evaluate_temperature(t), run)
+        # The order of the draws, jitter before noise, is part of what a seed means: another order would give other
+        # recordings.
         tau = sensor_torque + noise * rng.standard_normal(sensor_torque.shape)
         return SimulatedRecording(
             robot=self.robot,
@@ -169,9 +175,11 @@ class VirtualRobot:
         n, steps = self.robot.n, len(tau)
         state = build_first_state(self.dynamics, start.q[0], start.dq[0], start.ddq[0], h)
         if memory is not None:
+            # The state is [q, v, a, q_last, z, directions], so that the hysteresis follows four entries a joint.
             state[4 * n : 4 * n + len(memory)] = memory
         t = start.t[0] + h * np.arange(steps)
         heat = np.zeros(n) if start.temperature is None else start.temperature[0]
+        # With gains of zero the reference does not matter, and the given torque takes the place of the feed-forward.
         nothing = np.zeros((steps, 2 * n))
         warm, runs = (
             np.broadcast_to(heat, (steps, n)),
@@ -198,6 +206,8 @@ class VirtualRobot:
     ) -> FloatArray:
         """Return samples [q, dq, ddq, tau] (m, 4 n) at the internal steps `steps` (m,)."""
         start, n_steps = float(reference.t[0]), int(steps[-1]) + 1
+        # A robot's controller computes its feed-forward torque at its own rate and interpolates. Two periods more than
+        # the motion lasts leave no gap at its end.
         coarse = np.arange(0.0, reference.duration + 2 / FEED_FORWARD_RATE, 1 / FEED_FORWARD_RATE) + start
         gains: Gains = compute_joint_gains(self.controller, self.dynamics, path, coarse)
         feed_forward = compute_feed_forward_torque(self.controller, self.dynamics, path, coarse)
@@ -217,6 +227,7 @@ class VirtualRobot:
             chunk_steps = steps[done : int(np.searchsorted(steps, first + _CHUNK))] - first
             out[done : done + len(chunk_steps)] = rows[chunk_steps]
             done += len(chunk_steps)
+            # The last chunk runs on behind the end of the motion; only the steps within it are judged and reported.
             last = min(_CHUNK, n_steps - first)
             self._check_tracking(t[:last], q[:last], rows[:last, : self.robot.n])
             progress(min(1.0, (first + last) / n_steps), f"simulated {t[last - 1] - start:.1f} s")
@@ -232,6 +243,7 @@ class VirtualRobot:
             )
 
     def _check_tracking(self, t: FloatArray, reference: FloatArray, q: FloatArray) -> None:
+        # Not with > _LOST: this form is also true for NaN, where the integration has diverged.
         lost = np.argwhere(~(np.abs(q - reference) < _LOST))
         if not len(lost):
             return

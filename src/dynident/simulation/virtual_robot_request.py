@@ -22,7 +22,21 @@ FEED_FORWARDS = OneOf(
 
 @dataclass(frozen=True)
 class ActingEffect:
-    """An effect of the virtual robot; of a size as found on real arms where no parameters are given."""
+    """An effect of the virtual robot; of a size as found on real arms where no parameters are given.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect in the catalogue.
+    joints : tuple of str
+        Names of the joints that it acts on; all that it may act on where there are none.
+    parameters : mapping of str to float
+        Values by the parameter names of the catalogue, in their units; the usual size where there are none.
+    shape_parameters : mapping of str to float
+        Shape constants by name; those that are left out have their defaults.
+    runs : tuple of str
+        Labels of the runs in which it acts: "1", "2", …; all runs where there are none.
+    """
 
     effect: str = declare_field("An id of GET /v1/effects")
     joints: tuple[str, ...] = declare_field("All that it may sit on where none is given", default=())
@@ -33,14 +47,36 @@ class ActingEffect:
 
 @dataclass(frozen=True)
 class Warming:
-    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
+    """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant).
+
+    Parameters
+    ----------
+    start : float
+        Temperature at t = 0, degC.
+    end : float
+        Temperature that the joints tend to, degC.
+    time_constant : float
+        Time constant of the exponential, s.
+    """
 
     start: float = declare_field("degC at t = 0", default=20.0, at_least=-273, at_most=1000)
     end: float = declare_field("degC in the end", default=45.0, at_least=-273, at_most=1000)
     time_constant: float = declare_field("How slowly", default=1200.0, unit="s", at_least=1e-3, at_most=1e9)
 
     def compute_temperature(self, t: FloatArray) -> FloatArray:
-        """Return the temperature (m,) in degC at times t (m,) in s."""
+        """Return the temperature in degC at given times.
+
+        Parameters
+        ----------
+        t : (m,)
+            Times, s.
+
+        Returns
+        -------
+        (m,)
+            Temperatures, degC.
+        """
+        # Imported here: who only declares or reads a request does not wait for numpy.
         import numpy as np
 
         return self.end + (self.start - self.end) * np.exp(-t / self.time_constant)
@@ -52,6 +88,21 @@ class Sensors:
 
     The share of a joint's effort limit is one of the largest torque of the run where the robot has no limit. Currents
     are torque / drive gain [12.17].
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples a second, Hz.
+    encoder_counts : int or None
+        Counts of an encoder per turn or metre; 0 or None for exact positions.
+    torque_noise : float
+        Standard deviation of the torque noise as a share of the effort limit.
+    torque_noise_absolute : tuple of float or None
+        Standard deviation of the torque noise of each joint, N m or N, in place of `torque_noise`.
+    jitter : float
+        Standard deviation of the sampling instants, s.
+    current : bool
+        Whether motor currents are recorded in place of torques.
     """
 
     sampling_rate: float = declare_field(default=1000.0, unit="Hz", at_least=0.1, at_most=20_000, option="-")
@@ -72,7 +123,19 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """How often a virtual robot moves, with what between, and what is drawn."""
+    """How often a virtual robot moves, with what between, and what is drawn.
+
+    Parameters
+    ----------
+    runs : int
+        Number of times that the motion is made; each run is a segment of the recording.
+    pause : float
+        Time between two runs, s.
+    warming : Warming or None
+        How the joints warm up; None for the usual warming where an effect needs a temperature.
+    seed : int
+        Seed of the noise and of a random motion.
+    """
 
     runs: int = declare_field("How often the motion is made: a segment for each", default=1, at_least=1, at_most=100)
     pause: float = declare_field(
@@ -91,7 +154,29 @@ def list_usual_effects() -> tuple[ActingEffect, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated(Session):
-    """A virtual robot to be measured."""
+    """A virtual robot to be measured.
+
+    Parameters
+    ----------
+    runs : int
+        Number of times that the motion is made; each run is a segment of the recording.
+    pause : float
+        Time between two runs, s.
+    warming : Warming, optional
+        How the joints warm up; None for the usual warming where an effect needs a temperature.
+    seed : int
+        Seed of the noise and of a random motion.
+    parameters : mapping of str to float
+        Standard parameters by name, such as ZZ2 or Fc1; those of the description where left out.
+    effects : tuple of ActingEffect
+        Effects besides the links; the usual friction and rotor inertia where left out.
+    noise : Sensors
+        The sensors and their noise.
+    sampling_rate : float or None
+        Samples a second of the sensors, Hz; the rate of the trajectory where left out.
+    feed_forward : FeedForward
+        What the controller knows of the torque beforehand.
+    """
 
     parameters: Mapping[str, float] = declare_field(
         "Standard parameters by name, such as ZZ2 or Fc1; else those of the description", made_by=dict

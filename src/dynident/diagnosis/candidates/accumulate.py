@@ -1,4 +1,4 @@
-"""Inner products straight from filtered rows, apart for rows where a joint moves and where it turns round.
+"""Collect inner products from filtered rows, separately for rows where a joint moves and where it reverses.
 
 A motion that is repeated shows the same again: whatever differs from the truth does so at the same place of every
 period, and a function that is wrong but flexible predicts it in one period as well as in the next. So all that is at
@@ -33,7 +33,15 @@ their products (`benchmarks/rows_or_products.py`), which then take less memory."
 
 
 class BlockNumbering:
-    """Which stretch of time a row is of: of about a `usual` length in seconds, never below the `shortest`."""
+    """Numbers of the blocks of time that rows are in.
+
+    Parameters
+    ----------
+    usual : float
+        Usual length of a block, s.
+    shortest : float
+        Least length of a block, s.
+    """
 
     def __init__(self, usual: float, shortest: float) -> None:
         self._usual, self._shortest = max(usual, shortest), shortest
@@ -44,33 +52,46 @@ class BlockNumbering:
         self._begun: dict[tuple[int, int], int] = {}
 
     def begin_run(self, label: str, periods: Sequence[Repeat]) -> None:
-        """The next rows are of this run, which repeats itself where `periods` say; stretches end with it."""
+        """Begin a run: the rows that follow are of it, and blocks end with it.
+
+        Parameters
+        ----------
+        label : str
+            Name of the run.
+        periods : sequence of Repeat
+            Where the run repeats itself.
+        """
         self._run, self._periods = label, periods
+        # The places of a period are those of one run: the next run may have another motion.
         self._begun = {}
+        # A new run begins a new block, whatever its time.
         self._end = -np.inf
 
     def number_times(self, t: FloatArray) -> IndexArray:
-        """(m,): the stretch of each of these times, which go on from those before."""
+        """Return the number (m,) of the block that each of these times is in; they continue those of the last call."""
         numbers = np.zeros(len(t), dtype=np.intp)
         first = 0
         while first < len(t):
             if t[first] >= self._end:
                 self._open_block(float(t[first]))
+            # At least one row a turn of the loop, also where rounding puts the end of the block at the row itself.
             last = first + max(1, int(np.searchsorted(t[first:], self._end)))
             numbers[first:last] = self._now
             first = last
         return numbers
 
     def list_runs(self) -> IndexArray:
-        """(s,): which run every stretch is of, by number."""
+        """Return the number (s,) of the run that each block is of."""
         labels = list(dict.fromkeys(self._runs))
         return np.array([labels.index(label) for label in self._runs], dtype=np.intp)
 
     def _open_block(self, start: float) -> None:
-        """Open the stretch that begins at a time or, where the motion has been here before, that of then."""
+        """Open the block that begins at a time or, where the motion has been here before, the block of that time."""
+        # Within a repeated interval the block depends on the place in the period, not on which period it is.
         for number, period in enumerate(self._periods):
             if period.start <= start < period.end + period.lag:
                 length = max(self._shortest, min(self._usual, period.lag / MANY))
+                # The period is divided into equal blocks, so that the same place of every period has the same number.
                 length = period.lag / max(1, int(period.lag / length))
                 since = (start - period.start) % period.lag
                 place = int(since / length)
@@ -84,13 +105,16 @@ class BlockNumbering:
 
 
 class RowAccumulator:
-    """Rows of every kind and joint, by stretch; as their products alone from where there are many.
+    """Collects the rows of every kind and joint by block; as their products alone from where there are many.
 
     Parameters
     ----------
-    widths : numbers of the joints' columns
-    kinds : number of kinds
-    expected : about so many stretches
+    widths : sequence of int
+        Number of columns of each joint.
+    kinds : int
+        Number of kinds of rows.
+    expected : int
+        Expected number of blocks.
     """
 
     def __init__(self, widths: Sequence[int], kinds: int, expected: int) -> None:
@@ -98,16 +122,28 @@ class RowAccumulator:
         self._room, self._pending, self._folded = _MOST_ROWS * max(expected, 1), 0, False
 
     def push(self, stretch: IndexArray, rows: Sequence[FloatArray], used: Sequence[BoolArray]) -> None:
-        """Add [W | Y] (m, p + 1) of every joint, in their stretches (m,); `used` (m, n) of every kind."""
+        """Add rows of every joint.
+
+        Parameters
+        ----------
+        stretch : (m,)
+            Number of the block of each row.
+        rows : sequence of (m, p + 1)
+            [W | Y] of each joint.
+        used : sequence of (m, n)
+            Which rows count, for each kind.
+        """
         for heaps, mask in zip(self._heaps, used, strict=True):
             for heap, block, own in zip(heaps, rows, mask.T, strict=True):
                 heap.push(stretch[own], block if own.all() else block[own])
         self._pending += len(stretch)
+        # Folding bounds the memory by the size of the products, however long the recordings are.
         if self._pending > self._room:
             self._fold()
 
     def finish(self, n_stretches: int) -> list[tuple[tuple[Stack, ...], FloatArray]]:
-        """The stacks of all joints, and how many rows there are (s, n), for every kind."""
+        """Return the stacks of all joints and the numbers of rows (s, n), for every kind."""
+        # Once one kind is folded all are: a stack is either rows or products.
         if self._folded:
             self._fold()
         return [
@@ -147,7 +183,7 @@ class _JointAccumulator:
         self._counts = counts
 
     def fold(self) -> None:
-        """Products instead of the pending rows."""
+        """Replace the pending rows by their products."""
         if self._products is None:
             self._products = np.zeros((0, self._width, self._width))
         rows, stretch = self._pop_pending()
@@ -161,29 +197,30 @@ class _JointAccumulator:
                 self._products[own[0]] += part.T @ part
 
     def stack(self, n_stretches: int) -> Stack:
-        """All of it."""
+        """Return all rows as a stack."""
         if self._products is not None:
             return ProductStack(_resize(self._products, n_stretches))
         rows, stretch = self._pop_pending()
         return RowStack(rows, stretch, n_stretches)
 
     def counts(self, n_stretches: int) -> FloatArray:
-        """(s,): rows of every stretch."""
+        """Return the number of rows (s,) of each block."""
         return np.pad(self._counts, (0, n_stretches - len(self._counts)))
 
     def _pop_pending(self) -> tuple[FloatArray, IndexArray]:
-        """The pending rows and their stretches, ascending; none are pending any more."""
+        """Return the pending rows and their blocks, ascending, and forget them."""
         rows, stretch = self._rows, self._stretch
         self._rows, self._stretch = [], []
         if not rows:
             return np.zeros((0, self._width)), np.zeros(0, dtype=np.intp)
         together, each = np.concatenate(rows), np.concatenate(stretch)
+        # A periodic motion comes back to earlier blocks, so that rows do not come in the order of their blocks.
         order = np.argsort(each, kind="stable")
         return together[order], each[order]
 
 
 def _resize(stack: FloatArray, length: int) -> FloatArray:
-    """(length, ...): the first of a stack, or the stack with zeros behind it."""
+    """Return the first entries (length, ...) of a stack, or the stack with zeros behind it."""
     if len(stack) >= length:
         return stack[:length]
     longer = np.zeros((length, *stack.shape[1:]))
@@ -208,9 +245,16 @@ test keeps its level (`benchmarks/decision_level.py`)."""
 
 @dataclass(frozen=True, eq=False)
 class ConditionalRows:
-    """Rows that are shown only to what lives there: `stacks`, their products, one a joint; `counts` (s, n).
+    """Rows that count only for the columns that they can show.
 
-    `shown` (columns, n): for which columns they are equations of which joint.
+    Parameters
+    ----------
+    stacks : tuple of Stack
+        The rows or their products, one stack a joint.
+    counts : (s, n)
+        Number of rows by block and joint.
+    shown : (columns, n)
+        For which columns they are equations of which joint.
     """
 
     stacks: tuple[Stack, ...]
@@ -220,10 +264,17 @@ class ConditionalRows:
 
 @dataclass(frozen=True, eq=False)
 class PhasedProducts:
-    """What all scores are computed from: `moving` of rows where the equation's joint moves.
+    """What all scores are computed from: inner products by the phase of the joint's motion.
 
-    `turning`: where it turns round without sticking, shown to friction that remembers its path, or is about low speeds
-    where it never sticks; `partial`: of the motion beside a halt, shown to friction that lives where a joint starts.
+    Parameters
+    ----------
+    moving : Products
+        Rows where the joint of the equation moves.
+    turning : ConditionalRows
+        Rows where it reverses without sticking. They count for friction that remembers its path, and for friction of
+        low speeds where the joint never sticks.
+    partial : ConditionalRows
+        Rows of the motion beside a halt, which count for friction that acts where a joint starts.
     """
 
     moving: Products
@@ -231,30 +282,38 @@ class PhasedProducts:
     partial: ConditionalRows
 
     def select_for_model(self, columns: Sequence[int] | IndexArray) -> Products:
-        """The rows that are equations for a model with these columns."""
+        """Return the rows that are equations for a model with these columns."""
         return self._combine_rows(self.select_joints(columns))
 
     def select_for_candidates(self, columns: Sequence[int] | IndexArray, kinds: BoolArray) -> Products:
-        """Those, and on all joints those of some kinds (2,): turning and partial rows, for candidates on any joint."""
+        """Return the same with the rows of some kinds on all joints, for candidates on any joint.
+
+        Parameters
+        ----------
+        columns : sequence of int
+            Columns of the model.
+        kinds : (2,)
+            Whether rows at reversals, and rows beside halts, count on all joints.
+        """
         return self._combine_rows(self.select_joints(columns) | kinds[:, None])
 
     def count_rows(self, columns: Sequence[int] | IndexArray) -> FloatArray:
-        """(s, n): how many rows are equations for a model with these columns."""
+        """Return the number of rows (s, n) that are equations for a model with these columns."""
         turns, starts = self.select_joints(columns)
         return np.asarray(self.moving.counts + turns * self.turning.counts + starts * self.partial.counts)
 
     def select_joints(self, columns: Sequence[int] | IndexArray) -> BoolArray:
-        """(2, n): joints whose turning, and whose partial rows are equations for a model with these columns."""
+        """Return (2, n): joints whose rows at reversals, and beside halts, count for a model with these columns."""
         own = np.asarray(columns, dtype=np.intp)
         return np.array([rows.shown[own].any(axis=0) for rows in (self.turning, self.partial)])
 
     def find_row_kinds(self, columns: Sequence[int] | IndexArray) -> tuple[bool, bool]:
-        """Whether turning, and whether partial rows of any joint are equations for a model with these columns."""
+        """Return whether rows at reversals, and beside halts, of any joint count for a model with these columns."""
         turns, starts = self.select_joints(columns)
         return bool(turns.any()), bool(starts.any())
 
     def _combine_rows(self, used: BoolArray) -> Products:
-        """Rows in which each joint moves, and those of `used` (2, n): where it turns, and of motion beside a halt."""
+        """Combine the rows in which each joint moves with those of `used` (2, n): at reversals, and beside halts."""
         more = [
             [
                 rows
@@ -263,6 +322,7 @@ class PhasedProducts:
             ]
             for j, own in enumerate(used.T)
         ]
+        # Most models have no friction that other rows would show: the common case makes no new stacks.
         if not any(more):
             return self.moving
         counts = self.moving.counts.copy()
@@ -286,30 +346,48 @@ def gather_products(
     progress: Progress = ignore_progress,
     samples_of: Callable[[Recording], Iterable[FilteredSamples]] | None = None,
 ) -> PhasedProducts:
-    """Inner products of all columns and Y, a stretch of time and joint at a time; W is never stored.
+    """Return inner products of all columns and Y, one block of time and joint at a time; W is never stored.
 
     Parameters
     ----------
     reference : ReferenceParameters
-        What loads are predicted with.
+        Parameters that loads are predicted with.
     n_base : int
-        Columns of the model itself: their friction says whose rows depend on the phase.
-    samples_of : function, optional
-        Gives a recording's filtered samples, where they are at hand.
+        Number of columns of the model itself: their friction decides whose rows depend on the phase.
+    samples_of : callable, optional
+        Gives the filtered samples of a recording, where they are at hand.
+    observation : Observation
+        Columns of the model, and behind them those of the candidates.
+    signals : Signals
+        Signals that the columns are expressions of.
+    recordings : sequence of Recording
+        Recordings of the robot.
+    preprocessing : Preprocessing
+        Filters of the model.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    PhasedProducts
+        The products, by the phase of the joint's motion.
     """
     n = observation.robot.n
     layout = [observation.joint_entries(joint) for joint in range(n)]
     frictional = find_joints_with_friction(observation, n_base)
+    # Blocks have to be long against this width: the filters carry what is in one block into its neighbours.
     width = compute_smear_width(preprocessing, recordings[0].sampling_rate)
     total = sum(compute_used_duration(recording) for recording in recordings)
     usual = max(_FINER * choose_block_length(recordings), total / _MOST)
     repeats = [find_periods(recording) for recording in recordings]
+    # Upper bound of the blocks of periodic motion, for the memory that is set aside.
     n_periodic = sum(1 + MANY * len(periods) for each in repeats for periods in each)
     stretches = BlockNumbering(usual, _LONG * width)
     collected = RowAccumulator([len(columns) for _, columns in layout], _KINDS, int(total / usual) + n_periodic)
     done, free = 0.0, np.ones(n, dtype=bool)
     for recording, periods in zip(recordings, repeats, strict=True):
         phases = RowPhases.from_recording(observation, recording, preprocessing, n_base).with_friction_of(frictional)
+        # A joint has to be free of sticking in every recording: rows of all of them are added up.
         free &= phases.free
         if samples_of is None:
             samples_of_recording: Iterable[FilteredSamples] = stream_filtered_samples(
@@ -332,6 +410,7 @@ def gather_products(
             progress(min(1.0, (done + samples.t[-1] - recording.segments[0].start_time) / total), recording.name)
         done += compute_used_duration(recording)
     starts = shows_at_starts(observation)
+    # Where a joint never sticks, what acts at low speeds shows at its reversals as well.
     turns = _find_memory_columns(observation, signals) | (starts & free)
     run = stretches.list_runs()
     (stacks, counts), turning, partial = collected.finish(len(run))
@@ -341,14 +420,14 @@ def gather_products(
 
 
 def _locate_columns(columns: IndexArray, count: int) -> IndexArray:
-    """(count,): where each of all columns stands among those that a joint has, -1 where it lacks it."""
+    """Return where each of all columns stands among those of a joint (count,), -1 where the joint lacks it."""
     where = np.full(count, -1, dtype=np.intp)
     where[columns] = np.arange(len(columns))
     return where
 
 
 def _find_memory_columns(observation: Observation, signals: Signals) -> BoolArray:
-    """(columns, n): which columns are functions of a joint's path."""
+    """Return which columns are functions of a joint's path (columns, n)."""
     has_memory = np.zeros((observation.n_columns, observation.robot.n), dtype=bool)
     if observation.memory:
         for k, column in enumerate(observation.columns):

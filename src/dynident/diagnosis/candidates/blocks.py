@@ -36,9 +36,18 @@ class _SharedColumns:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Where products within candidates belong among those of all portions in a row, `size` of them.
+    """Where products within candidates belong among those of all portions in a row.
 
-    `squares` (d,) of the columns `own` (d,); `several` those of candidates that have more than one of them.
+    Parameters
+    ----------
+    size : int
+        Number of products within candidates, all portions in a row.
+    squares : (d,)
+        Places of the squares of columns.
+    own : (d,)
+        Columns that these squares are of.
+    several : tuple of _SharedColumns
+        Places of the products of candidates with several columns.
     """
 
     size: int
@@ -48,7 +57,17 @@ class Pairs:
 
     @classmethod
     def from_places(cls, place: IndexArray, n_columns: int, portions: Sequence[Batch]) -> Pairs:
-        """Of a joint that has `n_columns` of the candidates': the `place` (c,) of each, at the end if it lacks it."""
+        """Find the places for one joint.
+
+        Parameters
+        ----------
+        place : (c,)
+            Where each column of the candidates stands among those of the joint, at the end where the joint lacks it.
+        n_columns : int
+            Number of columns that the joint has.
+        portions : sequence of Batch
+            The candidates, by number of columns.
+        """
         squares, own, several, start = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [], 0
         for portion in portions:
             k = portion.width
@@ -58,6 +77,7 @@ class Pairs:
             squares.append(np.einsum("gkk->gk", flat)[has])
             own.append(places[has])
             counts = has.sum(axis=1)
+            # Candidates that share a number of columns are multiplied at once, as a stack of small matrices.
             for p in sorted(set(counts[counts > 1].tolist())):
                 members = np.flatnonzero(counts == p)
                 which = np.nonzero(has[members])[1].reshape(-1, p)
@@ -68,7 +88,7 @@ class Pairs:
         return cls(start, np.concatenate(squares), np.concatenate(own), tuple(several))
 
     def compute_products(self, x: FloatArray) -> FloatArray:
-        """(size,): of the columns x (c, m)."""
+        """Return the products (size,) of columns x (c, m)."""
         products = np.zeros(self.size)
         products[self.squares] = np.einsum("cm,cm->c", x, x)[self.own]
         for group in self.several:
@@ -79,11 +99,29 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class ProductBlock:
-    """One joint's products over some stretches: of the model's columns W that it has, the candidates' X, and Y.
+    """Products of one joint over some blocks: of the model's columns W that it has, the candidates' X, and Y.
 
-    `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
-    x that the joint has: for those that it lacks at the end, where there are zeros. WᵀW (s, w, w), WᵀX (s, w, x + 1),
-    Wᵀy (s, w), Xᵀy (s, x + 1), yᵀy (s,); `pairs` are XᵀX within the candidates of every portion (s, g, k, k).
+    Parameters
+    ----------
+    have : (w,)
+        Columns of the model that the joint has.
+    place : (c,)
+        Where each column of the candidates stands among the x that the joint has; at the end, where there are zeros,
+        for those that it lacks.
+    ww : (s, w, w)
+        WᵀW by block.
+    wx : (s, w, x + 1)
+        WᵀX by block.
+    wy : (s, w)
+        Wᵀy by block.
+    xy : (s, x + 1)
+        Xᵀy by block.
+    yy : (s,)
+        yᵀy by block.
+    pairs : tuple of (s, g, k, k)
+        XᵀX within the candidates of each portion.
+    portions : tuple of Batch
+        The candidates, by number of columns.
     """
 
     have: IndexArray
@@ -100,7 +138,21 @@ class ProductBlock:
     def from_products(
         cls, data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
     ) -> ProductBlock:
-        """Take what is needed out of a joint's products."""
+        """Take what is needed out of a joint's products.
+
+        Parameters
+        ----------
+        data : Products
+            Products of all columns.
+        joint : int
+            Index of the joint.
+        base : (b,)
+            Columns of the model.
+        extra : (c,)
+            Columns of the candidates.
+        portions : sequence of Batch
+            The candidates, by number of columns.
+        """
         where = data.position[joint]
         have, wp = find_present(where, base)
         place, xp = locate_columns(where, extra)
@@ -121,7 +173,7 @@ class ProductBlock:
         return cls(have, place, ww, wx, wy, xy, data.take_products(joint, y, y)[:, 0], tuple(pairs), tuple(portions))
 
     def select_stretches(self, stretches: IndexArray) -> ProductBlock:
-        """Of some of the stretches."""
+        """Return the same for some of the blocks."""
         return ProductBlock(
             self.have,
             self.place,
@@ -135,7 +187,7 @@ class ProductBlock:
         )
 
     def sum_products(self) -> JointSums:
-        """Over all stretches."""
+        """Return the sums over all blocks."""
         return JointSums(
             self.ww.sum(axis=0),
             self.wx.sum(axis=0)[:, :-1],
@@ -145,7 +197,7 @@ class ProductBlock:
         )
 
     def compute_errors(self, fit: FoldFit) -> ProductErrors:
-        """Its squared errors for a fit."""
+        """Return the squared errors for a fit."""
         return ProductErrors(self, fit)
 
 
@@ -159,6 +211,7 @@ class ProductErrors:
         self._block = block
         chi = fit.chi[block.have]
         self._projection = fit.projection[block.have]
+        # |y - W χ|² from products alone. It is a small difference of large numbers, which rounding may make negative.
         errors = block.yy - 2 * block.wy @ chi + np.einsum("i,sij,j->s", chi, block.ww, chi)
         self.alone = np.maximum(errors, 0.0)
         # Wᵀρ (s, w) and Xᵀρ (s, x + 1) of what the model leaves.
@@ -166,22 +219,23 @@ class ProductErrors:
         self._x_rest = block.xy - chi @ block.wx
 
     def compute_scores(self) -> FloatArray:
-        """(s, c): Zᵀρ."""
+        """Return the scores Zᵀρ (s, c) by block and column."""
         return np.asarray(self._x_rest[:, self._block.place] - self._w_rest @ self._projection)
 
     def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion."""
+        """Return the squared errors (g, s) with each candidate, portion by portion."""
         each = zip(self._block.portions, self._block.pairs, amplitudes.each, strict=True)
         return np.concatenate([self._compute_portion_errors(portion, pairs, own) for portion, pairs, own in each])
 
     def _compute_portion_errors(self, portion: Batch, pairs: FloatArray, amplitudes: FloatArray) -> FloatArray:
-        """(g, s)"""
+        """Return the squared errors (g, s) with each candidate of a portion."""
         block = self._block
         shift = np.einsum("bgk,gk->bg", self._projection[:, portion.columns], amplitudes)
         along = -(self._w_rest @ shift)
         size = np.einsum("sbg,bg->sg", block.ww @ shift, shift)
         size += np.einsum("sgkl,gk,gl->sg", pairs, amplitudes, amplitudes)
         places = block.place[portion.columns]
+        # Column by column: all at once would need an array of blocks, model columns and candidates.
         for k in range(portion.width):
             own, place = amplitudes[:, k], places[:, k]
             along += own * self._x_rest[:, place]
@@ -191,12 +245,22 @@ class ProductErrors:
 
 @dataclass(frozen=True, eq=False)
 class RowBlock:
-    """One joint's `columns` (w + x + 1, m) in some stretches: W of the model, X of the candidates, and Y.
+    """Rows of one joint in some blocks: W of the model, X of the candidates, and Y.
 
-    `have` (w,) says which of the model's columns these are; `place` (c,) where each of the candidates' stands among the
-    x that the joint has, ascending, x for those that it lacks. `stretch` (m,) is that of every row, ascending, of
-    `n_stretches`; `pairs` the products within candidates that it has a share in. Column by column: what a score takes
-    of them is some columns of all rows.
+    Parameters
+    ----------
+    have : (w,)
+        Columns of the model that the joint has.
+    place : (c,)
+        Where each column of the candidates stands among the x that the joint has, x for those that it lacks.
+    columns : (w + x + 1, m)
+        W of the model, X of the candidates, and Y, column by column: a score takes some columns of all rows.
+    stretch : (m,)
+        Number of the block of each row, ascending.
+    n_stretches : int
+        Number of blocks.
+    pairs : Pairs
+        Products within candidates that the joint has a share in.
     """
 
     have: IndexArray
@@ -219,9 +283,16 @@ class RowBlock:
 
         Parameters
         ----------
-        stacks : its rows, by kind
-        where : where every column stands in them
-        columns : the model's (b,), and the candidates' (c,)
+        stacks : sequence of RowStack
+            The rows of the joint, by kind.
+        where : (columns,)
+            Where every column stands in them.
+        columns : tuple of (b,), (c,)
+            Columns of the model, and of the candidates.
+        portions : sequence of Batch
+            The candidates, by number of columns.
+        n_stretches : int
+            Number of blocks.
         """
         base, extra = columns
         have, wp = find_present(where, base)
@@ -230,6 +301,7 @@ class RowBlock:
         parts = [stack.columns[needed] for stack in stacks]
         stretch = np.concatenate([stack.stretch for stack in stacks])
         whole = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        # Rows of several kinds are merged by block, since sums by block need them in order.
         if len(stacks) > 1:
             order = np.argsort(stretch, kind="stable")
             whole, stretch = whole.take(order, axis=1), stretch[order]
@@ -237,21 +309,22 @@ class RowBlock:
 
     @property
     def w(self) -> FloatArray:
-        """(w, m)"""
+        """Columns of the model (w, m)."""
         return self.columns[: len(self.have)]
 
     @property
     def x(self) -> FloatArray:
-        """(x, m)"""
+        """Columns of the candidates (x, m)."""
         return self.columns[len(self.have) : -1]
 
     @property
     def y(self) -> FloatArray:
-        """(m,)"""
+        """Torque (m,)."""
         return np.asarray(self.columns[-1])
 
     def select_stretches(self, stretches: IndexArray) -> RowBlock:
-        """Of some of the stretches, ascending."""
+        """Return the same for some of the blocks, ascending."""
+        # Blocks are numbered anew; the rows of all others get -1 and drop out.
         number = np.full(self.n_stretches, -1, dtype=np.intp)
         number[stretches] = np.arange(len(stretches))
         stretch = number[self.stretch]
@@ -259,7 +332,7 @@ class RowBlock:
         return replace(self, columns=self.columns.take(own, axis=1), stretch=stretch[own], n_stretches=len(stretches))
 
     def sum_products(self) -> JointSums:
-        """Over all stretches."""
+        """Return the sums over all blocks."""
         w, x = len(self.have), len(self.x)
         products = self.w @ self.columns.T
         return JointSums(
@@ -271,7 +344,7 @@ class RowBlock:
         )
 
     def compute_errors(self, fit: FoldFit) -> RowErrors:
-        """Its squared errors for a fit."""
+        """Return the squared errors for a fit."""
         return RowErrors(self, fit)
 
 
@@ -288,15 +361,17 @@ class RowErrors:
         self.alone = np.bincount(block.stretch, self._rest**2, block.n_stretches).astype(np.float64)
 
     def compute_scores(self) -> FloatArray:
-        """(s, c): Zᵀρ."""
+        """Return the scores Zᵀρ (s, c) by block and column."""
         scores = -self._add_up(self._block.w * self._rest).T @ self._projection
         scores[:, self._has] += self._add_up(self._block.x * self._rest).T
         return np.asarray(scores)
 
     def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion."""
+        """Return the squared errors (g, s) with each candidate, portion by portion."""
         # What a fold does not determine may be beyond all numbers elsewhere: no gain, whatever it is.
         with np.errstate(over="ignore", invalid="ignore"):
+            # Beside a candidate the model's own parameters are other ones; both changes are subtracted from what the
+            # model leaves.
             residuals = amplitudes.model_adjustments[:, self._block.have] @ self._block.w
             residuals += self._rest
             # Most candidates have columns of their own on few joints.
@@ -314,13 +389,13 @@ class JointErrors(Protocol):
 
     @property
     def alone(self) -> FloatArray:
-        """(s,): those of the model."""
+        """Squared errors (s,) of the model alone."""
 
     def compute_scores(self) -> FloatArray:
-        """(s, c): Zᵀρ, Z what the model does not say of every candidate's column, ρ what it leaves."""
+        """Return the scores Zᵀρ (s, c): Z is what the model leaves of each candidate's column, ρ the same of Y."""
 
     def compute_errors_with(self, amplitudes: Amplitudes) -> FloatArray:
-        """(g, s): squared errors with each candidate, portion by portion."""
+        """Return the squared errors (g, s) with each candidate, portion by portion."""
 
 
 class JointBlock(Protocol):
@@ -335,18 +410,32 @@ class JointBlock(Protocol):
         """(c,): where each of the candidates' columns stands among the x that the joint has, x where it lacks it."""
 
     def select_stretches(self, stretches: IndexArray) -> JointBlock:
-        """Of some of the stretches."""
+        """Return the same for some of the blocks."""
 
     def sum_products(self) -> JointSums:
-        """Over all stretches."""
+        """Return the sums over all blocks."""
 
     def compute_errors(self, fit: FoldFit) -> JointErrors:
-        """Its squared errors for a fit."""
+        """Return the squared errors for a fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointBlocks:
-    """Those of all joints, for a model with b columns and candidates with c, in `n_stretches`."""
+    """Rows or products of all joints, for a model and candidates beside it.
+
+    Parameters
+    ----------
+    n_base : int
+        Number of columns b of the model.
+    n_extra : int
+        Number of columns c of the candidates.
+    n_stretches : int
+        Number of blocks.
+    portions : tuple of Batch
+        The candidates, by number of columns.
+    joints : tuple of JointBlock
+        Rows or products of each joint.
+    """
 
     n_base: int
     n_extra: int
@@ -356,28 +445,39 @@ class JointBlocks:
 
     @classmethod
     def from_products(cls, data: Products, base: IndexArray, candidates: Sequence[Candidate]) -> JointBlocks:
-        """Take what is needed to score the candidates beside the model whose columns are `base` (b,)."""
+        """Take what is needed to score candidates beside a model.
+
+        Parameters
+        ----------
+        data : Products
+            Products of all columns.
+        base : (b,)
+            Columns of the model.
+        candidates : sequence of Candidate
+            The candidates to score.
+        """
         extra = list_extra_columns(candidates)
         portions = split_batches(candidates, extra)
         joints = tuple(_build_block(data, joint, base, extra, portions) for joint in range(data.n_joints))
         return cls(len(base), len(extra), data.n_stretches, portions, joints)
 
     def select_stretches(self, stretches: IndexArray) -> JointBlocks:
-        """Of some of the stretches."""
+        """Return the same for some of the blocks."""
         joints = tuple(joint.select_stretches(stretches) for joint in self.joints)
         return JointBlocks(self.n_base, self.n_extra, len(stretches), self.portions, joints)
 
     def fit_amplitudes(self, fit: FoldFit) -> Amplitudes:
-        """The candidates' parameters, each fitted beside the model."""
+        """Fit the parameters of each candidate beside the model."""
         each = tuple(fit.fit_amplitudes(number) for number in range(len(self.portions)))
         return Amplitudes(self.portions, each, fit.projection)
 
     def sum_products(self, noise: FloatArray) -> ProductSums:
-        """Over the stretches, each joint in units of its noise (n,)."""
+        """Return the sums over all blocks and joints, each joint in units of its noise (n,)."""
         b, c = self.n_base, self.n_extra
         ww, wx, wy, xy = np.zeros((b, b)), np.zeros((b, c)), np.zeros(b), np.zeros(c)
         xx = np.zeros(sum(portion.columns.size * portion.width for portion in self.portions))
         for block, sigma in zip(self.joints, noise, strict=True):
+            # Rows of a joint count by the inverse of the variance of its noise, as in the fit of the model.
             weight = 1.0 / sigma**2
             own = block.sum_products()
             has = np.flatnonzero(block.place < len(own.xy))
@@ -392,6 +492,7 @@ class JointBlocks:
 def _build_block(
     data: Products, joint: int, base: IndexArray, extra: IndexArray, portions: Sequence[Batch]
 ) -> JointBlock:
+    # Rows are used as they are where all of them are at hand; one kind in products makes products of all.
     stacks = [stack for stack in data.stacks[joint] if isinstance(stack, RowStack)]
     if len(stacks) == len(data.stacks[joint]):
         return RowBlock.from_stacks(stacks, data.position[joint], (base, extra), portions, data.n_stretches)

@@ -22,7 +22,15 @@ _FEW = 8
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Candidates with k columns each: their numbers (g,), and their columns (g, k) among the `extra` ones."""
+    """Candidates with equally many columns, k each.
+
+    Parameters
+    ----------
+    members : (g,)
+        Numbers of the candidates.
+    columns : (g, k)
+        Their columns among the extra ones.
+    """
 
     members: IndexArray
     columns: IndexArray
@@ -34,15 +42,29 @@ class Batch:
 
 
 def list_extra_columns(candidates: Sequence[Candidate]) -> IndexArray:
-    """(c,): all columns of the candidates, ascending."""
+    """Return all columns (c,) of the candidates, ascending."""
     return np.array(sorted({k for candidate in candidates for k in candidate.columns}), dtype=np.intp)
 
 
 def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[Batch, ...]:
-    """The candidates by their number of columns, in handy portions."""
+    """Split the candidates by their number of columns into portions of limited size.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        The candidates.
+    extra : (c,)
+        All columns of the candidates, ascending.
+
+    Returns
+    -------
+    tuple of Batch
+        The portions.
+    """
     portions: list[Batch] = []
     for width in sorted({len(candidate.columns) for candidate in candidates}):
         members = np.array([i for i, c in enumerate(candidates) if len(c.columns) == width], dtype=np.intp)
+        # `extra` is ascending, so that the place of a column in it is found by bisection.
         columns = np.searchsorted(extra, np.array([candidates[i].columns for i in members], dtype=np.intp))
         starts = range(0, len(members), _CHUNK)
         portions += [Batch(members[k : k + _CHUNK], columns[k : k + _CHUNK].reshape(-1, width)) for k in starts]
@@ -50,7 +72,15 @@ def split_batches(candidates: Sequence[Candidate], extra: IndexArray) -> tuple[B
 
 
 def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[FloatArray, ...]:
-    """(g, k, k) of every portion, from those of all in a row."""
+    """Split values of all portions in a row into one array (g, k, k) a portion.
+
+    Parameters
+    ----------
+    values : (products,)
+        Values of all portions in a row.
+    portions : sequence of Batch
+        The candidates, by number of columns.
+    """
     sizes = [portion.columns.size * portion.width for portion in portions]
     parts = np.split(values, np.cumsum(sizes)[:-1]) if sizes else []
     return tuple(part.reshape(-1, portion.width, portion.width) for part, portion in zip(parts, portions, strict=True))
@@ -58,9 +88,16 @@ def split_by_portion(values: FloatArray, portions: Sequence[Batch]) -> tuple[Flo
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """Parameters of the candidates of every portion, (g, k) each, among as many columns as `projection` (b, c) has.
+    """Parameters of the candidates of every portion.
 
-    `projection`: what the model says of each of these columns.
+    Parameters
+    ----------
+    portions : tuple of Batch
+        The candidates, by number of columns.
+    each : tuple of (g, k)
+        Parameters of the candidates of each portion.
+    projection : (b, c)
+        What the model says of each column of the candidates.
     """
 
     portions: tuple[Batch, ...]
@@ -69,11 +106,22 @@ class Amplitudes:
 
     @cached_property
     def model_adjustments(self) -> FloatArray:
-        """(g, b): by how much the model's own parameters are smaller beside each candidate, portion by portion."""
+        """How much smaller the model's own parameters are beside each candidate (g, b), portion by portion."""
         return np.asarray(self._mixing @ self.projection.T)
 
     def select_own_columns(self, columns: IndexArray) -> tuple[IndexArray, FloatArray | sparse.csr_array]:
-        """(r,): candidates that have any of some `columns` (x,), by number; (r, x): makes of these one for each."""
+        """Return the candidates that have any of some columns.
+
+        Parameters
+        ----------
+        columns : (x,)
+            Columns among the extra ones.
+
+        Returns
+        -------
+        tuple of (r,), (r, x)
+            Numbers of the candidates, and the matrix that combines these columns into one for each.
+        """
         if self._mixing.shape[0] <= _FEW:
             return np.arange(self._mixing.shape[0]), self._dense[:, columns]
         selected = self._mixing[:, columns]
@@ -86,7 +134,7 @@ class Amplitudes:
 
     @cached_property
     def _mixing(self) -> sparse.csr_array:
-        """(g, c): makes of all columns one for every candidate, portion by portion."""
+        """Matrix (g, c) that combines all columns into one for each candidate, portion by portion."""
         widths = np.concatenate([np.full(len(own), own.shape[1]) for own in self.each])
         values = np.concatenate([own.ravel() for own in self.each])
         columns = np.concatenate([portion.columns.ravel() for portion in self.portions])
@@ -94,6 +142,8 @@ class Amplitudes:
         return sparse.csr_array((values, columns, ends), shape=(len(widths), self.projection.shape[1]))
 
 
+# Ridge on the model's equations with unit columns, on those of a candidate, and share of the largest eigenvalue below
+# which a direction is not determined.
 _RIDGE = 1e-10
 _OWN_RIDGE, _RANK = 1e-9, 1e-8
 _ROUNDING = 1e-12
@@ -102,9 +152,20 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class JointSums:
-    """One joint's sums over stretches, of the w columns of the model and the x of the candidates that it has.
+    """Sums of one joint over blocks, of the w columns of the model and the x of the candidates that it has.
 
-    WᵀW (w, w), WᵀX (w, x), Wᵀy (w,), Xᵀy (x,), and XᵀX within candidates, those of all portions in a row.
+    Parameters
+    ----------
+    ww : (w, w)
+        WᵀW.
+    wx : (w, x)
+        WᵀX.
+    wy : (w,)
+        Wᵀy.
+    xy : (x,)
+        Xᵀy.
+    xx : (products,)
+        XᵀX within candidates, all portions in a row.
     """
 
     ww: FloatArray
@@ -116,7 +177,21 @@ class JointSums:
 
 @dataclass(frozen=True, eq=False)
 class ProductSums:
-    """Weighted sums: WᵀW (b, b), WᵀX (b, c), Wᵀy (b,), Xᵀy (c,), and XᵀX within candidates (g, k, k) by portion."""
+    """Sums of products over blocks and joints, in units of the noise.
+
+    Parameters
+    ----------
+    ww : (b, b)
+        WᵀW.
+    wx : (b, c)
+        WᵀX.
+    wy : (b,)
+        Wᵀy.
+    xy : (c,)
+        Xᵀy.
+    xx : tuple of (g, k, k)
+        XᵀX within candidates, by portion.
+    """
 
     ww: FloatArray
     wx: FloatArray
@@ -125,7 +200,7 @@ class ProductSums:
     xx: tuple[FloatArray, ...]
 
     def subtract(self, other: ProductSums) -> ProductSums:
-        """The products of the rows that are in these and not in the others.
+        """Return the products of the rows that are in these sums and not in the others.
 
         A column that none of these rows has leaves rounding errors alone: it is nothing here, not a small column.
         """
@@ -146,14 +221,26 @@ class ProductSums:
 
 
 def _is_left(whole: FloatArray, part: FloatArray) -> BoolArray:
-    """Which squares of columns have anything of their own once a part of the rows is taken away."""
+    """Return which columns have any squares left once a part of the rows is taken away."""
     return np.asarray(whole - part > _ROUNDING * whole)
 
 
 class FoldFit:
-    """The model fitted on some stretches, and what is left of every candidate column beside it.
+    """The model fitted on some blocks, and what is left of every candidate column beside it.
 
-    `chi` (b,) are the model's parameters, `projection` (b, c) what the model says of every candidate column.
+    Parameters
+    ----------
+    sums : ProductSums
+        Products over these blocks.
+    portions : sequence of Batch
+        The candidates, by number of columns.
+
+    Attributes
+    ----------
+    chi : (b,)
+        Parameters of the model.
+    projection : (b, c)
+        What the model says of every candidate column.
     """
 
     def __init__(self, sums: ProductSums, portions: Sequence[Batch]) -> None:
@@ -163,47 +250,53 @@ class FoldFit:
         normal = sums.ww / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
         solved = _solve_normal_equations(normal, np.column_stack([sums.wy, sums.wx]) / scale[:, None]) / scale[:, None]
         self.chi, self.projection = solved[:, 0], solved[:, 1:]
+        # Products of the candidates' columns with what the model leaves of Y.
         right = sums.xy - sums.wx.T @ self.chi
         self._right, self._rest, self._whole = [], [], []
         for portion, own in zip(portions, sums.xx, strict=True):
+            # Frisch, Waugh and Lovell: what the model explains of the candidates' columns is taken out of their
+            # products.
             explained = sums.wx.T[portion.columns] @ self.projection.T[portion.columns].transpose(0, 2, 1)
             squares = np.einsum("gkk->gk", own)
+            # A column without rows in this fold has no remainder; rounding errors must not make one.
             is_present = squares > 0
             self._rest.append((own - explained) * (is_present[:, :, None] & is_present[:, None, :]))
             self._whole.append(np.maximum(squares, np.finfo(float).tiny))
             self._right.append(right[portion.columns] * is_present)
 
     def fit_amplitudes(self, number: int) -> FloatArray:
-        """(g, k): parameters of a portion's candidates, each fitted beside the model."""
+        """Return the parameters (g, k) of a portion's candidates, each fitted beside the model."""
         scale, normal = self._scale_products(number)
         normal = normal + _OWN_RIDGE * np.eye(normal.shape[2])
         right = self._right[number] / scale
+        # One column is a division.
         if normal.shape[2] == 1:
             return np.asarray(right / np.maximum(normal[:, :, 0], np.finfo(float).tiny) / scale)
         inverse = np.linalg.pinv(normal, rcond=_RANK, hermitian=True)
         return np.asarray((inverse @ right[:, :, None])[:, :, 0] / scale)
 
     def compute_unit_directions(self, number: int) -> FloatArray:
-        """(g, k, k): directions among a candidate's columns in which what is left of them beside the model is one."""
+        """Return directions (g, k, k) among a candidate's columns, of which what is left has the norm one."""
         scale, normal = self._scale_products(number)
         values, vectors = np.linalg.eigh(normal)
+        # Directions of which nothing is left beside the model get the length zero: they say nothing.
         is_determined = values > np.maximum(_RANK * values[:, -1:], _OWN_RIDGE)
         root = np.where(is_determined, 1.0 / np.sqrt(np.where(is_determined, values, 1.0)), 0.0)
         return np.asarray(vectors * root[:, None, :] / scale[:, :, None])
 
     def compute_separability(self, number: int) -> FloatArray:
-        """(g,): share of a candidate's column that is left beside the model, the largest of its columns."""
+        """Return the share (g,) of a candidate's column that is left beside the model, the largest of its columns."""
         share = np.einsum("gkk->gk", self._rest[number]) / self._whole[number]
         return np.asarray(np.sqrt(np.clip(share, 0.0, 1.0)).max(axis=1))
 
     def _scale_products(self, number: int) -> tuple[FloatArray, FloatArray]:
-        """The columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
+        """Return the columns' sizes (g, k), and what is left of their products (g, k, k) in units of these."""
         scale = np.sqrt(self._whole[number])
         return scale, self._rest[number] / (scale[:, :, None] * scale[:, None, :])
 
 
 def _solve_normal_equations(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution (b, k) of normal equations (b, b); of all that fit equally well the smallest.
+    """Solve normal equations (b, b) for (b, k); of all that fit equally well return the smallest solution.
 
     Without one of the runs, the others may not determine the model: joints that stand still, a single posture.
     """

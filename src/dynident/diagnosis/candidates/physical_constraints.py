@@ -1,4 +1,4 @@
-"""Whether nature can be so: friction takes energy, a mass or a compliance is above zero."""
+"""Check candidates against physics: friction takes energy, a mass or a compliance is above zero."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from dynident.diagnosis.candidates.scoring import compute_deviations
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.effects import Estimate, get_effect, get_spec
 
+# Share of the work that friction may give back: filters and other errors make some of it.
 _GIVEN_BACK = 0.1
 # A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
 _DEVIATIONS, _CORRELATION = 2.0, 10.0
@@ -23,7 +24,21 @@ _DEVIATIONS, _CORRELATION = 2.0, 10.0
 def is_physically_possible(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
 ) -> bool:
-    """Whether a candidate beside the model `base` is physically possible with the amplitudes that the data ask for."""
+    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    scored : ScoredCandidate
+        The candidate.
+    """
     columns = np.array(base + scored.candidate.columns, dtype=np.intp)
     rows = data.select_for_model(columns)
     values, doubts = _fit_columns(rows, columns, noise)
@@ -54,21 +69,23 @@ def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimat
 def _group_by_link(
     pool: Pool, scored: ScoredCandidate, own: Sequence[Estimate]
 ) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
-    """A candidate's parameters by name, on each joint that it sits on."""
+    """Return a candidate's parameters by name, on each joint that it acts on."""
     by_link: dict[str, dict[str, Estimate]] = {}
     for k, estimate in zip(scored.candidate.columns, own, strict=True):
+        # An effect on several joints has to be possible on each of them.
         column = pool.observation.columns[k]
         by_link.setdefault(column.link, {})[column.parameter] = estimate
     return by_link.items()
 
 
 def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
-    """Whether the later days may differ so: by less, too, where there is something to lose.
+    """Return whether the later days may differ in this way: by less, too, where there is something to lose.
 
     Friction wears in, a mass is taken off; what the other days do not have can only be added.
     """
     effect = get_effect(scored.candidate.effect)
     columns = [pool.observation.columns[k] for k in base]
+    # Where the model has the effect on all days, the later days may have less of it.
     had = {column.link for column in columns if column.effect == effect.id}
     return all(
         effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
@@ -79,7 +96,7 @@ def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandida
 def _keeps_friction_sign(
     pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
 ) -> bool:
-    """Whether the friction that the model has on a candidate's joints keeps its sign beside it.
+    """Return whether the friction that the model has on a candidate's joints keeps its sign beside it.
 
     A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
     """
@@ -97,7 +114,7 @@ def _keeps_friction_sign(
 def _is_dissipative(
     data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
 ) -> bool:
-    """Whether friction still takes energy from every joint on the whole, with the candidate's friction among it.
+    """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
 
     The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
     """
@@ -105,6 +122,7 @@ def _is_dissipative(
         where = data.position[j]
         coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
         friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
+        # Without a Coulomb column there is no sign of the velocity to measure the work against.
         if not len(coulomb) or not len(friction):
             continue
         places = where[columns[friction]]
@@ -115,7 +133,7 @@ def _is_dissipative(
 
 
 def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Parameters (k,) of columns, fitted to all stretches, and their standard deviations (k,)."""
+    """Return the parameters (k,) of columns, fitted to all blocks, and their standard deviations (k,)."""
     k = len(columns)
     normal, right = np.zeros((k, k)), np.zeros(k)
     for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
@@ -125,6 +143,7 @@ def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tupl
         normal[np.ix_(have, have)] += total[:-1, :-1]
         right[have] += total[:-1, -1]
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
     inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
     deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
     return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)

@@ -1,4 +1,4 @@
-"""What could be missing: every effect of the catalogue, joint by joint and on all of them, for every shape."""
+"""Build the pool of candidates: every effect of the catalogue, joint by joint and on all, for every shape constant."""
 
 from __future__ import annotations
 
@@ -26,7 +26,21 @@ _HALF_A_STEP = 2.0**0.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect at one place with one set of shape constants; `columns` are its columns in the pool."""
+    """One effect at one place with one set of shape constants.
+
+    Parameters
+    ----------
+    effect : str
+        Id of the effect in the catalogue.
+    joints : tuple of str
+        Names of the joints that it acts on; none for the whole robot.
+    shape : tuple of (str, float)
+        Shape constants.
+    columns : tuple of int
+        Its columns in the pool.
+    runs : tuple of str
+        Labels of the runs in which it acts; all where there are none.
+    """
 
     effect: str
     joints: tuple[str, ...]
@@ -42,10 +56,20 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """W of the model and, behind it, the columns of all candidates.
+    """The candidates of a diagnosis, and the columns of model and candidates.
 
-    `since`: labels of the later runs, where what changed between them and the others is asked. `faint`: those of the
-    candidates that are asked about once something was found on their joint.
+    Parameters
+    ----------
+    observation : Observation
+        Columns of the model, and behind them those of all candidates.
+    n_base : int
+        Number of columns of the model.
+    candidates : tuple of Candidate
+        The candidates.
+    since : tuple of str
+        Labels of the later runs, where changes between them and the others are looked for.
+    faint : frozenset[Candidate]
+        Candidates that are tried only once something was found on their joint.
     """
 
     observation: Observation
@@ -65,20 +89,20 @@ class Pool:
 
     @cached_property
     def is_friction(self) -> BoolArray:
-        """(columns,): which columns are those of friction."""
+        """Which columns are those of friction (columns,)."""
         return np.array([get_effect(column.effect).is_friction for column in self.observation.columns])
 
     @cached_property
     def is_dry(self) -> BoolArray:
-        """(columns,): which of them are Coulomb friction."""
+        """Which columns are those of Coulomb friction (columns,)."""
         return np.array([get_role(column) == "dry" for column in self.observation.columns])
 
     def find_candidate(self, choice: EffectChoice) -> Candidate | None:
-        """The candidate of a choice; none where all its columns are the model's, or zero."""
+        """Return the candidate of a choice; None where all its columns are the model's, or zero."""
         return next((candidate for candidate in self.candidates if candidate.choice == choice), None)
 
     def is_change(self, candidate: Candidate) -> bool:
-        """Whether a candidate is something that the later runs have and the others have not."""
+        """Return whether a candidate is something that the later runs have and the others have not."""
         return is_lasting_change(candidate.choice, self.since)
 
 
@@ -93,12 +117,18 @@ def build_pool(
     Parameters
     ----------
     model : Model
-    effects : sequence of effect ids, optional
-        Only these; all of the catalogue otherwise.
-    leads : Leads, optional
-        What the residual suggests; without it only effects with a grid are offered.
+        The model in question.
+    effects : sequence of str, optional
+        Ids of the effects to try; all of the catalogue otherwise.
+    leads : ShapeProposals, optional
+        Shape constants that the residual suggests; without them only effects with a grid are offered.
     resolved : Resolution, optional
         What the data can resolve: shape constants below it are not offered.
+
+    Returns
+    -------
+    Pool
+        The pool.
     """
     # The links and rotors are the model itself: without them nothing can be diagnosed.
     chosen = [CATALOGUE[name] for name in (effects or CATALOGUE) if not CATALOGUE[name].is_inertia]
@@ -109,6 +139,7 @@ def build_pool(
         choice for effect in chosen if effect.may_change for choice in list_change_candidates(effect, model, proposals)
     ]
     pool = build_pool_of_choices(model, [*resolvable, *changed])
+    # A line that stands out clearly is a candidate from the start, even if it is among the faint ones as well.
     faint = _select_waves(pool, chosen, model, proposals.angle_lines.faint)
     clear = _select_waves(pool, chosen, model, proposals.angle_lines.clear)
     return replace(pool, since=proposals.since, faint=faint - clear)
@@ -117,13 +148,13 @@ def build_pool(
 def _select_waves(
     pool: Pool, effects: Sequence[Effect], model: Model, lines: Sequence[tuple[int, float]]
 ) -> frozenset[Candidate]:
-    """The candidates that are waves over a joint's angle at these lines."""
+    """Return the candidates that are waves over a joint's angle at these lines."""
     waves = {choice for effect in effects for choice in _list_waves(effect, model, lines)}
     return frozenset(candidate for candidate in pool.candidates if candidate.choice in waves)
 
 
 def _list_waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]) -> list[EffectChoice]:
-    """An effect that is a wave over a joint's angle, at these lines: (joint index, waves per turn)."""
+    """Return the choices of an effect that is a wave over a joint's angle, at lines (joint index, waves per turn)."""
     if effect.proposal != "angle_spectrum":
         return []
     spec, joints = effect.shapes[0], model.robot.joint_names
@@ -132,14 +163,27 @@ def _list_waves(effect: Effect, model: Model, lines: Sequence[tuple[int, float]]
 
 
 def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside: Sequence[Column] = ()) -> Pool:
-    """The columns of a model and of these choices; what the model has already, or is zero, is no candidate.
+    """Build the pool of a model and these choices; what the model has already, or is zero, is no candidate.
 
-    `beside`: the columns that stand for the model where they are not those that it keeps.
+    Parameters
+    ----------
+    model : Model
+        The model in question.
+    choices : sequence of EffectChoice
+        What may be missing.
+    beside : sequence of Column
+        Columns that stand for the model where they are not those that it keeps.
+
+    Returns
+    -------
+    Pool
+        The pool.
     """
     signals = model.signals
     columns: list[Column] = list(beside or model.kept)
     n_base = len(columns)
     candidates: list[Candidate] = []
+    # Columns that several choices share are evaluated once.
     index = {column.key: k for k, column in enumerate(columns)}
 
     seen: set[tuple[int, ...]] = set()
@@ -153,6 +197,7 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
                 columns.append(column)
             numbers.append(index[column.key])
         fresh = tuple(k for k in numbers if k >= n_base)
+        # Choices may differ in name and have the same columns: the first stands for all of them.
         if fresh and fresh not in seen:
             seen.add(fresh)
             candidates.append(Candidate(choice.effect, choice.joints, choice.shape, fresh, choice.runs))
@@ -162,7 +207,17 @@ def build_pool_of_choices(model: Model, choices: Sequence[EffectChoice], beside:
 
 
 def select_columns_on(pool: Pool, candidate: Candidate, joint: str) -> tuple[int, ...]:
-    """Those of a candidate's columns that are of one joint."""
+    """Return the columns of a candidate that are of one joint.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and candidates.
+    candidate : Candidate
+        The candidate.
+    joint : str
+        Name of the joint.
+    """
     return tuple(k for k in candidate.columns if pool.observation.columns[k].link == joint)
 
 
@@ -171,6 +226,7 @@ def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[E
     possible = find_places(effect, model.robot)
     if not possible or (effect.needs_temperature and not leads.has_temperature):
         return []
+    # Effects of a whole session, such as warming up, need a session long enough to show them.
     if effect.needs_session and leads.session < _SHORTEST_SESSION:
         return []
     if effect.in_some_runs:
@@ -179,6 +235,7 @@ def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[E
         return [EffectChoice(effect.id, carries, (), runs) for runs in leads.run_groups]
     if effect.scope == "robot":
         return _list_robot_choices(effect, model, leads)
+    # What the model has on a joint is not missing there.
     free = [j for j in possible if not _is_in_model(effect, model, robot.joint_names[j])]
     if effect.proposal == "angle_spectrum":
         waves = _list_waves(effect, model, leads.angle_lines.clear + leads.angle_lines.faint)
@@ -194,9 +251,18 @@ def _list_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[E
 
 
 def list_change_candidates(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
-    """An effect in the later runs alone: what it is more, or less, than before.
+    """List the choices of an effect in the later runs alone: what it is more, or less, than before.
 
     Friction of all joints together is asked about where no temperature can say that they were warm.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    model : Model
+        The model in which something is missing.
+    leads : ShapeProposals
+        Labels of the later runs, and whether there are temperatures.
     """
     robot, since = model.robot.tree, leads.since
     possible = find_places(effect, model.robot)
@@ -222,7 +288,8 @@ def _acts_visibly(effect: Effect, choice: EffectChoice, model: Model) -> bool:
 
 
 def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> list[EffectChoice]:
-    """Choices of an effect that belongs to the whole robot."""
+    """List the choices of an effect that belongs to the whole robot."""
+    # Each burst is tried as a disturbance of just that time.
     if effect.proposal == "burst":
         return [
             EffectChoice(effect.id, (), _sort_shape({"t0": start, "t1": end}), (run,))
@@ -238,17 +305,36 @@ def _list_robot_choices(effect: Effect, model: Model, leads: ShapeProposals) -> 
 
 
 def is_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Whether a choice's shape constants are large enough to be seen in the data."""
+    """Return whether a choice's shape constants are large enough to be seen in the data.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
+    """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = CATALOGUE[choice.effect].shapes
     return all(resolved.is_resolved(spec, choice.shape_values.get(spec.name, spec.default), joints) for spec in specs)
 
 
 def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """The same for constants that are a speed, or a travel since a halt, alone.
+    """Return the same for constants that are a speed, or a travel since a halt, alone.
 
     A slip distance at the limit of resolution is still hysteresis, only sharper than the data can tell; a friction
     peak narrower than the limit is nothing that was seen. A refined constant may be half a step of the grid below.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
     """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     specs = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by in ("speed", "travel")]
@@ -257,7 +343,17 @@ def is_width_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) 
 
 
 def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resolution) -> bool:
-    """Whether a choice's slip distance is at the limit of what the data resolve: how it slips inside is not seen."""
+    """Return whether a choice's slip distance is at the limit of resolution: how it slips within is not seen.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
+    """
     joints = [j for name in choice.joints for j in robot.get_movers(name)]
     slips = [spec for spec in CATALOGUE[choice.effect].shapes if spec.resolved_by == "displacement"]
     values = [choice.shape_values.get(spec.name, spec.default) for spec in slips]
@@ -265,7 +361,7 @@ def is_sharper_than_resolved(choice: EffectChoice, robot: Robot, resolved: Resol
 
 
 def find_places(effect: Effect, robot: Robot) -> tuple[int, ...]:
-    """Joints of the tree that an effect is looked for on: of those that follow others, friction alone is sought.
+    """Return the joints of the tree that an effect is tried on; on those that follow others it is friction alone.
 
     A joint that turns so many times as far as a driven one has the same friction for all that can be seen.
     """
@@ -277,7 +373,7 @@ def find_places(effect: Effect, robot: Robot) -> tuple[int, ...]:
 
 
 def _list_groups(effect: Effect, model: Model, free: list[int]) -> list[EffectChoice]:
-    """One friction family on all joints at once, where the shape constants are in the same units for all of them."""
+    """List the choices of one friction effect on all joints at once, with shape constants common to all of them."""
     robot = model.robot.tree
     if any(spec.relative_to_velocity for spec in effect.shapes):
         velocities = {robot.joints[j].limits.velocity for j in free}
@@ -294,7 +390,7 @@ def _list_groups(effect: Effect, model: Model, free: list[int]) -> list[EffectCh
 
 
 def _is_in_model(effect: Effect, model: Model, joint: str) -> bool:
-    """Whether an effect is in the model already on that joint (a second line may be missing beside a first)."""
+    """Return whether an effect is in the model already on a joint (a second line may be missing beside a first)."""
     if effect.proposal == "angle_spectrum":
         return False
     return any(c.effect == effect.id and (not c.joints or joint in c.joints) for c in model.effects)

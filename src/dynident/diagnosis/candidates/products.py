@@ -1,4 +1,4 @@
-"""Inner products of all columns and Y, stretch by stretch: what every score is computed from."""
+"""Inner products of all columns and Y by block of time, from which every score is computed, and folds of blocks."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from dynident.array_types import FloatArray, IndexArray
 from dynident.estimation import Reduction
 
+# Numbers of folds: a model is fitted once a fold, and loses that share of the data.
 N_FOLDS = 5
 N_PARTS = 10
 # Share of a column's squares in one fold from which on the others do not determine its parameter.
@@ -21,34 +22,59 @@ _PAUSE = 0.1
 
 
 class Stack(Protocol):
-    """Rows of one kind of a joint's equation, by stretch, as far as their inner products tell of them."""
+    """Rows of one kind of a joint's equation, by block, as far as their inner products show them."""
 
     @property
     def total(self) -> FloatArray:
-        """(p + 1, p + 1): over all stretches."""
+        """Products (p + 1, p + 1) over all blocks."""
 
     @property
     def torque_squared(self) -> float:
         """Sum of the squared torque."""
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
 
 
 def sum_by_stretch(values: FloatArray, stretch: IndexArray, n_stretches: int) -> FloatArray:
-    """(…, s): values (…, m) summed over the rows of every stretch; `stretch` (m,) is ascending."""
+    """Sum values over the rows of every block.
+
+    Parameters
+    ----------
+    values : (…, m)
+        Values by row.
+    stretch : (m,)
+        Number of the block of each row, ascending.
+    n_stretches : int
+        Number of blocks.
+
+    Returns
+    -------
+    (…, s)
+        Sums; zero for a block without rows.
+    """
     sums = np.zeros((*values.shape[:-1], n_stretches))
     if len(stretch):
+        # `reduceat` sums from one start to the next, so that only blocks with rows may be among the starts.
         first = np.flatnonzero(np.diff(stretch, prepend=-1))
         sums[..., stretch[first]] = np.add.reduceat(values, first, axis=-1)
     return sums
 
 
 class RowStack:
-    """The rows [W | Y] themselves: `values` (m, p + 1), and the `stretch` (m,) of each, ascending, of `n_stretches`.
+    """The rows [W | Y] themselves.
 
-    Where a stretch has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
-    read a score from. Kept as `columns` (p + 1, m), of which a score takes some.
+    Where a block has fewer rows than the model columns, these are fewer numbers than their products, and quicker to
+    read a score from. They are stored as `columns` (p + 1, m), of which a score takes some.
+
+    Parameters
+    ----------
+    values : (m, p + 1)
+        Rows.
+    stretch : (m,)
+        Number of the block of each row, ascending.
+    n_stretches : int
+        Number of blocks.
     """
 
     def __init__(self, values: FloatArray, stretch: IndexArray, n_stretches: int) -> None:
@@ -56,7 +82,7 @@ class RowStack:
 
     @cached_property
     def total(self) -> FloatArray:
-        """(p + 1, p + 1): over all stretches."""
+        """Products (p + 1, p + 1) over all blocks."""
         return np.asarray(self.columns @ self.columns.T)
 
     @property
@@ -65,16 +91,27 @@ class RowStack:
         return float((self.columns[-1] ** 2).sum())
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         first, second = np.broadcast_arrays(rows, columns)
         each = self.columns[first.ravel()] * self.columns[second.ravel()]
         return sum_by_stretch(each, self.stretch, self.n_stretches).T.reshape(self.n_stretches, *first.shape)
 
 
 class ProductStack:
-    """Their inner products alone, by stretch: `values` (s, p + 1, p + 1).
+    """Inner products of rows alone.
 
-    Never copied as a whole: there may be gigabytes of them.
+    They are never copied as a whole: there may be gigabytes of them.
+
+    Parameters
+    ----------
+    values : (s, p + 1, p + 1)
+        Products by block.
     """
 
     def __init__(self, values: FloatArray) -> None:
@@ -82,7 +119,7 @@ class ProductStack:
 
     @cached_property
     def total(self) -> FloatArray:
-        """(p + 1, p + 1): over all stretches."""
+        """Products (p + 1, p + 1) over all blocks."""
         return np.asarray(self.values.sum(axis=0))
 
     @property
@@ -91,7 +128,13 @@ class ProductStack:
         return float(self.values[:, -1, -1].sum())
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """(s, *shape): the products at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         wide = self.values.shape[1]
         places = rows * wide + columns
         # One flat index instead of three: four times as fast.
@@ -101,10 +144,18 @@ class ProductStack:
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """Inner products of all columns and Y, stretch by stretch: those of joint j are the sum of `stacks[j]`.
+    """Inner products of all columns and Y by block and joint.
 
-    `position[j]` maps a global column number to its place in joint j's products, -1 where the joint lacks it, and Y
-    stands last; `counts` (s, n) are the rows, `run` (s,) numbers the runs that the stretches are of.
+    Parameters
+    ----------
+    stacks : tuple of tuple of Stack
+        Rows or products of each joint, which add up.
+    position : tuple of (columns,)
+        Place of each column in the products of a joint, -1 where the joint lacks it; Y stands last.
+    counts : (s, n)
+        Number of rows by block and joint.
+    run : (s,)
+        Number of the run that each block is of.
     """
 
     stacks: tuple[tuple[Stack, ...], ...]
@@ -116,7 +167,7 @@ class Products:
     def from_grams(
         cls, grams: Iterable[FloatArray], position: Iterable[IndexArray], counts: FloatArray, run: IndexArray
     ) -> Products:
-        """From the products (s, p_j + 1, p_j + 1) of every joint."""
+        """Build them from the products (s, p_j + 1, p_j + 1) of every joint."""
         return cls(tuple((ProductStack(gram),) for gram in grams), tuple(position), counts, run)
 
     @property
@@ -130,27 +181,44 @@ class Products:
         return len(self.stacks)
 
     def sum_products(self, joint: int, places: IndexArray) -> FloatArray:
-        """(k, k): a joint's products over all stretches, at some of its places."""
+        """Return the products (k, k) of a joint over all blocks, at some of its places.
+
+        Parameters
+        ----------
+        joint : int
+            Index of the joint.
+        places : (k,)
+            Places among the products of the joint.
+        """
         where = np.ix_(places, places)
         first, *others = self.stacks[joint]
         return sum((stack.total[where] for stack in others), first.total[where])
 
     def take_products(self, joint: int, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """(s, *shape): a joint's products at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) of a joint at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        joint : int
+            Index of the joint.
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         first, *others = (stack.take_products(rows, columns) for stack in self.stacks[joint])
         for other in others:
             first += other
         return first
 
     def torque_squared(self) -> FloatArray:
-        """(n,): sum of each joint's squared torque."""
+        """Return the sum (n,) of each joint's squared torque."""
         return np.array([sum(stack.torque_squared for stack in own) for own in self.stacks])
 
 
 def products_from_reduction(reduction: Reduction) -> Products:
-    """Inner products from triangular factors."""
+    """Return inner products from triangular factors."""
     grams, position = [], []
     for equation in reduction.equations:
+        # RᵀR are the products of the rows that were reduced to R.
         grams.append(equation.factors.transpose(0, 2, 1) @ equation.factors)
         where = np.full(reduction.n_columns, -1, dtype=np.intp)
         where[equation.columns] = np.arange(len(equation.columns))
@@ -160,15 +228,16 @@ def products_from_reduction(reduction: Reduction) -> Products:
 
 
 def number_runs(spans: FloatArray) -> IndexArray:
-    """(s,): number of the run of every stretch, whose first and last times are spans (s, 2)."""
+    """Return the number (s,) of the run of every block, whose first and last times are spans (s, 2)."""
     pause = spans[1:, 0] - spans[:-1, 1]
     least = _PAUSE * float((spans[:, 1] - spans[:, 0]).sum())
+    # Time that goes back belongs to another recording, with a clock of its own.
     starts = (pause > least) | (spans[1:, 0] < spans[:-1, 0])
     return np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
 
 
 def split_folds(n_stretches: int, kind: str) -> list[IndexArray]:
-    """Stretches left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
+    """Return the blocks that are left out together: every fifth (`interleaved`) or a fifth in a row (`contiguous`)."""
     order = np.arange(n_stretches)
     count = min(N_FOLDS, n_stretches)
     if kind == "interleaved":
@@ -177,10 +246,17 @@ def split_folds(n_stretches: int, kind: str) -> list[IndexArray]:
 
 
 def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
-    """The folds of some data, ascending: whole `runs`, `parts` of each (a tenth in a row), or as `folds`.
+    """Return the folds of some data, ascending: whole `runs`, `parts` of each (a tenth in a row), or as `split_folds`.
 
     A fifth in a row is one of every run: a fast motion of all joints beside a long test of a single one would else be
     left out as a whole, and the model of most joints unknown without it. Runs too short for that count as one.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    kind : {"runs", "parts", "interleaved", "contiguous"}
+        Kind of folds.
     """
     each = [np.flatnonzero(data.run == run) for run in np.unique(data.run)]
     if kind == "runs":
@@ -197,7 +273,15 @@ def split_data_folds(data: Products, kind: str) -> list[IndexArray]:
 
 
 def can_leave_out_runs(data: Products, base: IndexArray) -> bool:
-    """Whether there are several runs, and the columns of a model are known without any one of them."""
+    """Return whether there are several runs, and the columns of a model are known without any one of them.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    """
     runs = split_data_folds(data, "runs")
     return len(runs) > 1 and not any(_holds_nearly_all(data, base, run) for run in runs)
 
@@ -207,7 +291,8 @@ def _split_tenths(stretches: IndexArray) -> list[IndexArray]:
 
 
 def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> bool:
-    """Whether a fold holds a whole run and with it nearly all that some column of the model shows."""
+    """Return whether a fold holds a whole run and with it nearly all that some column of the model shows."""
+    # Only a fold that holds all blocks of a run can take what a column shows out of the data.
     outside = np.delete(data.run, part)
     if not set(data.run[part]) - set(outside):
         return False
@@ -221,7 +306,20 @@ def _holds_nearly_all(data: Products, base: IndexArray, part: IndexArray) -> boo
 
 
 def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """(c,): where each of `columns` stands among the x that a joint has, x where it lacks it; (x,): their places."""
+    """Return where columns stand among those that a joint has.
+
+    Parameters
+    ----------
+    where : (all columns,)
+        Place of each column in the products of the joint, -1 where the joint lacks it.
+    columns : (c,)
+        Columns to locate.
+
+    Returns
+    -------
+    tuple of (c,), (x,)
+        Number of each column among the x that the joint has, x where it lacks it; and the places of these x.
+    """
     have, places = find_present(where, columns)
     place = np.full(len(columns), len(have), dtype=np.intp)
     place[have] = np.arange(len(have))
@@ -229,7 +327,16 @@ def locate_columns(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, 
 
 
 def find_present(where: IndexArray, columns: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Which of `columns` a joint has, and where in its products they stand."""
+    """Return which of `columns` (c,) a joint has, and where in its products they stand.
+
+    Parameters
+    ----------
+    where : (all columns,)
+        Place of each column in the products of the joint, -1 where the joint lacks it.
+    columns : (c,)
+        Columns to look for.
+    """
+    # An empty list of columns makes an array of floats, which is no index.
     places = where[columns] if len(columns) else np.zeros(0, dtype=np.intp)
     have = np.flatnonzero(places >= 0)
     return have, places[have]

@@ -18,15 +18,28 @@ from dynident.diagnosis.candidates.fold_fit import FoldFit, ProductSums
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products, split_data_folds
 
+# Difference from one below which a direction lies in the span of others.
 _SPANNED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Squared errors of every stretch and joint (s, n) in N² m², held out, before and after adding a candidate.
+    """Squared errors on held-out data before and after adding a candidate.
 
-    `separability` is the share of the candidate's column that is left after the model (norm, the largest of its
-    columns); `amplitudes` its parameters fitted on all data; `measured` (n,) the sum of squared torque of every joint.
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    before : (s, n)
+        Squared errors of the model alone, held out, N² m².
+    after : (s, n)
+        Squared errors with the candidate, held out, N² m².
+    separability : float
+        Share of the candidate's column that is left beside the model, by norm, the largest of its columns.
+    amplitudes : (k,)
+        Parameters of the candidate, fitted to all data.
+    measured : (n,)
+        Sum of the squared torque of every joint.
     """
 
     candidate: Candidate
@@ -38,24 +51,44 @@ class Score:
 
 
 def compute_held_out_errors(data: Products, base: IndexArray, noise: FloatArray, kind: str) -> FloatArray:
-    """(s, n): squared error of the model alone in every stretch, fitted without the fold that the stretch is in."""
+    """Return the squared error (s, n) of the model alone in every block, fitted without the fold of the block.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kind : str
+        Kind of folds, see `split_data_folds`.
+    """
     return score_candidates(data, base, (), noise, kind)[0]
 
 
 def score_candidates(
     data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray, kind: str
 ) -> tuple[FloatArray, list[Score]]:
-    """Score every candidate beside the model whose columns are `base` (b,).
+    """Score every candidate beside a model.
 
     Parameters
     ----------
     noise : (n,)
         Standard deviation of every joint's residual, the weight of its rows.
-    kind : "interleaved", "contiguous", "runs" or "parts"
+    kind : {"interleaved", "contiguous", "runs", "parts"}
+        Kind of folds, see `split_data_folds`.
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
 
     Returns
     -------
-    (s, n) : squared errors of the model alone; and a score for every candidate.
+    tuple of (s, n), list of Score
+        Squared errors of the model alone, and a score for every candidate.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
     return score_blocks(data, blocks, blocks.sum_products(noise), candidates, noise, kind)
@@ -69,9 +102,31 @@ def score_blocks(
     noise: FloatArray,
     kind: str,
 ) -> tuple[FloatArray, list[Score]]:
-    """The same from the products that it takes and their sums over all stretches, where they are at hand."""
+    """Return the same as `score_candidates`, from blocks and their sums that are at hand.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    blocks : JointBlocks
+        What the scores take of them.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of every joint's residual, the weight of its rows.
+    kind : str
+        Kind of folds, see `split_data_folds`.
+
+    Returns
+    -------
+    tuple of (s, n), list of Score
+        Squared errors of the model alone, and a score for every candidate.
+    """
     s, n = data.n_stretches, data.n_joints
     before, after = np.zeros((s, n)), np.zeros((len(candidates), s, n))
+    # Candidates are scored by portion; these are their numbers in that order.
     members = np.array([k for portion in blocks.portions for k in portion.members], dtype=np.intp)
     for left_out in split_data_folds(data, kind):
         here = blocks.select_stretches(left_out)
@@ -83,6 +138,7 @@ def score_blocks(
             before[left_out, j] = errors.alone
             if len(members):
                 after[members[:, None], left_out, j] = errors.compute_errors_with(amplitudes)
+    # What is reported of a candidate comes from all data; only its errors are held out.
     whole = FoldFit(total, blocks.portions)
     separability, amplitudes_of = np.zeros(len(candidates)), [np.zeros(0)] * len(candidates)
     for number, portion in enumerate(blocks.portions):
@@ -99,11 +155,22 @@ def score_blocks(
 def compute_contributions(
     data: Products, base: IndexArray, candidates: Sequence[Candidate], noise: FloatArray
 ) -> list[FloatArray]:
-    """(s, k) of every candidate with k columns: what each stretch adds to the scores of its parameters (Rao's test).
+    """Return (s, k) for every candidate: what each block adds to the scores of its k parameters (Rao's test).
 
     That is Zᵀρ, each joint in units of its noise, in directions in which ZᵀZ is one: ρ what the model leaves, Z what is
     left of the columns beside it. Their sum over the stretches is zero but for noise where the candidate explains
     nothing, and its square is what the candidate removes where it does.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidates : sequence of Candidate
+        The candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
     """
     blocks = JointBlocks.from_products(data, base, candidates)
     return compute_block_contributions(blocks, blocks.sum_products(noise), len(candidates), noise)
@@ -112,7 +179,19 @@ def compute_contributions(
 def compute_block_contributions(
     blocks: JointBlocks, total: ProductSums, count: int, noise: FloatArray
 ) -> list[FloatArray]:
-    """The same of `count` candidates from the products that it takes and their sums, where they are at hand."""
+    """Return the same as `compute_contributions` for `count` candidates, from blocks and their sums.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    total : ProductSums
+        Sums of `blocks` over all blocks of time.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
     fit = FoldFit(total, blocks.portions)
     sums = np.zeros((blocks.n_stretches, blocks.n_extra))
     for block, sigma in zip(blocks.joints, noise, strict=True):
@@ -127,36 +206,59 @@ def compute_block_contributions(
 
 
 def compute_deviations(blocks: JointBlocks, count: int, noise: FloatArray) -> list[FloatArray]:
-    """(k,) of every candidate with k columns: the standard deviations of its parameters fitted beside the model.
+    """Return (k,) for every candidate: the standard deviations of its k parameters, fitted beside the model.
 
     From what every stretch adds to the scores: samples of one stretch need not be independent (White 1980, by
     clusters). Infinite where the model and the other columns of the candidate can say the same.
+
+    Parameters
+    ----------
+    blocks : JointBlocks
+        What the scores take of the products.
+    count : int
+        Number of candidates.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
     """
     total = blocks.sum_products(noise)
     scores = compute_block_contributions(blocks, total, count, noise)
     fit = FoldFit(total, blocks.portions)
+    # The correction for few clusters, m / (m - 1).
     more = blocks.n_stretches / max(blocks.n_stretches - 1, 1)
     deviations_of = [np.zeros(0)] * count
     for number, portion in enumerate(blocks.portions):
         for member, unit in zip(portion.members, fit.compute_unit_directions(number), strict=True):
+            # What each block moves the parameters by; the sum of squares over the blocks is their variance.
             spread = scores[member] @ unit.T
             deviations_of[member] = np.where(_are_spanned(unit), np.sqrt(more * (spread**2).sum(axis=0)), np.inf)
     return deviations_of
 
 
 def _are_spanned(unit: FloatArray) -> BoolArray:
-    """(k,): which of the parameters the directions `unit` (k, k) span, those of which nothing is left being zero."""
+    """Return which parameters (k,) the directions `unit` (k, k) span; directions of which nothing is left are zero."""
     return np.asarray(np.abs(1.0 - np.einsum("ij,ji->i", unit, np.linalg.pinv(unit))) < _SPANNED)
 
 
 def compute_fitted_errors(
     data: Products, base: IndexArray, candidate: Candidate, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray]:
-    """Squared errors (s, n) of the model and of the model with a candidate, both fitted to all stretches.
+    """Return the squared errors of the model and of the model with a candidate, both fitted to all blocks.
+
+    Parameters
+    ----------
+    data : Products
+        Products of all columns.
+    base : (b,)
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
 
     Returns
     -------
-    before (s, n), after (s, n), the candidate's separability, its amplitudes
+    tuple of (s, n), (s, n), float, (k,)
+        Errors before and after, separability and amplitudes of the candidate.
     """
     blocks = JointBlocks.from_products(data, base, [candidate])
     fit = FoldFit(blocks.sum_products(noise), blocks.portions)

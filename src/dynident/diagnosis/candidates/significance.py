@@ -31,6 +31,7 @@ most names are right ones still (`benchmarks/smallest_gain.py`)."""
 SMALLEST_GAIN_AT_REVERSALS = 0.3
 """The same for effects that show where a joint turns: small errors of the filtered signals there are of that size."""
 
+# Gain of one block, in units of a usual one's error, above which it counts no more.
 _CAP = 3.0
 # Share of its gain by which a candidate beats a simpler one however unevenly, or does not however evenly.
 _MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
@@ -40,12 +41,37 @@ _MUCH_MORE, _HARDLY_MORE = 0.2, 0.02
 class ScoredCandidate:
     """A candidate with its score in interleaved and contiguous folds.
 
-    `drop` is the share of the squared held-out error that it removes: of an effect of a single joint or of the whole
-    robot on the joint where that share is largest, of a group on all its joints; the smaller of the two fold kinds.
-    `total_drop`, over all joints that it acts on, likewise; `gains` (s,) the drop of every stretch in units of the
-    noise, all joints, fold kinds averaged, and `t` that of their roots over the stretches; `measured` (n,) the squared
-    torque; `after_weighted` (s,) what is left on its joints, in units of the noise. `p` is that of the family-wise test
-    among all candidates of its round.
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    joints : tuple of int
+        Indices of the joints that it acts on.
+    before : (s, n)
+        Squared errors of the model alone, held out, N² m².
+    after : (s, n)
+        Squared errors with the candidate, held out, N² m².
+    drop : float
+        Share of the squared held-out error that it removes, the smaller of the two kinds of folds: on the joint where
+        that share is largest for an effect of one joint or of the whole robot, on all its joints for a group.
+    total_drop : float
+        The same over all joints that it acts on.
+    t : float
+        t of the roots of the gains over the blocks.
+    gains : (s,)
+        Drop of each block in units of the noise, over all joints, the kinds of folds averaged.
+    separability : float
+        Share of its column that is left beside the model, by norm.
+    amplitudes : (k,)
+        Its parameters, fitted to all data.
+    share_improved : float
+        Share of the blocks that it improves.
+    measured : (n,)
+        Sum of the squared torque of each joint.
+    after_weighted : (s,)
+        What is left on its joints, in units of the noise.
+    p : float
+        p-value of the family-wise test among all candidates of its round.
     """
 
     candidate: Candidate
@@ -113,16 +139,29 @@ class ScoredCandidate:
         return matters and self.p <= ALPHA and self.t >= float(stdtrit(len(self.gains) - 1, 1.0 - ALPHA))
 
     def is_still_helpful(self, least_drop: float, least_t: float) -> bool:
-        """Whether it still improves the prediction beside all that was found."""
+        """Return whether it still improves the prediction beside all that was found.
+
+        Parameters
+        ----------
+        least_drop : float
+            Share of the error that it has to remove.
+        least_t : float
+            Least t of its gain over the blocks.
+        """
         return self.drop >= least_drop and self.t >= least_t
 
 
 @dataclass(frozen=True, eq=False)
 class BaselineErrors:
-    """What the model alone leaves in one kind of folds, `weighted` (s, n) in units of the noise.
+    """What the model alone leaves in one kind of folds.
 
-    `factor` (s,): one stretch with half of all the error must not decide: its gain counts up to three times a usual
-    one's.
+    Parameters
+    ----------
+    weighted : (s, n)
+        Squared errors of the model alone, in units of the noise.
+    factor : (s,)
+        Weight of each block: one block with half of all the error must not decide, so its gain counts up to three times
+        a usual one's.
     """
 
     weighted: FloatArray
@@ -130,7 +169,15 @@ class BaselineErrors:
 
     @classmethod
     def from_errors(cls, before: FloatArray, noise: FloatArray) -> BaselineErrors:
-        """From squared errors (s, n) and the noise (n,)."""
+        """Build them from squared errors (s, n) and the noise (n,).
+
+        Parameters
+        ----------
+        before : (s, n)
+            Squared errors of the model alone, held out, N² m².
+        noise : (n,)
+            Standard deviation of the noise of each joint, N m or N.
+        """
         weighted = before / noise**2
         whole = weighted.sum(axis=1)
         return cls(weighted, np.minimum(1.0, _CAP * compute_median_error(whole) / np.maximum(whole, 1e-300)))
@@ -139,14 +186,23 @@ class BaselineErrors:
 def combine_scores(
     scores: Sequence[Score], joints: tuple[int, ...], noise: FloatArray, bars: Sequence[BaselineErrors] | None = None
 ) -> ScoredCandidate:
-    """Put a candidate's scores in the two kinds of folds together.
+    """Combine a candidate's scores in the two kinds of folds.
 
     Parameters
     ----------
-    scores : one a kind of folds
-    joints : indices of the joints that the candidate acts on
+    scores : sequence of Score
+        One for each kind of folds.
+    joints : tuple of int
+        Indices of the joints that the candidate acts on.
     noise : (n,)
-    bars : what the model alone leaves, one a kind of folds, where that is at hand
+        Standard deviation of the noise of each joint, N m or N.
+    bars : sequence of BaselineErrors, optional
+        What the model alone leaves, one for each kind of folds, where that is at hand.
+
+    Returns
+    -------
+    ScoredCandidate
+        The candidate with what both kinds say.
     """
     bars = bars or [BaselineErrors.from_errors(score.before, noise) for score in scores]
     drops, totals, gains = [], [], []
@@ -163,12 +219,14 @@ def combine_scores(
     alone = len(scores[0].candidate.joints) < 2
     mean_gain = _average_arrays(gains)
     before = _average_arrays([score.before for score in scores])
+    # Bounded as the gain is: a loss counts for no more than there was.
     after = _average_arrays([np.minimum(score.after, 2.0 * score.before) for score in scores])
     return ScoredCandidate(
         candidate=scores[0].candidate,
         joints=joints,
         before=before,
         after=after,
+        # The smaller of both kinds of folds: a finding has to hold whichever blocks are left out together.
         drop=float(np.min(drops, axis=0).max()) if alone and joints else min(totals),
         total_drop=min(totals),
         t=float(compute_evenness(mean_gain[None])[0]),
@@ -182,19 +240,25 @@ def combine_scores(
 
 
 def _average_arrays(values: Sequence[FloatArray]) -> FloatArray:
-    """Of a few large arrays: without stacking them."""
+    """Average a few large arrays without stacking them."""
     first, *others = values
     return np.asarray(sum(others, first) / len(values))
 
 
 def are_indistinguishable(best: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether the stretches do not tell two explanations apart: mean difference below its standard error."""
+    """Return whether the blocks do not tell two explanations apart: mean difference below its standard error.
+
+    Parameters
+    ----------
+    best, other : ScoredCandidate
+        The candidates to compare, scored on the same rows.
+    """
     difference = best.gains - other.gains
     return abs(compute_t(difference)) < 1.0 or np.allclose(difference, 0.0)
 
 
 def select_simplest(judged: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]]:
-    """The simplest candidate that the best one does not beat by a finding; and those the data cannot tell from it.
+    """Select the simplest candidate that the best one does not beat by a finding, and those that are its equals.
 
     Fewer columns are preferred as long as what more of them gain would not pass the gate itself; among equally many
     the larger gain decides.
@@ -213,15 +277,22 @@ def select_simplest(judged: Sequence[ScoredCandidate]) -> tuple[ScoredCandidate,
 
 
 def _is_worth_complexity(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
-    """Whether the more complex candidate removes enough more of the error, often enough."""
+    """Return whether the more complex candidate removes enough more of the error, often enough."""
     return simpler.complexity >= best.complexity or has_larger_gain(best, simpler)
 
 
 def has_larger_gain(best: ScoredCandidate, simpler: ScoredCandidate) -> bool:
-    """Whether a candidate removes so much more of the error than another that it may be more complex."""
+    """Return whether a candidate removes so much more of the error than another that it may be more complex.
+
+    Parameters
+    ----------
+    best, simpler : ScoredCandidate
+        The candidate in question, and the one that it is compared with.
+    """
     difference = best.gains - simpler.gains
     remaining = float(simpler.after_weighted.sum())
     more = float(difference.sum())
+    # Much more is decided by size alone; little more has to be large against what is left, and even over the blocks.
     if more >= _MUCH_MORE * best.total_gain:
         return True
     return more >= SMALLEST_DROP * remaining and more >= _HARDLY_MORE * best.total_gain and compute_t(difference) >= 2.0

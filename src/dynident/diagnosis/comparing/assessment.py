@@ -15,6 +15,7 @@ from dynident.diagnosis.comparing.noise import NoiseFloor, floor_of
 from dynident.diagnosis.comparing.repeatability import compute_repeated_share, load_tracks, split_tracks
 from dynident.recordings import Preprocessing, Recording
 
+# Share of a motion that has to repeat another, p-value of the lack of fit, and ratio to the noise floor, for a note.
 _REPEATED = 0.5
 _SURE = 0.01
 _MISSING = 1.5
@@ -22,7 +23,15 @@ _MISSING = 1.5
 
 @dataclass(frozen=True)
 class RepeatedMotion:
-    """A motion that the model has seen: `share` (0 to 1) of its moving time repeats that of the recording `name`."""
+    """A motion that the model has seen.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording whose motion is repeated.
+    share : float
+        Share of the moving time that repeats it, 0 to 1.
+    """
 
     name: str
     share: float
@@ -32,9 +41,18 @@ class RepeatedMotion:
 class Judgement:
     """The figures of a comparison that need more than the residual.
 
-    `over_noise` (n,): rms of the residual over the noise floor, where each joint moves; `effective_samples` (n,):
-    independent samples that the joint's residual is worth; `repeated`: the identification motion that is repeated, None
-    where there is none; `notes`: what a user must know of all that, in sentences.
+    Parameters
+    ----------
+    noise : NoiseFloor
+        Noise floor of the recording.
+    over_noise : (n,)
+        Rms of the residual over the noise floor, where each joint moves.
+    effective_samples : (n,)
+        Number of independent samples that each joint's residual is worth.
+    repeated : RepeatedMotion or None
+        The motion of the identification that is repeated; None where there is none.
+    notes : tuple of str
+        What a user must know of all that, in sentences.
     """
 
     noise: NoiseFloor
@@ -56,6 +74,7 @@ def judge(
     Parameters
     ----------
     comparison : Comparison
+        The recording with the model's prediction.
     recording : Recording
         What was compared.
     preprocessing : Preprocessing
@@ -66,9 +85,11 @@ def judge(
     Returns
     -------
     Judgement
+        Noise floor, ratios to it, and notes.
     """
     noise = floor_of(comparison, recording, preprocessing)
     rms = comparison.moving_errors.rms
+    # A joint without noise, as in a simulation, is infinitely far above its floor.
     over = np.where(noise.values > 0, rms / np.where(noise.values > 0, noise.values, 1.0), np.inf)
     memory = [
         autocorrelation(comparison.t, comparison.segment, comparison.residual[:, j]).effective_samples
@@ -116,6 +137,7 @@ def _word_notes(
         wrong = [
             name
             for name, p, ratio in zip(comparison.joint_names, fit.p_value, over, strict=True)
+            # Both: with very many rows a trifle is significant, and a large ratio alone may be chance.
             if p < _SURE and ratio > _MISSING
         ]
         if wrong:

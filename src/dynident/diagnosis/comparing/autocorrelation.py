@@ -18,10 +18,20 @@ LONGEST = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Autocorrelation:
-    """Autocorrelation (k,) of a residual at `lag` (k,) in s, from lag 0, where it is 1.
+    """Autocorrelation of a residual over the lag.
 
-    `limit`: half-width of the 95 % band that the values of independent samples would keep to; `effective_samples`: the
-    number of independent samples that the residual's `n_samples` are worth for a mean.
+    Parameters
+    ----------
+    lag : (k,)
+        Lags from 0 on, s.
+    value : (k,)
+        Autocorrelation at each lag; 1 at lag 0.
+    limit : float
+        Half-width of the 95 % band that the values of independent samples would keep to.
+    n_samples : int
+        Number of samples of the residual.
+    effective_samples : float
+        Number of independent samples that these are worth for a mean.
     """
 
     lag: FloatArray
@@ -39,24 +49,28 @@ def autocorrelation(
     Parameters
     ----------
     t, segment : (m,)
-        Time in s and number of the segment; no product reaches across a gap.
+        Times, s, and numbers of the segments; no product reaches across a gap.
     residual : (m,)
+        Residual of one joint, N m or N.
     longest : float
         Longest lag, s.
 
     Returns
     -------
     Autocorrelation
+        The autocorrelation up to the longest lag.
     """
     runs = split_uniform_intervals(t, segment)
     parts = [residual[first:last] for first, last in runs]
     most = max((last - first for first, last in runs), default=1)
     step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    # All lags: the residual may remember longer than what is shown.
     all_lags = correlate_intervals(parts, most)
     values = all_lags[: min(most, int(longest / step) + 1)]
     return Autocorrelation(
         lag=step * np.arange(len(values), dtype=np.float64),
         value=values,
+        # The autocorrelation of m independent samples has the standard deviation 1 / √m at every lag.
         limit=NORMAL_95 / float(np.sqrt(max(len(residual), 1))),
         n_samples=len(residual),
         effective_samples=_count_effective_samples(all_lags, len(residual)),
@@ -64,9 +78,21 @@ def autocorrelation(
 
 
 def correlate_intervals(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
-    """Return the autocorrelation (n_lags,) of intervals (m_i,) with a common mean, at lags of 0, 1, … samples.
+    """Return the autocorrelation of intervals at lags of 0, 1, … samples.
 
     Of the two usual divisors the one that keeps it positive semidefinite: the number of samples, not of products.
+
+    Parameters
+    ----------
+    parts : sequence of (m_i,)
+        Intervals without gaps, which have a common mean.
+    n_lags : int
+        Number of lags.
+
+    Returns
+    -------
+    (n_lags,)
+        Values at each lag, 1 at lag 0.
     """
     mean = float(np.concatenate(parts).mean()) if parts else 0.0
     sums = np.zeros(n_lags)
@@ -76,6 +102,7 @@ def correlate_intervals(parts: Sequence[FloatArray], n_lags: int) -> FloatArray:
         power = np.abs(fft.rfft(part - mean, size)) ** 2
         products: FloatArray = fft.irfft(power, size)[: min(n_lags, len(part))]
         sums[: len(products)] += products
+    # A residual of zeros has no memory: 1 at lag 0, zero elsewhere.
     if not sums[0] > 0:
         return np.asarray(np.eye(1, n_lags)[0])
     return np.asarray(sums / sums[0])
@@ -99,6 +126,7 @@ def _count_effective_samples(autocorrelations: FloatArray, count: int) -> float:
 
 def _find_end_of_memory(autocorrelations: FloatArray) -> int:
     """Return the first lag where two neighbours sum to less than zero: beyond it there is only noise (Geyer 1992)."""
+    # Sums of neighbours are positive and fall for a stationary process; noise alone turns them negative.
     pairs = autocorrelations[: len(autocorrelations) // 2 * 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs <= 0)
     return int(2 * negative[0]) if len(negative) else len(autocorrelations)

@@ -24,15 +24,33 @@ from dynident.recordings.poses import has_poses, read_pose_rows
 from dynident.regressors.filtered_rows import SampleFunction, filter_in_parallel
 from dynident.regressors.row_phases import RowPhases, changes_at_rest
 
+# Length of an interval, s, and number of those that are reported.
 _STRETCH = 0.5
 _WORST = 12
 
 
 @dataclass(frozen=True)
 class WorstStretch:
-    """A stretch of time where a joint's residual is large; `rms` in N m or N, `ratio` over the joint's own rms.
+    """An interval of time in which a joint's residual is large.
 
-    `time` is when it is largest, `pose` and `speed` (n,) the positions and velocities of all joints at that moment.
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    start : float
+        Start of the interval, s.
+    end : float
+        End of the interval, s.
+    rms : float
+        Rms of the residual in it, N m or N.
+    ratio : float
+        Ratio of that to the joint's rms over the whole recording.
+    time : float
+        Time at which the residual is largest, s.
+    pose : (n,)
+        Positions of all joints at that time, rad or m.
+    speed : (n,)
+        Velocities of all joints at that time, rad/s or m/s.
     """
 
     joint: str
@@ -47,16 +65,48 @@ class WorstStretch:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Filtered, decimated signals of one recording beside the model's prediction.
+    """Filtered, decimated signals of one recording with the model's prediction.
 
-    t, segment (m,); measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase (m, n). Where a joint stands
-    its prediction is a band, from `lower` to `upper`: what static friction may hold; elsewhere both are `predicted`.
-    `off_halts` (m, n): instants at which the joint moves, also those nearer to a halt than the filter's width.
-    `deviation` is the standard deviation of the prediction that the parameters' uncertainty causes; `load` the
-    rigid-body part of the prediction. `noise` (n,) is the standard deviation of the model's residual; `remembering`
-    (n,) the joints whose friction remembers the path in this model, `free` (n,) those that never stick where they turn
-    round; temperature (m, n) in degC, or None where none was
-    measured.
+    Parameters
+    ----------
+    joint_names : tuple of str
+        Names of the n joints.
+    units : tuple of str
+        Unit of each joint's torque, N m or N.
+    t : (m,)
+        Times, s.
+    segment : (m,)
+        Number of the segment of each row.
+    measured : (m, n)
+        Measured torque behind the filter.
+    predicted : (m, n)
+        Torque that the model predicts.
+    lower : (m, n)
+        Lower end of the band that static friction may hold where a joint stands; the prediction elsewhere.
+    upper : (m, n)
+        Upper end of that band.
+    deviation : (m, n)
+        Standard deviation of the prediction that the uncertainty of the parameters causes.
+    q : (m, n)
+        Positions, rad or m.
+    dq : (m, n)
+        Velocities, rad/s or m/s.
+    ddq : (m, n)
+        Accelerations, rad/s² or m/s².
+    load : (m, n)
+        Part of the prediction that the rigid bodies make.
+    noise : (n,)
+        Standard deviation of the model's residual.
+    phase : (m, n)
+        Phase of each joint's motion, a `Phase`.
+    off_halts : (m, n)
+        Rows in which the joint moves, also those nearer to a halt than the filter's width.
+    remembering : (n,)
+        Joints whose friction remembers the path in this model.
+    free : (n,)
+        Joints that never stick where they reverse.
+    temperature : (m, n), optional
+        Temperatures, degC, where they were measured.
     """
 
     joint_names: tuple[str, ...]
@@ -95,6 +145,7 @@ class Comparison:
         """Measured minus predicted torque (m, n); at standstill the distance to the band; 0 without known torque."""
         standing = self.phase == Phase.STANDING
         residual = np.where(standing, compute_band_distance(self.measured, self.lower, self.upper), self.raw_residual)
+        # Rows without recorded torque count for nothing: zero keeps them out of every sum.
         return np.where(self.has_torque, residual, 0.0)
 
     @property
@@ -144,10 +195,12 @@ class Comparison:
     @cached_property
     def worst(self) -> tuple[WorstStretch, ...]:
         """Half-second intervals with the largest residual relative to the joint's own rms."""
+        # Intervals are cut by the clock, so that gaps in the rows do not shift them.
         borders = np.flatnonzero(np.diff(np.floor((self.t - self.t[0]) / _STRETCH)) != 0) + 1
         parts = [part for part in np.split(np.arange(len(self.t)), borders) if len(part) >= 2]
         rms = self.errors.rms
         local = np.array([np.sqrt((self.residual[part] ** 2).mean(axis=0)) for part in parts]).reshape(-1, len(rms))
+        # Relative to each joint's own rms: else the joints of large torque would take all places.
         ratios = np.divide(local, rms, out=np.zeros_like(local), where=rms > 0)
         order = np.argsort(-ratios, axis=None, kind="stable")[:_WORST]
         places = zip(*np.unravel_index(order, ratios.shape), strict=True)
@@ -174,6 +227,12 @@ class Comparison:
         Parameters
         ----------
         name : str
+            Name of the signal.
+
+        Returns
+        -------
+        (m,)
+            The signal.
 
         Raises
         ------
@@ -203,12 +262,16 @@ def compare(identification: Identification, recording: Recording, progress: Prog
     Parameters
     ----------
     identification : Identification
+        The identified model.
     recording : Recording
+        The recording.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
     Comparison
+        Measured and predicted torque, row by row.
 
     Raises
     ------
@@ -225,6 +288,7 @@ def compare(identification: Identification, recording: Recording, progress: Prog
             title="Too few samples",
         )
     t, segment, signals = (np.concatenate(items) for items in zip(*parts, strict=True))
+    # The parts hold all signals side by side in this order, n columns each; temperatures come last where there are any.
     measured, predicted, lower, upper, deviation, q, dq, ddq, load, phase, off_halts, *more = (
         signals[:, k * n : (k + 1) * n] for k in range(signals.shape[1] // n)
     )
@@ -256,6 +320,7 @@ def _yield_parts(
     identification: Identification, recording: Recording, progress: Progress
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield times, segment numbers and the signals side by side, as they leave the filter."""
+    # Poses at rest have no motion that could be filtered.
     if has_poses(recording):
         yield _compare_poses(identification, recording)
         return
@@ -273,6 +338,7 @@ def _yield_parts(
     n_entries, n = len(observation.entry_rows), observation.robot.n
     first = n_entries + len(at_rest.entry_rows)
 
+    # Columns, torque and motion pass the same filter side by side, so that no delay comes between them.
     def values(block: SampleBlock) -> FloatArray:
         more = [] if block.temperature is None else [block.temperature]
         return np.hstack([entries(block), resting(block), block.tau, block.q, block.dq, block.ddq, *more])
@@ -290,8 +356,10 @@ def _yield_parts(
             observation.compute_torque(w, unchanged),
             at_rest.compute_torque(rows[:, n_entries:first], identification.values),
         )
+        # Both directions of friction; which of them is the larger torque depends on the sign of the parameters.
         band = [np.where(phase == Phase.STANDING, base + way, predicted) for way in (either[:, n:], either[:, :n])]
         lower, upper = np.minimum(*band), np.maximum(*band)
+        # Behind the entries of both sets of columns stand torque and motion, in the order of `values`.
         measured = rows[:, first : first + n]
         motion, more = rows[:, first + n : first + 4 * n], rows[:, first + 4 * n :]
         progress(min(1.0, (t[-1] - start) / max(end - start, 1e-9)), f"predicting {recording.name}")
@@ -311,6 +379,7 @@ def _compare_poses(identification: Identification, recording: Recording) -> tupl
     rigid = np.array([get_role(column) == "link" for column in model.kept])
     load = model.observation.compute_torque(entries, np.where(rigid, identification.values, 0.0))
     deviation = compute_prediction_deviation(model.observation, entries, identification.statistics.covariance)
+    # Poses at rest are equations of the model as they are, and count like rows that move.
     rows = np.full_like(q, float(Phase.MOVING))
     parts = [measured, predicted, predicted, predicted, deviation, q, still, still, load, rows, still + 1.0]
     return t, np.zeros(len(t)), np.hstack(parts)

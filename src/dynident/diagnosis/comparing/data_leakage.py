@@ -23,7 +23,9 @@ which they are as well. Other runs of one motion have up to 0.963, periods of a 
 MOSTLY = 0.5
 """Share of the moving time of held-out data from which on what they have in common decides what they show."""
 
+# Widths (s) of the two moving averages whose difference is the fast part of the torque.
 _FAST, _SLOW = 0.04, 0.3
+# Step (s) of the times that are compared, longest time (s), and fewest of them.
 _STEP = 0.01
 _LONGEST = 30.0
 _FEW = 50
@@ -31,7 +33,19 @@ _FEW = 50
 
 @dataclass(frozen=True)
 class DataOverlap:
-    """Overlap of a held-out recording with one of the fit: `share` of its moving time, `copied` or `repeated`."""
+    """Overlap of a held-out recording with one of the fit.
+
+    Parameters
+    ----------
+    held_out : str
+        Name of the held-out recording.
+    fitted : str
+        Name of the recording of the fit.
+    kind : {"copied", "repeated"}
+        Whether the samples are the same, or only the motion is repeated.
+    share : float
+        Share of the held-out recording's moving time, 0 to 1.
+    """
 
     held_out: str
     fitted: str
@@ -63,10 +77,12 @@ def find_overlaps(fitted: Sequence[Recording], held_out: Sequence[Recording]) ->
     Parameters
     ----------
     fitted, held_out : sequence of Recording
+        Recordings that the model was fitted to, and those that it is tested on.
 
     Returns
     -------
-    tuple of Common
+    tuple of DataOverlap
+        Overlaps, in the order of the held-out recordings.
     """
     if not held_out:
         return ()
@@ -96,12 +112,20 @@ def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence
     Parameters
     ----------
     tried, learnt : Recording
+        The held-out recording and the one of the fit.
     repeats : sequence of Repeat
         Where `tried` repeats the motion of `learnt`.
+
+    Returns
+    -------
+    float
+        Median of the joints' correlations, -1 to 1.
     """
     if not repeats:
         return 0.0
+    # The longest repetition has the most noise to compare.
     longest = max(repeats, key=lambda repeat: repeat.duration)
+    # The moving averages need so much of the recording on either side.
     start, end = longest.start + _SLOW, min(longest.end, longest.start + _LONGEST) - _SLOW
     t = np.arange(start, end, _STEP)
     if len(t) < _FEW:
@@ -111,6 +135,7 @@ def correlate_fast_torque(tried: Recording, learnt: Recording, repeats: Sequence
         return 0.0
     sizes = np.sqrt((own**2).sum(axis=0) * (other**2).sum(axis=0))
     moving = sizes > 0
+    # The median: one joint with hardly any noise of its own must not decide.
     return float(np.median((own * other).sum(axis=0)[moving] / sizes[moving])) if moving.any() else 0.0
 
 
@@ -120,6 +145,7 @@ def _filter_fast_torque(recording: Recording, t: FloatArray) -> FloatArray | Non
         segment = next(s for s in recording.segments if s.first_row <= first < s.first_row + s.length)
         begin = segment.start_time + (first - segment.first_row) * recording.period
         times: FloatArray = begin + np.arange(length + 1, dtype=np.float64) * recording.period
+        # The averages reach half their width beyond the times on either side.
         if times[0] > t[0] - 0.5 * _SLOW or times[-1] < t[-1] + 0.5 * _SLOW:
             continue
         tau = np.concatenate([rows.tau for rows in recording.source.rows(first, length, 65_536)])

@@ -18,6 +18,7 @@ from dynident.recordings import Preprocessing, Recording, filtered_blocks, low_p
 
 NoiseSource = Literal["repeated_periods", "high_frequency"]
 
+# Fewest pairs of rows, degree of the interpolating spline, and share of the differences that count as quiet.
 _FEWEST_PAIRS = 40
 _DEGREE = 5
 _QUIET = 0.95
@@ -25,10 +26,15 @@ _QUIET = 0.95
 
 @dataclass(frozen=True, eq=False)
 class LackOfFit:
-    """Whether a residual is more than noise: `f` and `p_value` (n,).
+    """Test of whether a residual is more than noise, joint by joint.
 
-    F is the mean square of what is common to the repetitions over that of what differs between them, with as many
-    degrees of freedom as the rows are worth; near 1 where nothing is missing in the model.
+    Parameters
+    ----------
+    f : (n,)
+        Mean square of what is common to the repetitions over that of what differs between them; near 1 where nothing is
+        missing.
+    p_value : (n,)
+        The p-value of that ratio, with as many degrees of freedom as the rows are worth.
     """
 
     f: FloatArray
@@ -37,10 +43,20 @@ class LackOfFit:
 
 @dataclass(frozen=True, eq=False)
 class NoiseFloor:
-    """`values` (n,): rms of the noise behind the parallel filter, N m or N, and where it is from.
+    """Noise that no model of the motion can explain.
 
-    `period` in s and `repetitions`, the number of times that the motion comes, are 0 where it is not repeated;
-    `lack_of_fit` is there where it is.
+    Parameters
+    ----------
+    values : (n,)
+        Rms of the noise behind the parallel filter, N m or N.
+    source : NoiseSource
+        Where it is from: repeated periods of the motion, or the high frequencies of the torque.
+    period : float
+        Period of the motion, s; 0 where it is not repeated.
+    repetitions : float
+        Number of times that the motion comes; 0 where it is not repeated.
+    lack_of_fit : LackOfFit, optional
+        Test of the model's residual, where the motion is repeated.
     """
 
     values: FloatArray
@@ -58,11 +74,14 @@ def floor_of(comparison: Comparison, recording: Recording, preprocessing: Prepro
     comparison : Comparison
         The recording with a model's prediction; the lack of fit is that model's.
     recording : Recording
+        The recording itself, for its unfiltered torque.
     preprocessing : Preprocessing
+        Filters of the model.
 
     Returns
     -------
     NoiseFloor
+        The noise floor of each joint.
     """
     floor = estimate_noise_from_repetitions(comparison)
     return floor or NoiseFloor(estimate_sensor_noise([recording], preprocessing), "high_frequency")
@@ -78,7 +97,14 @@ def estimate_sensor_noise(recordings: Sequence[Recording], preprocessing: Prepro
     Parameters
     ----------
     recordings : sequence of Recording
+        Recordings of one robot.
     preprocessing : Preprocessing
+        Filters that the noise is to be known behind.
+
+    Returns
+    -------
+    (n,)
+        Rms of the noise, N m or N.
     """
     n = recordings[0].n
     squares, count = np.zeros(n), 0
@@ -94,6 +120,7 @@ def estimate_sensor_noise(recordings: Sequence[Recording], preprocessing: Prepro
     edge = float(stats.norm.ppf(0.5 + 0.5 * _QUIET))
     share = 1.0 - 2.0 * edge * float(stats.norm.pdf(edge)) / _QUIET
     variance = squares / (6.0 * share * max(count, 1))
+    # White noise behind a filter has its variance times the sum of the squared taps.
     taps = low_pass(recordings[0].sampling_rate, preprocessing.torque_cutoff)
     return np.asarray(np.sqrt(variance * float(taps @ taps)))
 
@@ -110,11 +137,14 @@ def estimate_noise_from_repetitions(comparison: Comparison) -> NoiseFloor | None
     pairs = [_pair_repetition(comparison, runs, repeat) for repeat in repeats]
     if sum(len(measured[0]) for measured, _ in pairs) < _FEWEST_PAIRS:
         return None
+    # The smaller of both counts: what the motion does not repeat exactly is in the torques, and what the model gets
+    # wrong in the residuals.
     squares = [
         _compute_mean_square([second - first for first, second in signals]) for signals in zip(*pairs, strict=True)
     ]
     floor = np.sqrt(0.5 * np.minimum(*squares))
     longest = max(repeats, key=lambda repeat: repeat.duration)
+    # Within one track the lag is the period; separate tracks are one period each.
     period = longest.lag if longest.a == longest.b else longest.duration
     repetitions = 1.0 + sum(r.duration for r in repeats) / period
     # A row between two others of its kind is in two pairs: its information counts once.
@@ -126,6 +156,7 @@ def estimate_noise_from_repetitions(comparison: Comparison) -> NoiseFloor | None
 def _test_lack_of_fit(pairs: Sequence[tuple[FloatArray, FloatArray]], once: float) -> LackOfFit:
     """Test the residuals (m_i, n) of one pass and the next for lack of fit: their mean against their difference."""
     differences = [second - first for first, second in pairs]
+    # A difference of two passes has twice the noise of one, and their mean half of it.
     noise = 0.5 * _compute_mean_square(differences)
     common = 2.0 * _compute_mean_square([0.5 * (first + second) for first, second in pairs])
     safe = np.where(noise > 0, noise, 1.0)

@@ -19,12 +19,16 @@ _SAME = 0.01
 """Share of a joint's range by which positions may differ and still be the same; real arms repeat to within half."""
 _STANDING = 0.02
 """A joint that moves through less than this share of the widest range is judged by the widest."""
+# Shortest interval (s), number of lags that are tried, and mean square distance below which motions may be alike.
 _SHORTEST = 1.0
 _LAGS = 6
 _ALIKE = 0.5
+# Mean square distance from itself at which a motion has left its place.
 _AWAY = 0.1
+# Share of a period that has to come again.
 _ALMOST_A_PERIOD = 0.75
 _DEGREE = 5
+# Tracks that are compared with each other, and rate (Hz) and number of rows to which they are thinned.
 _MOST_RUNS = 12
 _TRACK_RATE = 50.0
 _TRACK_ROWS = 200_000
@@ -32,7 +36,17 @@ _TRACK_ROWS = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """An interval of a motion without gaps: t (m,) in s, evenly spaced; q (m, n); `first`, its first row there."""
+    """An interval of a motion without gaps.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times, s, evenly spaced.
+    q : (m, n)
+        Positions, rad or m.
+    first : int
+        Number of its first row among the rows that it was cut from.
+    """
 
     t: FloatArray
     q: FloatArray
@@ -58,7 +72,21 @@ class Track:
 
 @dataclass(frozen=True)
 class Repeat:
-    """From `start` to `end` track `a` goes where track `b` goes `lag` seconds later; all in s, tracks by number."""
+    """An interval of one track where another track goes the same way later.
+
+    Parameters
+    ----------
+    a : int
+        Number of the first track.
+    b : int
+        Number of the track that repeats it.
+    start : float
+        Start of the interval in the first track, s.
+    end : float
+        End of the interval in the first track, s.
+    lag : float
+        Time from the first pass to the next, s.
+    """
 
     a: int
     b: int
@@ -73,7 +101,20 @@ class Repeat:
 
 
 def split_uniform_intervals(t: FloatArray, segment: FloatArray) -> list[tuple[int, int]]:
-    """Cut rows t, segment (m,) where a segment ends or time jumps; return (first, end) of every interval."""
+    """Cut rows where a segment ends or time jumps.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    segment : (m,)
+        Numbers of the segments.
+
+    Returns
+    -------
+    list of tuple of (int, int)
+        First row and end of every interval.
+    """
     if len(t) < 2:
         return [(0, len(t))] if len(t) else []
     usual = float(np.median(np.diff(t)))
@@ -83,7 +124,22 @@ def split_uniform_intervals(t: FloatArray, segment: FloatArray) -> list[tuple[in
 
 
 def split_tracks(t: FloatArray, segment: FloatArray, q: FloatArray) -> tuple[Track, ...]:
-    """Cut rows t, segment (m,), q (m, n) into tracks; those that are too short are left out."""
+    """Cut rows into tracks; those that are too short are left out.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    segment : (m,)
+        Numbers of the segments.
+    q : (m, n)
+        Positions, rad or m.
+
+    Returns
+    -------
+    tuple of Track
+        The tracks.
+    """
     return tuple(
         Track(t[first:end], q[first:end], first)
         for first, end in split_uniform_intervals(t, segment)
@@ -103,6 +159,7 @@ def find_periods(recording: Recording) -> tuple[tuple[Repeat, ...], ...]:
 
 
 def _load_tracks_by_segment(recording: Recording) -> list[list[Track]]:
+    # Some tens of samples a second show how an arm moves; long recordings are thinned further.
     stride = max(1, int(recording.sampling_rate / _TRACK_RATE), -(-recording.n_samples // _TRACK_ROWS))
     tracks_by_segment: list[list[Track]] = [[] for _ in recording.segments]
     for first, length in find_used_runs(recording):
@@ -122,6 +179,7 @@ def find_own_repeats(own: Sequence[Track]) -> tuple[Repeat, ...]:
     Parameters
     ----------
     own : sequence of Track
+        Tracks of one motion.
 
     Returns
     -------
@@ -150,10 +208,12 @@ def find_common_repeats(tried: Sequence[Track], learnt: Sequence[Track]) -> tupl
     Parameters
     ----------
     tried, learnt : sequence of Track
+        Tracks of the motion in question, and of the one that it may repeat.
 
     Returns
     -------
     tuple of Repeat
+        Intervals of the motion in question; empty where nothing is common.
     """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return ()
@@ -172,6 +232,12 @@ def compute_repeated_share(tried: Sequence[Track], learnt: Sequence[Track]) -> f
     Parameters
     ----------
     tried, learnt : sequence of Track
+        Tracks of the motion in question, and of the one that it may repeat.
+
+    Returns
+    -------
+    float
+        Share from 0 to 1.
     """
     if not tried or not learnt or tried[0].q.shape[1] != learnt[0].q.shape[1]:
         return 0.0
@@ -180,6 +246,7 @@ def compute_repeated_share(tried: Sequence[Track], learnt: Sequence[Track]) -> f
     for track in tried[:_MOST_RUNS]:
         known = np.zeros(len(track.t), dtype=bool)
         for other in learnt[:_MOST_RUNS]:
+            # A motion may repeat parts of another at several lags; each row counts once.
             for lag in _find_lags(track, other, tolerance):
                 known |= _select_same_rows(track, other, lag, tolerance)
         moving += int(track.moving.sum())
@@ -194,6 +261,7 @@ def _get_duration(track: Track) -> float:
 def _compute_tolerance(own: Sequence[Track]) -> FloatArray:
     low = np.min([track.q.min(axis=0) for track in own], axis=0)
     high = np.max([track.q.max(axis=0) for track in own], axis=0)
+    # A share of its own range would leave a joint that hardly moves no tolerance: its noise would be a difference.
     ranges = np.asarray(high - low)
     return np.asarray(_SAME * np.where(ranges < _STANDING * ranges.max(), ranges.max(), ranges))
 
@@ -204,6 +272,7 @@ def _find_periodic_repeats(track: Track, number: int, tolerance: FloatArray) -> 
     away = _find_departure_lag(track)
     if away is None:
         return []
+    # From the shortest lag on: two periods repeat as well as one.
     for lag in sorted(_find_lags(track, track, tolerance, smallest=away)):
         repeats = _build_repeats(track, _select_same_rows(track, track, lag, tolerance), lag, number, number)
         if any(repeat.duration >= _ALMOST_A_PERIOD * lag for repeat in repeats):
@@ -225,6 +294,7 @@ def _select_same_rows(a: Track, b: Track, lag: float, tolerance: FloatArray) -> 
     close = _select_close_rows(a, b, lag, tolerance)
     for first, last in _yield_runs(close):
         if a.t[last - 1] - a.t[first] < _SHORTEST or not a.moving[first:last].any():
+            # Short agreements come about by chance, and a pause is no repetition.
             close[first:last] = False
     return close
 
@@ -239,6 +309,8 @@ def _select_close_rows(a: Track, b: Track, lag: float, tolerance: FloatArray) ->
 
 def _refine_lag(a: Track, b: Track, lag: float, tolerance: FloatArray) -> float:
     """Refine a lag by the rows that nearly agree, so that other rows do not pull at it."""
+    # From coarse to fine: with the narrow tolerance alone a lag that is a little off would have no rows to be refined
+    # by.
     for widening in (8.0, 4.0, 2.0, 1.0):
         rows = np.flatnonzero(_select_close_rows(a, b, lag, widening * tolerance))
         if not len(rows):
@@ -272,6 +344,7 @@ def _find_departure_lag(track: Track) -> float | None:
 def _find_lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None = None) -> list[float]:
     """Return lags in s at which the two motions are most alike, best first, from `smallest` on where it is given."""
     step = a.step
+    # Both motions on one grid of time, as the distances at all lags need it.
     t_b = np.arange(b.t[0], b.t[-1] + 1e-9, step)
     distance = _compute_distances(a.q, b.q if b is a else b.curve(t_b))
     lags = np.arange(-len(a.t) + 1, len(t_b) if b is not a else len(a.t))
@@ -280,6 +353,7 @@ def _find_lags(a: Track, b: Track, tolerance: FloatArray, smallest: float | None
     lags = lags[: len(distance)]
     inner = np.zeros(len(distance), dtype=bool)
     inner[1:-1] = (distance[1:-1] < distance[:-2]) & (distance[1:-1] <= distance[2:])
+    # A lag is worth a closer look at a minimum of the distance, where enough of both motions overlaps.
     chosen = inner & long_enough & (distance < _ALIKE)
     if smallest is not None:
         chosen &= lags * step >= smallest
@@ -293,6 +367,7 @@ def _compute_distances(a: FloatArray, b: FloatArray) -> FloatArray:
 
     Joints count by their own spread in `a`, those that hardly move not at all.
     """
+    # Each joint in units of its own motion: a large joint must not hide that a small one goes elsewhere.
     spread = a.std(axis=0)
     moving = spread > _STANDING * spread.max() if spread.max() > 0 else np.zeros(len(spread), dtype=bool)
     if not moving.any():

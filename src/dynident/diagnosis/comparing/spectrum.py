@@ -17,8 +17,11 @@ Over = Literal["time", "angle"]
 HIGHEST_IN_A_RADIAN = 250.0 / (2.0 * np.pi)
 HIGHEST_IN_A_METRE = 250.0
 """Highest number of cycles that is looked for."""
+# Longest and shortest segment of Welch's method, in rows.
 _LONGEST = 2048
 _SHORTEST = 16
+# Bins of a joint's range for each cycle of the highest frequency, factor of zero padding, and cycles that the range has
+# to hold.
 _BINS_A_CYCLE = 16
 _PADDING = 2
 _LEAST_CYCLES = 8.0
@@ -28,9 +31,18 @@ _LINE = 4.5
 
 @dataclass(frozen=True, eq=False)
 class ResidualSpectrum:
-    """Amplitude (k,) in N m or N of a residual over `frequency` (k,): Hz, or cycles in a radian (a metre).
+    """Amplitude spectrum of one joint's residual.
 
-    A sine of amplitude A stands as a peak of height A; `resolution` is the width of such a peak.
+    Parameters
+    ----------
+    over : Over
+        What the residual is a function of: time, or the joint's own angle.
+    frequency : (k,)
+        Frequencies: Hz, or cycles a radian or metre.
+    amplitude : (k,)
+        Amplitudes, N m or N: a sine of amplitude A is a peak of height A.
+    resolution : float
+        Width of such a peak, in the unit of the frequency.
     """
 
     over: Over
@@ -56,10 +68,12 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
     Parameters
     ----------
     t, segment, residual : (m,)
+        Times, s, numbers of the segments, and residual of the joint, N m or N.
 
     Returns
     -------
     ResidualSpectrum
+        The spectrum over frequencies in Hz.
 
     Raises
     ------
@@ -85,6 +99,7 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
             )
             power, weight = power + (last - first) * here, weight + last - first
     frequency = fft.rfftfreq(length, step)
+    # The power of a sine is half the square of its amplitude.
     return ResidualSpectrum("time", frequency, np.sqrt(2.0 * power / weight), 2.0 / (length * step))
 
 
@@ -94,18 +109,19 @@ def angle_spectrum(
     """Compute the amplitude spectrum of one joint's residual over its own position.
 
     Rows count by the joint's speed, so that every piece of the way counts alike, however long the joint stayed on it.
-    What
-    passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
+    What passed the low-pass filter in part only, since the joint was fast, is shown as small as it is.
 
     Parameters
     ----------
     q, dq, residual : (m,)
+        Positions and velocities (rad or m and a second), and residual of the joint, N m or N.
     highest : float
         Highest frequency given, in cycles a radian (a metre).
 
     Returns
     -------
     ResidualSpectrum
+        The spectrum over cycles a radian or metre.
 
     Raises
     ------
@@ -126,10 +142,12 @@ def angle_spectrum(
     # A window over the range of the joint keeps its ends from making lines of their own.
     taper = np.sin(np.pi * (place + 0.5) / n_bins) ** 2 * np.abs(dq)
     weight = float(taper.sum())
+    # Without its weighted mean the residual has no peak at zero that would hide slow waves.
     centred = residual - (float(taper @ residual) / weight if weight > 0 else 0.0)
     sums = np.bincount(place, weights=taper * centred, minlength=n_bins)
     size = fft.next_fast_len(_PADDING * n_bins, real=True)
     frequency = fft.rfftfreq(size, span / n_bins)
     in_range = (frequency >= 1.0 / span) & (frequency <= highest)
+    # A real wave has half of its amplitude at the negative frequency.
     amplitude = 2.0 * np.abs(fft.rfft(sums, size)) / max(weight, np.finfo(float).tiny)
     return ResidualSpectrum("angle", frequency[in_range], amplitude[in_range], 2.0 / span)

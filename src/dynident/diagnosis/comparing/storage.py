@@ -34,10 +34,36 @@ _NORMAL_95 = 1.96
 
 @dataclass(frozen=True, eq=False)
 class JointSignals:
-    """One joint's signals (m,) each: t in s, torques in N m or N, q in rad or m, dq and ddq per s and s^2.
+    """Signals of one joint in a comparison.
 
-    `residual` is measured minus predicted; where the joint stands, the distance to `lower` or `upper`, which static
-    friction may hold, zero between. `band`: half-width of the 95 % band of the residual.
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    segment : (m,)
+        Number of the segment of each row.
+    measured : (m,)
+        Measured torque, N m or N.
+    predicted : (m,)
+        Predicted torque.
+    lower : (m,)
+        Lower end of the band that static friction may hold where the joint stands.
+    upper : (m,)
+        Upper end of that band.
+    standing : (m,)
+        Whether the joint stands.
+    residual : (m,)
+        Measured less predicted torque; where the joint stands, the distance to the band.
+    band : (m,)
+        Half-width of the 95 % band of the residual.
+    q : (m,)
+        Positions, rad or m.
+    dq : (m,)
+        Velocities, rad/s or m/s.
+    ddq : (m,)
+        Accelerations, rad/s² or m/s².
+    load : (m,)
+        Part of the prediction that the rigid bodies make.
     """
 
     t: FloatArray
@@ -61,9 +87,20 @@ class JointSignals:
 
 @dataclass(frozen=True, eq=False)
 class ResidualMap:
-    """A joint's residual in bins of one or two signals: `mean` and `spread` (a, b), nan where a bin is empty, `count`.
+    """A joint's residual in bins of one or two signals.
 
-    `x_edges` (a + 1,); `y_edges` (b + 1,), none over one signal, where b is 1.
+    Parameters
+    ----------
+    x_edges : (a + 1,)
+        Edges of the bins of the first signal.
+    y_edges : (b + 1,) or None
+        Edges of the bins of the second signal; None over one signal, where b is 1.
+    mean : (a, b)
+        Mean of the residual; nan where a bin is empty.
+    spread : (a, b)
+        Standard deviation of the residual; nan where a bin is empty.
+    count : (a, b)
+        Number of rows.
     """
 
     x_edges: FloatArray
@@ -75,7 +112,17 @@ class ResidualMap:
 
 @dataclass(frozen=True)
 class SpectralPeak:
-    """A line in a spectrum; `per_turn`: cycles in a turn of the joint, none over time and for a linear joint."""
+    """A line in a spectrum.
+
+    Parameters
+    ----------
+    frequency : float
+        Frequency, in the unit of the spectrum.
+    amplitude : float
+        Amplitude, N m or N.
+    per_turn : float or None
+        Cycles in a turn of the joint; None over time and for a prismatic joint.
+    """
 
     frequency: float
     amplitude: float
@@ -84,7 +131,17 @@ class SpectralPeak:
 
 @dataclass(frozen=True, eq=False)
 class JointSpectrum:
-    """Amplitude spectrum of a joint's residual over time or its own position, and its highest peaks."""
+    """Amplitude spectrum of a joint's residual over time or its own position, and its highest peaks.
+
+    Parameters
+    ----------
+    spectrum : ResidualSpectrum
+        The spectrum.
+    frequency_unit : {"Hz", "cycles/rad", "cycles/m"}
+        Unit of the frequencies.
+    peaks : tuple of SpectralPeak
+        The highest peaks, highest first.
+    """
 
     spectrum: ResidualSpectrum
     frequency_unit: Literal["Hz", "cycles/rad", "cycles/m"]
@@ -97,7 +154,9 @@ def write_comparison(comparison: Comparison, path: Path) -> Path:
     Parameters
     ----------
     comparison : Comparison
+        The comparison.
     path : Path
+        The file, which is replaced if it exists.
 
     Returns
     -------
@@ -136,7 +195,17 @@ class StoredComparison:
         return self._units[self._find_joint(joint)]
 
     def read_signals(self, joint: str, start: float | None = None, end: float | None = None) -> JointSignals:
-        """Return one joint's signals between two times in s."""
+        """Return one joint's signals between two times in s.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        start : float or None
+            First time, s; the beginning where left out.
+        end : float or None
+            Last time, s; the end where left out.
+        """
         index = self._find_joint(joint)
         groups = self._find_row_groups(start, end)
         t, segment, measured, predicted, deviation, q, dq, ddq, load = self._read(
@@ -152,17 +221,29 @@ class StoredComparison:
         return every.select_rows((t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end)))
 
     def compute_residual_map(self, joint: str, x: str, y: str | None, bins: int) -> ResidualMap:
-        """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not."""
+        """Bin a joint's residual over one or two signals; raise `DynidentError` for a signal that there is not.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        x, y : str
+            Names of the signals, as `Comparison.get_signal` takes them; `y` is None for a map over one.
+        bins : int
+            Number of bins of each signal.
+        """
         self._find_joint(joint)
         names = [x] if y is None else [x, y]
         columns = [self._find_column(name, pointer) for name, pointer in zip(names, ("x", "y"), strict=False)]
         over_x, *rest = self._read(*columns)
         residual = self._read_residual(joint)
         over_y = rest[0] if rest else np.zeros_like(over_x)
+        # Over one signal the second axis is a single bin, so that one call serves both cases.
         numbers_of_bins = [bins, bins if rest else 1]
         mean, x_edges, y_edges, _ = binned_statistic_2d(over_x, over_y, residual, "mean", numbers_of_bins)
         spread, *_ = binned_statistic_2d(over_x, over_y, residual, "std", numbers_of_bins)
         count, *_ = binned_statistic_2d(over_x, over_y, residual, "count", numbers_of_bins)
+        # SciPy gives 0 as the spread of an empty bin, which would look like perfect agreement.
         filled = np.asarray(np.where(count > 0, spread, np.nan), dtype=np.float64)
         return ResidualMap(
             x_edges,
@@ -173,7 +254,16 @@ class StoredComparison:
         )
 
     def compute_spectrum(self, joint: str, over: Literal["angle", "time"]) -> JointSpectrum:
-        """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position."""
+        """Compute the amplitude spectrum of a joint's residual, over time or over the joint's own position.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        over : {"angle", "time"}
+            What the residual is a function of.
+        """
+        # The file has no kinds of joints; the unit of the torque tells them.
         revolute = self.get_unit(joint) == "N m"
         t, segment, q, dq = self._read("t", "segment", f"q_{joint}", f"dq_{joint}")
         residual = self._read_residual(joint)
@@ -186,7 +276,15 @@ class StoredComparison:
         return JointSpectrum(residual_spectrum, "cycles/m", _list_peaks(residual_spectrum, None))
 
     def compute_autocorrelation(self, joint: str, longest: float) -> Autocorrelation:
-        """Compute the autocorrelation of a joint's residual up to a lag in s."""
+        """Compute the autocorrelation of a joint's residual up to a lag in s.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        longest : float
+            Longest lag, s.
+        """
         self._find_joint(joint)
         t, segment = self._read("t", "segment")
         return autocorrelation(t, segment, self._read_residual(joint), longest)
@@ -211,6 +309,7 @@ class StoredComparison:
             return None
         metadata = self._file.metadata
         column = self._file.schema_arrow.names.index("t")
+        # Parquet stores the extremes of a column by row group: groups outside of the times are not read at all.
         times = [metadata.row_group(k).column(column).statistics for k in range(metadata.num_row_groups)]
         return [
             k
@@ -220,6 +319,7 @@ class StoredComparison:
         ]
 
     def _read(self, *columns: str, groups: list[int] | None = None) -> list[FloatArray]:
+        # Each column is read once, even if a caller names it twice.
         names = sorted(set(columns))
         table = self._file.read(names) if groups is None else self._file.read_row_groups(groups, names)
         return [table_column_to_floats(table[name]) for name in columns]

@@ -30,7 +30,15 @@ _ANY = ("any",)
 
 @dataclass(frozen=True)
 class PossibleChange:
-    """A change that a robot may undergo; `columns` are the numbers of its columns in the measure's W."""
+    """A change that a robot may undergo.
+
+    Parameters
+    ----------
+    choice : EffectChoice
+        The effect, on its joints.
+    columns : tuple of int
+        Numbers of its columns in W of the measure.
+    """
 
     choice: EffectChoice
     columns: tuple[int, ...]
@@ -38,11 +46,23 @@ class PossibleChange:
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """The columns that every day is reduced to: those of the model and, behind them, of all that may change.
+    """The columns that every day is reduced to, the same for all days.
 
-    It is the same for all days. `possible` may differ from some day on; `lasting` would be missing in the model on all
-    days
-    alike: the same effects, and those that depend on the temperature. `reference` is what loads are predicted with.
+    Parameters
+    ----------
+    model : Model
+        The model that the robot is compared with.
+    observation : Observation
+        Columns of the model, and behind them those of all that may change.
+    possible : tuple of PossibleChange
+        What may differ from some day on.
+    lasting : tuple of PossibleChange
+        What would be missing in the model on all days alike: the same effects, and those that depend on the
+        temperature.
+    preprocessing : Preprocessing
+        Filters of the model.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
     """
 
     model: Model
@@ -56,6 +76,7 @@ class Measure:
     def digest(self) -> str:
         """Hash of the columns, of what loads are predicted with, and of the filters."""
         columns = [column.key for column in self.observation.columns]
+        # Days can be compared only where they were reduced alike: this hash tells whether they were.
         known = hashlib.sha256(repr((columns, asdict(self.preprocessing))).encode())
         known.update(self.reference.vector.tobytes())
         return known.hexdigest()
@@ -63,11 +84,20 @@ class Measure:
 
 @dataclass(frozen=True, eq=False)
 class Day:
-    """The recordings of one day, reduced to a measure's columns; `floor` (n,): the noise of its sensors, N m or N.
+    """The recordings of one day, reduced to the columns of a measure.
 
-    `measure` is the digest of that measure. `source` identifies the recordings where the caller gives it: a digest of
-    their
-    content.
+    Parameters
+    ----------
+    name : str
+        Name of the day.
+    reduction : Reduction
+        The recordings, reduced to the columns of a measure.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    measure : str
+        Digest of that measure.
+    source : str
+        Digest of the recordings' content, where the caller gives it.
     """
 
     name: str
@@ -77,6 +107,7 @@ class Day:
     source: str = ""
 
     def __post_init__(self) -> None:
+        # Names come from files and may hold lone surrogates, which no JSON file takes.
         object.__setattr__(self, "name", escape_surrogates(self.name))
 
 
@@ -93,6 +124,7 @@ def build_measure(identification: Identification, *, with_temperature: bool = Fa
     Returns
     -------
     Measure
+        The measure.
     """
     model = identification.model
     columns: list[Column] = list(model.kept)
@@ -110,14 +142,17 @@ def build_measure(identification: Identification, *, with_temperature: bool = Fa
                     index[column.key] = len(columns)
                     columns.append(column)
                 numbers.append(index[column.key])
+            # Two choices with the same columns are one change; the first name stands for both.
             if numbers:
                 possible_by_columns.setdefault(tuple(numbers), PossibleChange(choice, tuple(numbers)))
         return tuple(possible_by_columns.values())
 
+    # The days are not known yet: any label stands for the later runs.
     leads = ShapeProposals(has_temperature=with_temperature, since=_ANY)
     # What shows where a joint starts, or by a constant of its own, needs rows and rounds that a series does not keep.
     plain = [effect for effect in CATALOGUE.values() if effect.may_change and not effect.shapes]
     changing = [_drop_runs(choice) for effect in plain for choice in list_change_candidates(effect, model, leads)]
+    # A model without friction that follows the temperature would take warmth for wear.
     warm = [
         effect for effect in CATALOGUE.values() if with_temperature and effect.needs_temperature and not effect.shapes
     ]
@@ -163,16 +198,20 @@ def reduce_day(
     Parameters
     ----------
     measure : Measure
+        Columns that the day is reduced to.
     name : str
         Name of the day.
     recordings : sequence of Recording
+        Recordings of that day.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
     source : str
         A digest of the recordings' content, where the caller has one.
 
     Returns
     -------
     Day
+        The reduced day.
 
     Raises
     ------
@@ -203,6 +242,12 @@ def find_free_name(name: str, days: Sequence[Day]) -> str:
     name : str
         The wanted name; a number is put behind it where it is in use.
     days : sequence of Day
+        Days that have names already.
+
+    Returns
+    -------
+    str
+        The wanted name, or that name with a number.
     """
     names = {day.name for day in days}
     return next(

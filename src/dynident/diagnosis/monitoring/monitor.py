@@ -40,15 +40,18 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
     Parameters
     ----------
     data : PhasedProducts
-        Of the days' columns, `stepped_products`.
+        Products of the days' columns, as of `gather_step_products`.
     pool : Pool
+        Columns, and all changes from any day on as candidates.
     floor : (n,)
-        Noise of the sensors.
+        Noise of the sensors, N m or N.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
     tuple of Finding
+        The changes that pass, without those that others make superfluous.
     """
     base = tuple(range(pool.n_base))
     state = State(base, estimate_residual_noise(data, base), floor, (), pool.since)
@@ -57,6 +60,7 @@ def find_changes(data: PhasedProducts, pool: Pool, floor: FloatArray, progress: 
     while remaining and len(state.picks) < MOST_CHANGES:
         progress(len(state.picks) / MOST_CHANGES, f"{len(state.picks)} changes found")
         judged = score_all(data, pool, state.base, remaining, state.noise)
+        # What explains as much on all days alike has not changed.
         unshadowed = [scored for scored in judged if not _is_shadow(scored, judged)]
         choice = select_candidate(data, pool, state, [_judge_by_side(scored, pool, data) for scored in unshadowed])
         if choice is None:
@@ -99,6 +103,7 @@ def _judge_by_side(scored: ScoredCandidate, pool: Pool, data: PhasedProducts) ->
     since = get_first_day(scored.candidate, len(pool.since) + 1)
     if not since:
         return scored
+    # The runs of these products are the days.
     later = data.moving.run >= since
     # Of ten days, the last has a tenth of all the error: over all days even a complete change would explain little.
     sides = [replace(scored, before=scored.before[side], after=scored.after[side]) for side in (~later, later)]
@@ -114,6 +119,7 @@ def _compute_drop(scored: ScoredCandidate) -> float:
 
 
 FEWEST_DAYS = 2
+# Share of a column that has to be left beside those before it.
 _DEPENDENT = 1e-6
 
 
@@ -127,26 +133,31 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
     Parameters
     ----------
     measure : Measure
-        Of the model (`what_may_change`).
+        Columns that the days were reduced to, as of `build_measure`.
     days : sequence of Day
-        Reduced to the measure's columns (`measured`), with names of their own.
+        Days in their order, as of `reduce_day`, with names of their own.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
     Series
+        What changed and when, and every parameter day by day.
 
     Raises
     ------
     DynidentError
         Where there are fewer than two days, two of one name, or days that are not of this measure.
     """
+    # The names of the days serve as labels of runs, so each must be there once.
     names = tuple(day.name for day in days)
     _check_days(measure, days, names)
     pool, columns = build_step_pool(measure, names)
     data = gather_step_products(days, columns)
+    # Variances are averaged, not deviations: the noise of all days together is their root mean square.
     floor = np.sqrt(np.mean([day.floor**2 for day in days], axis=0))
     picks = find_changes(data, pool, floor, scale_progress(progress, 0.0, 0.6))
+    # Model and findings in one fit, so that their values and intervals allow for each other.
     numbers = list(range(pool.n_base)) + sorted({k for pick in picks for k in pick.columns})
     # Friction grows in all its parts: where only one of them is a finding, its value must not make up for the others.
     numbers += _list_companions(measure, picks, numbers, names, columns)

@@ -28,11 +28,14 @@ def widen_intervals(changes: Sequence[SeriesChange], courses: Sequence[Parameter
     Parameters
     ----------
     changes : sequence of SeriesChange
-    courses : sequence of Course
+        The changes, with intervals from the rows alone.
+    courses : sequence of ParameterTrack
+        Every parameter day by day.
 
     Returns
     -------
     tuple of SeriesChange
+        The changes in the same order, none of them with a narrower interval.
     """
     course_of = {course.parameter: course for course in courses}
     begun = {
@@ -59,6 +62,7 @@ def _widen_interval(
     if course is None:
         return value
     days = np.flatnonzero(np.isfinite(course.values))
+    # The number of changes up to each day: the days between two changes form a period.
     period = np.searchsorted(np.array(begun), days, side="right")
     count = np.bincount(period, minlength=len(begun) + 1)
     means = np.bincount(period, course.values[days], minlength=len(begun) + 1) / np.maximum(count, 1)
@@ -72,6 +76,7 @@ def _widen_interval(
     spread = float(((course.values[days] - means[period]) ** 2).sum()) / freedom
     half = float(stdtrit(freedom, 0.975)) * float(np.sqrt(spread * share))
     low, high = value.interval
+    # Never narrower: a few days that happen to agree do not make the rows less noisy.
     half = max(half, 0.5 * (high - low))
     return replace(value, interval=(value.value - half, value.value + half))
 
@@ -82,22 +87,23 @@ def estimate_tracks(
     """Estimate the parameters of a model, and of all changes since, on each day.
 
     Parameters that may change are free on each day. The others are known from the other days as well: the motion of one
-    day
-    alone would leave friction less certain than need be. A parameter that does not change gets the value of the day
-    alone.
+    day alone would leave friction less certain than need be. A parameter that does not change gets the value of the
+    day alone.
 
     Parameters
     ----------
     days : sequence of Day
+        Days in their order.
     columns : sequence of Column
-        Those of the measure's W.
-    steps : sequence of Stepped
+        Columns of W of the measure.
+    steps : sequence of StepColumn
         All columns of the model and of the changes that were found.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
 
     Returns
     -------
-    tuple of Course
+    tuple of ParameterTrack
         One for each parameter, with nan on days that do not determine it.
     """
     own = tuple(dict.fromkeys(step.number for step in steps))
@@ -149,6 +155,7 @@ def _estimate_from_other_days(
     """Return what the other days say of the parameters of one day that do not vary; None where nothing."""
     which = [k for k in range(len(days)) if k != day]
     reduction = combine_days(days, steps, which)
+    # Columns of zeros would make the equations singular.
     nonzero = _find_nonzero_columns(reduction)
     try:
         solution = weighted(reduction.select_columns(nonzero))

@@ -11,7 +11,19 @@ from dynident.effects import EffectChoice
 
 @dataclass(frozen=True)
 class SeriesChange:
-    """A change from day `since` on, by number; the data cannot tell the days `earliest` to `latest` apart."""
+    """A change from some day on.
+
+    Parameters
+    ----------
+    change : Change
+        The change.
+    since : int
+        Number of the day from which on it is there.
+    earliest : int
+        First of the days that the data cannot tell from that day.
+    latest : int
+        Last of these days.
+    """
 
     change: Change
     since: int
@@ -21,11 +33,25 @@ class SeriesChange:
 
 @dataclass(frozen=True, eq=False)
 class ParameterTrack:
-    """One parameter day by day: `values` (d,), and 95 % `intervals` (d, 2).
+    """One parameter day by day.
 
-    Both are nan where that day's motion does not determine it. `varies`: the parameter may change from day to day; what
-    does
-    not is then taken from the other days too. If not, the value is that of the day by itself.
+    Parameters
+    ----------
+    parameter : str
+        Name of the parameter.
+    effect : str
+        Id of its effect.
+    joint : str
+        Name of the joint.
+    unit : str
+        Unit of the values.
+    values : (d,)
+        Value on each day; nan where the day's motion does not determine it.
+    intervals : (d, 2)
+        95 % intervals; nan likewise.
+    varies : bool
+        Whether the parameter may change from day to day. What may not is taken from the other days too, for those that
+        may; its own value is that of the day by itself.
     """
 
     parameter: str
@@ -39,7 +65,21 @@ class ParameterTrack:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A robot over d days: what changed and when, what the model lacks on all of them, and every parameter's values."""
+    """A robot over some days.
+
+    Parameters
+    ----------
+    days : tuple of str
+        Names of the d days.
+    changes : tuple of SeriesChange
+        What changed, and when.
+    missing : tuple of EffectChoice
+        What the model lacks on all days.
+    courses : tuple of ParameterTrack
+        Every parameter day by day.
+    summary : str
+        The result in a few sentences.
+    """
 
     days: tuple[str, ...]
     changes: tuple[SeriesChange, ...]

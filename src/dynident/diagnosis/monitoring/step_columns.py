@@ -19,7 +19,15 @@ from dynident.estimation import EquationFactors, Reduction, concatenate_reductio
 
 @dataclass(frozen=True)
 class StepColumn:
-    """Column `number` of the measure's W, which is zero before day `since`; 0 for all days."""
+    """A column that starts on some day.
+
+    Parameters
+    ----------
+    number : int
+        Number of the column in W of the measure.
+    since : int
+        Number of the day before which it is zero; 0 for all days.
+    """
 
     number: int
     since: int = 0
@@ -60,7 +68,13 @@ class StepProductStack(ProductStack):
         return np.asarray(later[both, self._places[:, None], self._places])
 
     def take_products(self, rows: IndexArray, columns: IndexArray) -> FloatArray:
-        """Return the products (s, *shape) at these places, whose shapes are broadcast."""
+        """Return the products (s, *shape) at these places, whose shapes are broadcast.
+
+        Parameters
+        ----------
+        rows, columns : arrays of int
+            Places of the two factors of each product, which broadcast.
+        """
         products = super().take_products(self._places[rows], self._places[columns])
         both = np.maximum(self._since[rows], self._since[columns])
         day = self._day.reshape(-1, *([1] * both.ndim))
@@ -75,12 +89,14 @@ def build_step_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple
     Parameters
     ----------
     measure : Measure
+        Columns of the days, and what may change.
     names : sequence of str
-        Those of the days.
+        Names of the days.
 
     Returns
     -------
-    Pool, tuple of Stepped
+    tuple of Pool, tuple of StepColumn
+        The candidates, and what each of their columns is.
     """
     wide = measure.observation
     n_wide = wide.n_columns
@@ -88,6 +104,7 @@ def build_step_pool(measure: Measure, names: Sequence[str]) -> tuple[Pool, tuple
     columns, steps = list(wide.columns), [StepColumn(k) for k in range(n_wide)]
     rows, numbers = [wide.entry_rows], [wide.entry_columns]
     number_of: dict[StepColumn, int] = {column: k for k, column in enumerate(steps)}
+    # Not from the first day on, which all others are compared with.
     for since in range(1, len(names)):
         for k in changing:
             acting = wide.entry_rows[wide.entry_columns == k]
@@ -120,11 +137,14 @@ def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> 
     Parameters
     ----------
     days : sequence of Day
-    columns : sequence of Stepped
+        Days in their order.
+    columns : sequence of StepColumn
+        Columns of the pool.
 
     Returns
     -------
     PhasedProducts
+        Products by block; there are no rows at reversals or beside halts.
     """
     day = np.repeat(np.arange(len(days)), [recorded_day.reduction.n_blocks for recorded_day in days])
     number = np.array([column.number for column in columns], dtype=np.intp)
@@ -138,6 +158,7 @@ def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> 
         places = np.append(where[number[have]], len(equation.columns))
         own = np.full(len(columns), -1, dtype=np.intp)
         own[have] = np.arange(len(have))
+        # One array serves all steps: which blocks count for a column is decided when products are taken.
         values = factors.transpose(0, 2, 1) @ factors
         stacks.append((StepProductStack(values, places, np.append(since[have], 0), day),))
         position.append(own)
@@ -148,7 +169,22 @@ def gather_step_products(days: Sequence[Day], columns: Sequence[StepColumn]) -> 
 
 
 def combine_days(days: Sequence[Day], columns: Sequence[StepColumn], which: Sequence[int] | None = None) -> Reduction:
-    """Return the reduced rows of some of the days, by default of all, with these columns."""
+    """Return the reduced rows of some of the days.
+
+    Parameters
+    ----------
+    days : sequence of Day
+        Days in their order.
+    columns : sequence of StepColumn
+        Columns that the rows are to have.
+    which : sequence of int or None
+        Numbers of the days; all where left out.
+
+    Returns
+    -------
+    Reduction
+        The rows of these days, one after the other.
+    """
     day_numbers = range(len(days)) if which is None else which
     return concatenate_reductions([_apply_steps(days[k].reduction, columns, k) for k in day_numbers])
 
@@ -159,6 +195,7 @@ def _apply_steps(reduction: Reduction, columns: Sequence[StepColumn], day: int) 
     for equation in reduction.equations:
         where = {int(column): place for place, column in enumerate(equation.columns)}
         own = [k for k, column in enumerate(columns) if column.number in where]
+        # A matrix of zeros and ones chooses the columns; its last place is that of Y.
         change = np.zeros((len(equation.columns) + 1, len(own) + 1))
         change[-1, -1] = 1.0
         for new, k in enumerate(own):

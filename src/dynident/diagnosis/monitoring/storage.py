@@ -24,11 +24,14 @@ def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
     Parameters
     ----------
     measure : Measure
+        Columns that the days were reduced to.
     days : sequence of Day
+        Days in their order.
 
     Returns
     -------
     bytes
+        Content of the file.
     """
     header = {
         "format": _FORMAT,
@@ -36,6 +39,7 @@ def days_to_bytes(measure: Measure, days: Sequence[Day]) -> bytes:
         "equations": len(days[0].reduction.equations) if days else 0,
         "days": [{"name": day.name, "source": day.source} for day in days],
     }
+    # An .npz file holds nothing but arrays, so that the JSON text is stored as bytes.
     arrays: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
     for number, day in enumerate(days):
         arrays |= {f"{number}/floor": day.floor, f"{number}/spans": day.reduction.spans}
@@ -56,11 +60,14 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     Parameters
     ----------
     measure : Measure
+        Columns that the days were reduced to.
     content : bytes
+        Content of the file.
 
     Returns
     -------
     tuple of Day
+        Days in their order.
 
     Raises
     ------
@@ -97,17 +104,21 @@ def load_days(identification: Identification, content: bytes) -> tuple[Measure, 
     Parameters
     ----------
     identification : Identification
+        The model that the days were reduced for.
     content : bytes
+        Content of the file.
 
     Returns
     -------
-    Measure, tuple of Day
+    tuple of Measure, tuple of Day
+        The measure that fits the file, and the days.
 
     Raises
     ------
     DynidentError
         Where this is no such file, or the days were reduced for another model.
     """
+    # The file does not say whether the days have temperatures; the digest of the measure tells.
     measure = build_measure(identification)
     if _read_header(content)["measure"] != measure.digest:
         measure = build_measure(identification, with_temperature=True)
@@ -124,6 +135,7 @@ def _read_header(content: bytes) -> dict[str, Any]:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())
         known = header["format"] == _FORMAT and "measure" in header
+    # Whatever file somebody gives, the answer is a sentence.
     except (ValueError, KeyError, OSError, TypeError, zipfile.BadZipFile) as error:
         raise DynidentError("this is no file of days", title="Unusable file") from error
     if not known:

@@ -16,12 +16,13 @@ from dynident.diagnosis.comparing.compare import Comparison
 from dynident.diagnosis.residuals.time_blocks import compute_t, find_bursts, number_blocks
 from dynident.diagnosis.result import FailureSpot, UnknownPattern, Variable
 
+# Bins of the map, and fewest rows for which a bin is looked at.
 _MAP_BINS = 16
 _FEWEST_IN_MAP_BIN = 20
 
 
 def build_failure_map(comparisons: Sequence[Comparison]) -> tuple[FailureSpot, ...]:
-    """For every joint and variable, the bin where the residual is largest against the joint's own rms."""
+    """Return, for every joint and variable, the bin where the residual is largest against the joint's own rms."""
     first = comparisons[0]
     spots = []
     for j, name in enumerate(first.joint_names):
@@ -57,13 +58,16 @@ def _find_worst_bin(residual: FloatArray, values: FloatArray, rms: float) -> tup
 
 
 def _compute_edges(values: FloatArray) -> FloatArray | None:
+    # Quantiles instead of the extremes: a few far values must not make all bins wide.
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return None
     return np.linspace(low, high, _MAP_BINS + 1)
 
 
+# Bins over one variable, bins each over two, and fewest rows for which a bin has a mean.
 _BINS, _COARSE_BINS, _FEWEST = 24, 10, 10
+# Share of the variance from which on a dependence is reported, and t of its gain over the blocks.
 _SHARE, _T = 0.08, 4.2
 # What shows in few stretches (a rough spot that is seldom passed) gains unevenly.
 _LARGE, _T_OF_LARGE = 0.25, 2.0
@@ -106,15 +110,17 @@ class _PatternRows:
 
 
 def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPattern, ...]:
-    """Dependences of the residual that are left, the largest share of the residual's variance first."""
+    """Find dependences of the residual that are left, the largest share of the residual's variance first."""
     rows = _PatternRows.from_comparisons(comparisons)
     patterns: list[UnknownPattern] = []
     for j, name in enumerate(comparisons[0].joint_names):
         best: dict[Variable, float] = {}
         for variable, which in _yield_partitions(rows, j):
             share = max(_compute_held_out_share(rows, j, which, target) for target in _list_targets(rows, j))
+            # Two variables always explain somewhat more than one, which alone is no dependence on the second.
             if variable == "other_joints" and share < _MORE_BY_TWO * best.get("position", 0.0):
                 continue
+            # Several ways to sort the rows may stand for one variable: the best of them counts.
             best[variable] = max(best.get(variable, 0.0), share)
         most = max(best.values(), default=0.0)
         patterns += [
@@ -125,13 +131,14 @@ def find_unknown_patterns(comparisons: Sequence[Comparison]) -> tuple[UnknownPat
 
 
 def _list_targets(rows: _PatternRows, j: int) -> tuple[FloatArray, FloatArray]:
-    """What bin means are taken of: the residual (m,), and the residual against the joint's direction."""
+    """Return factors (m,) of the residual whose bin means are taken: one, and the sign of the joint's direction."""
     return np.ones(len(rows.t)), np.sign(rows.dq[:, j])
 
 
 def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, IndexArray]]:
-    """Ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
+    """Yield ways to sort the rows (m,) into bins, each with the variable it stands for; of the joint itself first."""
     sign = np.sign(rows.dq[:, j])
+    # Pairs of bins have to be coarse: ten by ten of them share the rows of all.
     position = _number_bins(rows.q[:, j], _COARSE_BINS)
     yield "position", _number_bins(rows.q[:, j], _BINS)
     yield "velocity", _number_bins(rows.dq[:, j], _BINS)
@@ -148,7 +155,7 @@ def _yield_partitions(rows: _PatternRows, j: int) -> Iterator[tuple[Variable, In
 
 
 def _number_bins(values: FloatArray, count: int) -> IndexArray:
-    """Number of the bin (m,) of every row; all the same where a signal does not move."""
+    """Return the number of the bin (m,) of every row; all the same where a signal does not move."""
     low, high = np.quantile(values, [0.005, 0.995])
     if not high - low > 1e-9 * max(1.0, abs(low), abs(high)):
         return np.zeros(len(values), dtype=np.intp)
@@ -157,7 +164,7 @@ def _number_bins(values: FloatArray, count: int) -> IndexArray:
 
 
 def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn: FloatArray) -> float:
-    """Held-out share of the residual's variance that bin means explain; 0 where it is not even over the stretches."""
+    """Return the held-out share of the residual's variance that bin means explain; 0 where blocks disagree."""
     telling = rows.telling[:, j]
     residual = (rows.residual[:, j] * turn)[telling]
     total = float((residual**2).sum())
@@ -171,6 +178,7 @@ def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn:
     counts = np.bincount(cell, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
     sums = np.bincount(cell, weights=residual, minlength=n_stretches * n_bins).reshape(n_stretches, n_bins)
     gains = np.zeros(n_stretches)
+    # Means of a bin come from four fifths of the blocks and are tried on the rest: a dependence has to predict.
     for fold in range(5):
         test = np.arange(fold, n_stretches, 5)
         training_counts = counts.sum(axis=0) - counts[test].sum(axis=0)
@@ -186,7 +194,7 @@ def _compute_held_out_share(rows: _PatternRows, j: int, which: IndexArray, turn:
 
 
 def _find_burst_patterns(comparisons: Sequence[Comparison], known: set[str]) -> list[UnknownPattern]:
-    """Joints whose residual is large in a few stretches of time, and depends on nothing else."""
+    """Find joints whose residual is large in a few intervals of time, and depends on nothing else."""
     names = comparisons[0].joint_names
     inside, whole = np.zeros(len(names)), np.zeros(len(names))
     for c in comparisons:

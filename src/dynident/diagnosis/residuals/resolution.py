@@ -28,9 +28,7 @@ _SHARP_TURNS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """Smallest displacement, travel since a halt and speed (n,) that rows which count show.
-
-    `fastest` (n,): the largest speed of all rows.
+    """Smallest displacement, travel since a halt and speed that the rows which count can show.
 
     A joint that reverses with acceleration a is within a/(2πf)² of its turning point for as long as a filter with
     cut-off f takes to answer. What friction does inside that (sticking, above all) is there in the torque but not in q:
@@ -38,6 +36,17 @@ class Resolution:
     stick count, since only their rows do; or the distances from the last halt at which rows where the joint moves
     begin. And what depends on the speed alone shows in rows where the joint moves, so
     that a speed must be above the slowest of these.
+
+    Parameters
+    ----------
+    displacement : (n,)
+        Smallest slip distance that shows where a joint reverses, rad or m.
+    travel : (n,)
+        Smallest travel since a halt that shows, rad or m.
+    speed : (n,)
+        Smallest speed that shows, rad/s or m/s.
+    fastest : (n,)
+        Largest speed of all rows, rad/s or m/s.
     """
 
     displacement: FloatArray
@@ -46,21 +55,43 @@ class Resolution:
     fastest: FloatArray
 
     def is_resolved(self, spec: ShapeSpec, value: float, joints: Sequence[int], within: float = 1.0) -> bool:
-        """Whether a shape constant is large enough to be seen on these joints, known to within a factor."""
+        """Return whether a shape constant is large enough to be seen on some joints.
+
+        Parameters
+        ----------
+        spec : ShapeSpec
+            The shape constant.
+        value : float
+            Its value.
+        joints : sequence of int
+            Indices of the joints.
+        within : float
+            Factor to within which the value is known.
+        """
         if spec.resolved_by is None or not len(joints):
             return True
         limit = {"displacement": self.displacement, "travel": self.travel, "speed": self.speed}[spec.resolved_by]
+        # A peak that is as wide as the joint is fast is no peak but a slope.
         if spec.resolved_by == "speed" and value > _WIDEST * float(np.max(self.fastest[list(joints)])):
             return False
         return within * value >= float(np.max(limit[list(joints)]))
 
 
 def compute_resolution(comparisons: Sequence[Comparison], preprocessing: Preprocessing) -> Resolution:
-    """What recordings filtered like this can resolve, from the accelerations at their reversals."""
+    """Compute what recordings filtered like this can resolve, from the accelerations at their reversals.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    preprocessing : Preprocessing
+        Filters of the model.
+    """
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     n = len(comparisons[0].joint_names)
     if not cutoffs:
         return Resolution(np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.inf))
+    # The lower cut-off decides: whatever one of the filters hides cannot show.
     corner = 2 * np.pi * min(cutoffs)
     acceleration = np.array([_compute_reversal_acceleration(comparisons, j) for j in range(n)])
     travelled = np.array([_compute_nearest_travel(comparisons, j) for j in range(n)])
@@ -70,7 +101,7 @@ def compute_resolution(comparisons: Sequence[Comparison], preprocessing: Preproc
 
 
 def _compute_reversal_acceleration(comparisons: Sequence[Comparison], joint: int) -> float:
-    """Median acceleration of a joint where it turns round freely; beyond all where it never does."""
+    """Return the median acceleration of a joint where it reverses freely; infinite where it never does."""
     accelerations = []
     for c in comparisons:
         turns = np.flatnonzero(np.diff(np.sign(c.dq[:, joint])) != 0)
@@ -80,11 +111,12 @@ def _compute_reversal_acceleration(comparisons: Sequence[Comparison], joint: int
 
 
 def _compute_nearest_travel(comparisons: Sequence[Comparison], joint: int) -> float:
-    """Distance from its last halt that a small share of a joint's moving rows are within; beyond all without any."""
+    """Return the distance from the last halt within which few of the moving rows lie; infinite without any."""
     distances = []
     for c in comparisons:
         moving = c.moving[:, joint]
         new = np.diff(c.segment, prepend=-1.0) != 0
+        # The index of the last row at rest, carried forward; a new segment has no halt behind it.
         last = np.maximum.accumulate(np.where(~moving | new, np.arange(len(moving)), 0))
         rows = np.flatnonzero(moving & ~moving[last])
         distances.append(np.abs(c.q[rows, joint] - c.q[last[rows], joint]))
@@ -93,7 +125,7 @@ def _compute_nearest_travel(comparisons: Sequence[Comparison], joint: int) -> fl
 
 
 def _compute_slowest_speed(comparisons: Sequence[Comparison], joint: int) -> float:
-    """Speed that a small share of the rows in which a joint moves are below; beyond all where it never moves."""
+    """Return the speed below which a small share of a joint's moving rows lie; infinite where it never moves."""
     rows_of = [c.off_halts[:, joint] & (c.free[joint] | (c.phase[:, joint] != Phase.REVERSING)) for c in comparisons]
     values = np.concatenate([np.abs(c.dq[rows, joint]) for c, rows in zip(comparisons, rows_of, strict=True)])
     return float(np.quantile(values, _SLOWEST_SHARE)) if len(values) else np.inf

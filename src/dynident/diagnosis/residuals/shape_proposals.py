@@ -1,4 +1,4 @@
-"""Where to look for effects that no grid can offer: lines in the residual's spectra, bursts, groups of runs."""
+"""Propose where to look for effects that no grid can offer: lines in the residual's spectra, bursts, groups of runs."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from dynident.diagnosis.residuals.time_blocks import find_bursts
 from dynident.identification import Identification
 from dynident.recordings import Recording
 
+# Groups that are tried: each is a candidate in every round.
 _MOST_GROUPS = 16
 
 
@@ -26,10 +27,22 @@ _MOST_GROUPS = 16
 class ShapeProposals:
     """Where to look for effects that a grid cannot offer, from the recordings and their residual.
 
-    `angle_lines`: lines in the residual over a joint's angle; `time_lines`: Hz of lines over time; `bursts`: (run
-    label, from, to in s) of stretches far above the rest; `run_groups`: sets of runs that an effect may be limited to;
-    `has_temperature`: whether all recordings have one; `session`: s that the clock of all recordings has run, 0 where
-    it starts anew in each; `since`: labels of the later runs, where what changed between them and the others is asked.
+    Parameters
+    ----------
+    angle_lines : AngleLines
+        Lines in the residual over a joint's angle.
+    time_lines : tuple of float
+        Frequencies of lines over time, Hz.
+    bursts : tuple of (str, float, float)
+        Run label, start and end (s) of intervals far above the rest.
+    run_groups : tuple of tuple of str
+        Sets of runs that an effect may be limited to.
+    has_temperature : bool
+        Whether all recordings have a temperature.
+    session : float
+        Time that the clock of all recordings has run, s; 0 where it starts anew in each.
+    since : tuple of str
+        Labels of the later runs, where changes between them and the others are looked for.
     """
 
     angle_lines: AngleLines = field(default_factory=AngleLines)
@@ -42,7 +55,7 @@ class ShapeProposals:
 
     @property
     def single_runs(self) -> list[tuple[str, ...]]:
-        """Those groups that are one run each."""
+        """Groups of one run each."""
         return [group for group in self.run_groups if len(group) == 1]
 
 
@@ -52,7 +65,25 @@ def propose_shapes(
     identification: Identification,
     since: tuple[str, ...] = (),
 ) -> ShapeProposals:
-    """What the residual of the model and the recordings themselves suggest; `since`: labels of the later runs."""
+    """Propose shape constants and runs from the residual of the model and from the recordings.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    recordings : sequence of Recording
+        The recordings.
+    identification : Identification
+        The identified model.
+    since : tuple of str
+        Labels of the later runs, where there is a baseline.
+
+    Returns
+    -------
+    ShapeProposals
+        The proposals.
+    """
+    # Without a filter of the torque: half of the Nyquist frequency.
     highest = identification.preprocessing.torque_cutoff or 0.25 / float(np.median(np.diff(comparisons[0].t)))
     motion = find_motion_lines(comparisons, highest)
     signals, reference = identification.model.signals, identification.estimate.next_reference()
@@ -73,25 +104,27 @@ def propose_shapes(
 
 
 def compute_session_length(recordings: Sequence[Recording]) -> float:
-    """Seconds from the first to the last sample; 0 where t starts anew in every recording, so that it is no clock."""
+    """Return the seconds from the first to the last sample; 0 where t starts anew in every recording."""
     spans = sorted(
         (segment.start_time, segment.start_time + segment.length * recording.period)
         for recording in recordings
         for segment in recording.segments
     )
+    # Runs that overlap in time have clocks of their own.
     if any(after[0] < before[1] - 1e-6 for before, after in pairwise(spans)):
         return 0.0
     return spans[-1][1] - spans[0][0]
 
 
 def list_run_groups(recordings: Sequence[Recording]) -> list[tuple[str, ...]]:
-    """Sets of runs that something may have been attached in: those that say so, single ones, the first or last few."""
+    """List sets of runs in which something may have been attached: as stated, single ones, the first or last few."""
     labels = list(dict.fromkeys(label for recording in recordings for label in recording.segment_names))
     groups: list[tuple[str, ...]] = []
     if any(recording.payload is not None for recording in recordings):
         groups.append(())
     count = len(labels)
     proposals: list[tuple[str, ...]] = [(label,) for label in labels]
+    # Something is attached or taken off once: the runs before it, or those after it, belong together.
     proposals += [tuple(labels[:k]) for k in range(2, count)] + [tuple(labels[k:]) for k in range(1, count - 1)]
     for group in proposals if count > 1 else []:
         if group not in groups and len(group) < count:

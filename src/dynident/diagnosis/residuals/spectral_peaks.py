@@ -16,9 +16,11 @@ from dynident.effects import ReferenceParameters, Signals
 from dynident.expressions import Program
 from dynident.robot.model import Robot
 
+# Range (Hz) in which a line is refined, and steps within the width of a line.
 _AROUND, _STEPS_A_WIDTH = 0.3, 4
 _STANDS_OUT, _MOST_LINES = 6.0, 2
 """Times what frequencies beside it explain (clean arms reach three), and the most frequencies that are tried."""
+# Ridge that keeps the normal equations of a frequency solvable, as a share of their trace.
 _SOLVABLE = 1e-9
 _LEAST_FELT = 1e-3
 """Residuals of a joint for one m/s² of gravity: below it, a base that shakes by g moves the torque by less than a
@@ -33,7 +35,7 @@ def find_base_vibration(
     highest: float,
     motion: MotionLines,
 ) -> list[float]:
-    """Frequencies (Hz) at which a shaking base explains far more of the residual than at others beside, best first.
+    """Find frequencies (Hz) at which a shaking base explains far more of the residual than beside them, best first.
 
     Sought in what every joint would feel of it in its posture, not in the spectra of single joints: there it is spread
     over side lobes, and drowned by what noise other joints have.
@@ -42,10 +44,19 @@ def find_base_vibration(
     ----------
     reference : ReferenceParameters
         Parameters that torque is predicted with.
-    highest : Hz
-        Nothing faster is looked for.
+    highest : float
+        Highest frequency that is looked for, Hz.
     motion : MotionLines
-        What the motion itself repeats tells of the model, not of the base.
+        Lines of the motion itself, which tell of the model, not of the base.
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    signals : Signals
+        Signals of the model, with the torque that gravity makes.
+
+    Returns
+    -------
+    list of float
+        Frequencies, Hz.
     """
     felt = _build_gravity_program(signals)
     columns = [_compute_gravity_sensitivities(c, felt, reference) for c in comparisons]
@@ -54,6 +65,7 @@ def find_base_vibration(
     longest = max(float(c.t[-1] - c.t[0]) for c in comparisons)
     step = 1.0 / (_STEPS_A_WIDTH * max(longest, np.finfo(float).tiny))
     frequencies: list[float] = []
+    # Two peaks that a refinement would bring together are one line.
     for line in lines:
         if any(abs(line - other) <= 2 * _AROUND for other in frequencies):
             continue
@@ -66,7 +78,7 @@ def find_base_vibration(
 def _compute_vibration_spectrum(
     comparisons: Sequence[Comparison], columns: Sequence[FloatArray], highest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (f,) in Hz, and the squared residual that a base shaking at each explains; a phase for every segment.
+    """Return frequencies (f,) in Hz, and the squared residual that a base shaking at each explains, a phase a segment.
 
     The normal equations of all frequencies at once: products with waves are Fourier transforms.
     """
@@ -81,6 +93,7 @@ def _compute_vibration_spectrum(
     gains = np.zeros(len(in_range))
     for c, rows in pieces:
         felt, y = own[id(c)][rows], c.counted_residual[rows] * _compute_joint_weights(c)
+        # Transforms need an even grid; rows that the filter left out stay zero on it.
         place = np.round((c.t[rows] - c.t[rows[0]]) / period).astype(np.intp)
         right, squares = np.zeros((place[-1] + 1, 3)), np.zeros((place[-1] + 1, 9))
         right[place] = np.einsum("mja,mj->ma", felt, y)
@@ -90,6 +103,8 @@ def _compute_vibration_spectrum(
         still = squares.sum(axis=0).reshape(3, 3)
         if not still.any():
             continue
+        # cos² = (1 + cos 2ωt) / 2 and so on: products of waves of one frequency are the still part and that of twice
+        # the frequency.
         w = np.block([[still + twice.real, -twice.imag], [-twice.imag, still - twice.real]]) / 2.0
         b = np.concatenate([wave.real, -wave.imag], axis=1)[..., None]
         w += _SOLVABLE * np.trace(still) * np.eye(6)
@@ -98,12 +113,12 @@ def _compute_vibration_spectrum(
 
 
 def _build_gravity_program(signals: Signals) -> Program:
-    """Torque of every joint for one m/s² of gravity along each axis: (m, 3 n) of q (m, n) and the reference (14 n,)."""
+    """Build the torque (m, 3 n) for one m/s² of gravity along each axis, of q (m, n) and the reference (14 n,)."""
     return Program([signals.q, signals.reference], ca.densify(signals.predicted.gravity_torques))
 
 
 def _compute_gravity_sensitivities(comparison: Comparison, felt: Program, reference: ReferenceParameters) -> FloatArray:
-    """(m, n, 3): torque of every joint for one m/s² of gravity along each axis, over the joint's usual residual.
+    """Return (m, n, 3): torque for one m/s² of gravity along each axis, over the joint's usual residual.
 
     Zero where the joint's equation does not tell, and of joints that do not feel gravity.
     """
@@ -114,7 +129,7 @@ def _compute_gravity_sensitivities(comparison: Comparison, felt: Program, refere
 
 
 def _compute_joint_weights(comparison: Comparison) -> FloatArray:
-    """(n,): one over every joint's usual residual, zero for one that has none: it stands all the time."""
+    """Return (n,): one over every joint's usual residual, zero for one that has none, since it stands all the time."""
     rms = comparison.errors.rms
     return np.divide(1.0, rms, out=np.zeros_like(rms), where=rms > 0.0)
 
@@ -122,7 +137,7 @@ def _compute_joint_weights(comparison: Comparison) -> FloatArray:
 def _compute_vibration_gain(
     comparisons: Sequence[Comparison], columns: Sequence[FloatArray], frequency: float
 ) -> float:
-    """Squared residual, in units of its own, that a shaking base explains; a phase for every recording."""
+    """Return the squared residual, in its own units, that a shaking base explains, with a phase for each recording."""
     total = 0.0
     for c, sensitivity in zip(comparisons, columns, strict=True):
         every = max(1, len(c.t) // _MOST_ROWS)
@@ -140,9 +155,11 @@ LINE_RATIO = 24.0
 
 It is only where to look: what a line explains has to pass the test of everything else."""
 
+# Lines of a joint that are tried, and lowest and highest waves a turn.
 _LINES_A_JOINT = 2
 _LOWEST_LINE, _HIGHEST_LINE = 2.0, 250.0
 _BINS = 200
+# Least range (rad) of a joint, and phase (rad) over the range by which the waves beside a line differ from it.
 _LEAST_ANGLE, _BESIDE = 0.2, 0.4
 # Share of what the residual over the angle has beside a parabola: a slow wave with more of it is clear.
 _CLEAR = 0.5
@@ -154,10 +171,15 @@ SLOWEST_VIBRATION, _MOTION_LINE_RATIO = 1.0, 3.0
 
 @dataclass(frozen=True)
 class AngleLines:
-    """Lines in the residual over a joint's own angle: (joint index, waves per turn).
+    """Lines in the residual over a joint's own angle.
 
-    `clear` ones stand out of it; `faint` are all of at most two cycles: something else on the joint may hide them, and
-    move what is left of them.
+    Parameters
+    ----------
+    clear : tuple of (int, float)
+        Lines that stand out: joint index, and waves a turn.
+    faint : tuple of (int, float)
+        All waves of at most two cycles over the range: something else on the joint may hide them, and move what is left
+        of them.
     """
 
     clear: tuple[tuple[int, float], ...] = ()
@@ -165,7 +187,15 @@ class AngleLines:
 
 
 def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLines:
-    """Lines in the spectrum of the residual over each joint's own angle."""
+    """Find lines in the spectrum of the residual over each joint's own angle.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    robot : Robot
+        The robot, as its description gives it.
+    """
     clear, faint = [], []
     for j, joint in enumerate(robot.joints):
         if joint.kind != "revolute":
@@ -188,10 +218,17 @@ def find_angle_lines(comparisons: Sequence[Comparison], robot: Robot) -> AngleLi
 
 
 def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Waves per radian (f,) of more than two cycles over a joint's range, and their power (f,) in the residual (m,).
+    """Return waves a turn (f,) of more than two cycles over a joint's range, and their power (f,) in the residual.
 
     No part of the range counts for more than the middle one: a joint that goes from point to point is nearly always
     near the points, and the spectrum would be that of where it dwells.
+
+    Parameters
+    ----------
+    q : (m,)
+        Positions of the joint, rad.
+    residual : (m,)
+        Residual of the joint, N m.
     """
     low, span = float(q.min()), float(q.max() - q.min())
     part = _number_bins(q, low, span, _BINS)
@@ -201,6 +238,7 @@ def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray
     n_bins = int(np.ceil(span * _HIGHEST_LINE / (2 * np.pi) * 16))
     varying = weight * (residual - float(weight @ residual / weight.sum()))
     sums = np.bincount(_number_bins(q, low, span, n_bins), weights=varying, minlength=n_bins)
+    # Padding with zeros gives several values to the width of a line, so that no peak falls between two.
     size = fft.next_fast_len(9 * n_bins, real=True)
     k = 2 * np.pi * fft.rfftfreq(size, span / n_bins)
     in_range = (k >= max(_LOWEST_LINE, 4 * np.pi / span)) & (k <= _HIGHEST_LINE)
@@ -208,12 +246,12 @@ def compute_angle_power(q: FloatArray, residual: FloatArray) -> tuple[FloatArray
 
 
 def _number_bins(q: FloatArray, low: float, span: float, count: int) -> IndexArray:
-    """(m,): in which of so many parts of its range an angle is."""
+    """Return the number (m,) of the part of its range that an angle is in."""
     return np.asarray(np.minimum(((q - low) / span * count).astype(np.intp), count - 1))
 
 
 def _find_slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float) -> tuple[float, float]:
-    """The wave of at most two cycles over the joint's range that explains most beside a parabola, and the share of it.
+    """Return the wave of at most two cycles over the range that explains most beside a parabola, and its share.
 
     A spectrum cannot tell so few cycles from a trend.
     """
@@ -226,6 +264,7 @@ def _find_slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float
     weight = np.sqrt(counts[filled])
     y = weight * np.bincount(place, weights=residual, minlength=_BINS)[filled] / counts[filled]
     x = (np.flatnonzero(filled) + 0.5) / _BINS
+    # Constant, slope and curvature are projected out of residual and waves alike.
     trend = np.linalg.qr(weight[:, None] * np.vander(x, 3))[0]
     y = y - trend @ (trend.T @ y)
     gains = []
@@ -240,18 +279,34 @@ def _find_slow_wave(q: FloatArray, residual: FloatArray, low: float, span: float
 
 @dataclass(frozen=True)
 class MotionLines:
-    """Lines (Hz) over time that the motion has; lines nearer than `apart` are the same."""
+    """Lines over time that the motion itself has.
+
+    Parameters
+    ----------
+    lines : tuple of float
+        Frequencies, Hz.
+    apart : float
+        Difference (Hz) below which two lines are the same.
+    """
 
     lines: tuple[float, ...] = ()
     apart: float = 0.0
 
     def exclude_motion_lines(self, lines: Sequence[float]) -> list[float]:
-        """Those of some lines that are none of the motion."""
+        """Return those of some lines that are none of the motion."""
         return [f for f in lines if all(abs(f - other) > self.apart for other in self.lines)]
 
 
 def find_motion_lines(comparisons: Sequence[Comparison], highest: float) -> MotionLines:
-    """Lines in the spectrum of all joints' velocities over time, below `highest` in Hz."""
+    """Find lines in the spectrum of all joints' velocities over time, below `highest` in Hz.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    highest : float
+        Highest frequency, Hz.
+    """
     pieces = split_pieces(comparisons)
     period, size = choose_spectrum_grid(pieces)
     if not size or highest <= SLOWEST_VIBRATION:
@@ -271,34 +326,45 @@ Piece = tuple[Comparison, NDArray[np.intp]]
 
 
 def split_pieces(comparisons: Sequence[Comparison]) -> list[Piece]:
-    """All segments of all comparisons."""
+    """Return all segments of all comparisons."""
     return [(c, rows) for c in comparisons for rows in split_segments(c)]
 
 
 def choose_spectrum_grid(pieces: Sequence[Piece]) -> tuple[float, int]:
-    """Seconds between rows, and the length of a spectrum that resolves the longest piece's lines; 0: there are none."""
+    """Return the seconds between rows, and the length of a spectrum that resolves the lines of the longest piece."""
     period = float(np.median(np.diff(pieces[0][0].t)))
     longest = max(float(c.t[rows[-1]] - c.t[rows[0]]) for c, rows in pieces)
     return period, fft.next_fast_len(4 * round(longest / period) + 4, real=True) if longest > 0.0 else 0
 
 
 def split_segments(comparison: Comparison) -> list[NDArray[np.intp]]:
-    """The rows of every segment."""
+    """Return the rows of every segment."""
     edges = np.flatnonzero(np.diff(comparison.segment)) + 1
     return np.split(np.arange(len(comparison.t)), edges)
 
 
 def _compute_periodogram(t: FloatArray, values: FloatArray, period: float, size: int) -> FloatArray:
-    """Power (size // 2 + 1,) of signals (m, n), summed over them; rows that are missing count as zero."""
+    """Return the power (size // 2 + 1,) of signals (m, n), summed over them; rows that are missing count as zero."""
     place = np.round((t - t[0]) / period).astype(np.intp)
     grid = np.zeros((int(place[-1]) + 1, values.shape[1]))
     grid[place] = values - values.mean(axis=0)
+    # A window, so that the ends of a piece make no lines of their own.
     grid *= np.hanning(len(grid))[:, None]
     return np.asarray((np.abs(fft.rfft(grid, size, axis=0)) ** 2).sum(axis=1) / max(len(t), 1))
 
 
 def find_peaks(k: FloatArray, power: FloatArray, least: float) -> list[float]:
-    """Peaks of at least so many times their surroundings, the highest first."""
+    """Find peaks of at least so many times their surroundings, the highest first.
+
+    Parameters
+    ----------
+    k : (f,)
+        Frequencies, evenly spaced.
+    power : (f,)
+        Power at each frequency.
+    least : float
+        Least ratio to the median of the surroundings.
+    """
     if len(power) < 3:
         return []
     width = min(_SURROUNDINGS, 2 * ((len(power) - 1) // 2) + 1)

@@ -11,11 +11,12 @@ from dynident.array_types import FloatArray
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.estimation.robust_weights import estimate_robust_scale
 
+# Of bursts: power over its median, averaging window (s), gap that ends one (s), number, and largest share of all rows.
 _BURST_RATIO, _BURST_WINDOW, _BURST_GAP, _MOST_BURSTS, _LONGEST_BURSTS = 16.0, 0.1, 0.3, 3, 0.2
 
 
 def find_bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
-    """Stretches where the residual is far above the rest of the recording: (segment index, from, to in s)."""
+    """Find intervals where the residual is far above the rest of the recording: (segment index, start, end in s)."""
     residual = np.where(comparison.counted_rows, comparison.residual, np.nan)
     silent = ~comparison.counted_rows.any(axis=0)
     usual = estimate_robust_scale(np.where(silent, 0.0, residual))
@@ -27,10 +28,12 @@ def find_bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
     width = max(1, round(_BURST_WINDOW / period))
     smooth = np.convolve(power, np.ones(width) / width, mode="same")
     hot = np.flatnonzero(smooth > _BURST_RATIO * max(float(np.median(smooth)), 1.0))
+    # What fills a fifth of the recording is no burst but a wrong model.
     if not len(hot) or len(hot) > _LONGEST_BURSTS * len(power):
         return []
     gap = (np.diff(comparison.t[hot]) > _BURST_GAP) | (np.diff(comparison.segment[hot]) != 0)
     parts = np.split(hot, np.flatnonzero(gap) + 1)
+    # The strongest bursts first, since only a few are tried.
     parts.sort(key=lambda part: -float(power[part].sum()))
     return [
         (int(comparison.segment[part[0]]), float(comparison.t[part[0]]), float(comparison.t[part[-1]]))
@@ -39,11 +42,12 @@ def find_bursts(comparison: Comparison) -> list[tuple[int, float, float]]:
     ]
 
 
+# Number of blocks in all.
 _STRETCHES = 30
 
 
 def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
-    """Number (m,) of the stretch that every row of all comparisons is in."""
+    """Return the number (m,) of the block that every row of all comparisons is in."""
     length = sum(float(c.t[-1] - c.t[0]) for c in comparisons) / _STRETCHES
     offset, numbers = 0, []
     for c in comparisons:
@@ -53,7 +57,7 @@ def number_blocks(comparisons: Sequence[Comparison]) -> NDArray[np.intp]:
 
 
 def compute_t(gain: FloatArray) -> float:
-    """t of the mean of a gain (s,) over stretches of time."""
+    """Return t of the mean of a gain (s,) over blocks of time."""
     if len(gain) < 2:
         return 0.0
     spread = float(gain.std(ddof=1))
@@ -61,7 +65,7 @@ def compute_t(gain: FloatArray) -> float:
 
 
 def compute_median_error(errors: FloatArray) -> float:
-    """The median of squared errors (s,) over the stretches that have any; 0 where none has.
+    """Return the median of squared errors (s,) over the blocks that have any; 0 where none has.
 
     Stretches without rows leave none: where many passive joints rub, those in which none of them turns are few.
     """

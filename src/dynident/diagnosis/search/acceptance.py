@@ -1,4 +1,4 @@
-"""What a candidate needs beside the gate: a gain above the sensor's noise, a larger one where sticking looks alike."""
+"""Decide which candidates are findings, beyond their significance: a gain above the sensor's noise, and more."""
 
 from __future__ import annotations
 
@@ -53,12 +53,32 @@ LARGE_DROP, JOINT_T_OF_LARGE = 0.3, 1.5
 
 
 def is_acceptable(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Whether a candidate is a finding."""
+    """Return whether a candidate is a finding.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
     return _is_surely_there(state, data, scored) and _explains_enough_of_runs(state, scored)
 
 
 def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Whether a candidate would be a finding, were it not of some runs and too small for that."""
+    """Return whether a candidate would be a finding, were it not of some runs and too small for that.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
     return (
         bool(scored.candidate.runs)
         and not _explains_enough_of_runs(state, scored)
@@ -67,7 +87,7 @@ def is_too_small_for_runs(state: State, data: PhasedProducts, scored: ScoredCand
 
 
 def _explains_enough_of_runs(state: State, scored: ScoredCandidate) -> bool:
-    """Whether a candidate explains so much as one of some runs alone has to."""
+    """Return whether a candidate explains as much as one of some runs alone has to."""
     if not scored.candidate.runs:
         return True
     return scored.drop >= (
@@ -79,6 +99,7 @@ def _is_surely_there(state: State, data: PhasedProducts, scored: ScoredCandidate
     effect = get_effect(scored.candidate.effect)
     if scored.separability < VISIBLE or not scored.is_significant or is_too_small(state, data, scored):
         return False
+    # A column of which little is left needs a gain that is very sure.
     if scored.separability * scored.t < _LEAST_REACH:
         return False
     if effect.first_order and scored.separability < _BLURRED and scored.drop < _DROP_OF_BLURRED:
@@ -90,17 +111,41 @@ def _is_surely_there(state: State, data: PhasedProducts, scored: ScoredCandidate
 
 
 def is_too_small(state: State, data: PhasedProducts, scored: ScoredCandidate) -> bool:
-    """Whether a candidate removes less of the sensors' noise than its kind has to."""
+    """Return whether a candidate removes less of the sensors' noise than its kind has to.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    """
     most = max(compute_gain_over_floor(scored, j, state.floor, data) for j in scored.joints)
     return most < get_least_gain(get_effect(scored.candidate.effect))
 
 
 def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidate, joint: int) -> bool:
-    """Whether a candidate that acts on several joints lowers the error of this one: enough, and evenly."""
+    """Return whether a candidate that acts on several joints lowers the error of one of them enough, and evenly.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    data : PhasedProducts
+        Products of all columns.
+    scored : ScoredCandidate
+        The candidate.
+    joint : int
+        Index of the joint.
+    """
+    # In units of the noise of this joint alone, whatever the others gain.
     before = scored.before[:, joint] / state.noise[joint] ** 2
     gain = before - scored.after[:, joint] / state.noise[joint] ** 2
     share = float(gain.sum()) / max(float(before.sum()), np.finfo(float).tiny)
     spread = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    # A large gain may be less even: an effect that shows at few places is there all the same.
     even = float(gain.mean()) >= (JOINT_T if share < LARGE_DROP else JOINT_T_OF_LARGE) * spread
     large = compute_gain_over_floor(scored, joint, state.floor, data) >= get_least_gain(
         get_effect(scored.candidate.effect)
@@ -109,9 +154,18 @@ def has_gain_on_joint(state: State, data: PhasedProducts, scored: ScoredCandidat
 
 
 def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatArray) -> bool:
-    """Whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
+    """Return whether a candidate is so small beside an effect of a rough formula that it may be what that one leaves.
 
     What friction leaves is on its own joint; where else a cable pulls is not known.
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    finding : ScoredCandidate
+        The finding whose formula is rough.
+    floor : (n,)
+        Noise of the sensors, N m or N.
     """
     rough = get_effect(finding.candidate.effect)
     if not rough.is_rough or (rough.is_friction and not set(scored.joints) <= set(finding.joints)):
@@ -120,20 +174,40 @@ def is_shadowed(scored: ScoredCandidate, finding: ScoredCandidate, floor: FloatA
 
 
 def compute_explained_error(scored: ScoredCandidate, floor: FloatArray) -> float:
-    """Squared error that a candidate removes, in units of the sensors' noise (n,)."""
+    """Return the squared error that a candidate removes, in units of the sensors' noise (n,).
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    """
     removed = (scored.before - scored.after).sum(axis=0)
     unit = np.maximum(floor**2, _QUIET * scored.before.mean(axis=0))
     return float((removed / np.maximum(unit, np.finfo(float).tiny)).sum())
 
 
 def get_least_gain(effect: Effect) -> float:
-    """Share of the sensor noise's power that an effect has to remove."""
+    """Return the share of the sensor noise's power that an effect has to remove."""
     at_reversals = any(spec.resolved_by is not None for spec in effect.shapes)
     return SMALLEST_GAIN_AT_REVERSALS if at_reversals else SMALLEST_GAIN_OVER_NOISE
 
 
 def compute_gain_over_floor(scored: ScoredCandidate, joint: int, floor: FloatArray, data: PhasedProducts) -> float:
-    """Squared error that a candidate removes on a joint, over that of the sensor's noise."""
+    """Return the squared error that a candidate removes on a joint, over that of the sensor's noise.
+
+    Parameters
+    ----------
+    scored : ScoredCandidate
+        The candidate.
+    joint : int
+        Index of the joint.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    data : PhasedProducts
+        Products of all columns.
+    """
     removed = float((scored.before - scored.after)[:, joint].sum()) / max(
         float(data.count_rows(scored.candidate.columns)[:, joint].sum()), 1.0
     )

@@ -1,4 +1,4 @@
-"""Contact: a stretch of time far above the rest that a force on the tool explains.
+"""Find contacts: intervals of time far above the rest that a force on a link explains.
 
 It cannot be held out, since it happens once. What speaks for it instead is that the few numbers of one wrench explain
 the residual of all joints at all times of the stretch, as noise or a missing function of the motion would not.
@@ -22,6 +22,7 @@ from dynident.diagnosis.search.state import Finding, State
 from dynident.effects import get_effect
 from dynident.recordings import Preprocessing
 
+# Share of a burst that a contact has to explain, and largest p-value with all bursts and links counted.
 _EXPLAINED, _LARGEST_P = 0.7, 1e-6
 _LASTING = 3.0
 """Widths of the filter (1 / cut-off) that a contact has to last. A shorter burst has one shape that all joints share,
@@ -39,9 +40,21 @@ def find_contacts(
 
     Parameters
     ----------
-    base : columns of the model
+    base : tuple of int
+        Columns of the model.
     noise : (n,)
-    preprocessing : what the torque was filtered with: twice its cut-off independent samples a second come out of it
+        Standard deviation of the noise of each joint, N m or N.
+    preprocessing : Preprocessing
+        Filters of the torque: twice the cut-off independent samples a second come out of them.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates, bursts among them.
+
+    Returns
+    -------
+    tuple of Finding
+        Contacts that explain their burst.
     """
     band = preprocessing.torque_cutoff or _BAND
     bursting = [
@@ -60,6 +73,7 @@ def find_contacts(
         # Of the links that may be pushed, the one that leaves least.
         trials = (_test_contact(rows, columns, link, noise, 2 * band * _get_duration(link)) for link in links)
         judged, p = max(trials, key=lambda trial: trial[0].t)
+        # Bonferroni: each burst is tried on every link.
         if judged.drop >= _EXPLAINED and p * len(bursting) <= _LARGEST_P:
             contacts.append(Finding(judged, (), p * len(bursting)))
             columns = columns + judged.candidate.columns
@@ -72,14 +86,26 @@ def _get_duration(candidate: Candidate) -> float:
 
 
 def drop_faded_contacts(data: PhasedProducts, pool: Pool, state: State, preprocessing: Preprocessing) -> State:
-    """The search without the contacts that what was found after them leaves little of.
+    """Drop the contacts of which little is left beside what was found after them.
 
     They are looked for first, in what the plain model leaves: where friction is missing, a stretch in which it is
     unusually large may look like one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    preprocessing : Preprocessing
+        Filters of the model.
     """
     contacts = [finding for finding in state.picks if finding.is_transient]
     if len(contacts) in (0, len(state.picks)):
         return state
+    # The contacts are taken out and looked for again, beside all that was found since.
     touched = {k for finding in contacts for k in finding.columns}
     rest = tuple(k for k in state.base if k not in touched)
     still_contacts = {
@@ -108,7 +134,9 @@ def _test_contact(
     drop = float(gains[strong].sum()) / excess if excess > 0 else 0.0
     k = len(candidate.columns)
     freedom = max(independent * data.n_joints - k, 1.0)
+    # A floor under what is left: with a residual of zero F would be infinite.
     remaining = max(excess - float(gains[strong].sum()), usual * 0.1, 1e-12)
+    # An F test on the few blocks of the contact, with as many samples as the filter lets through.
     f = float(gains[strong].sum()) / k / (remaining / freedom)
     judged = ScoredCandidate(
         candidate=candidate,

@@ -1,4 +1,4 @@
-"""Effects that the data could not have shown: too little of them is left beside the model, or too little is known."""
+"""Find effects that the data could not have shown: too little of them is left beside the model, or too little known."""
 
 from __future__ import annotations
 
@@ -18,24 +18,32 @@ from dynident.effects import get_effect
 
 SEEN = 5.0
 """Standard deviations that an effect has to have to be found nearly always: the largest of some hundred candidates
-reaches four by chance in one arm of a hundred (`gate.ALPHA`); what has one more falls short of that in one of six."""
+reaches four by chance in one arm of a hundred (`significance.ALPHA`); what has one more falls short of
+that in one of six."""
 _DIGITS = 2
 
 Key = tuple[str, tuple[str, ...]]
 
 
 def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
-    """Effects on a joint of whose columns, whatever their shape constants, next to nothing is left beside the model.
+    """Find effects on a joint of whose columns hardly anything is left beside the model, whatever their constants.
 
     Parameters
     ----------
-    first : sequence of JudgedCandidate
+    first : sequence of ScoredCandidate
         All candidates beside the model alone.
+
+    Returns
+    -------
+    tuple of Invisible
+        Effects with the share of their column that is left.
     """
     shares: dict[Key, float] = {}
     for scored in first:
+        # Groups are left out: each of their joints is a candidate by itself.
         if len(scored.candidate.joints) <= 1:
             key = (scored.candidate.effect, scored.candidate.joints)
+            # The constants of which most is left count: an effect is invisible only if none of them shows.
             shares[key] = max(shares.get(key, 0.0), scored.separability)
     why = "of its column is left beside the model on this motion, so it could not have shown"
     return tuple(
@@ -48,13 +56,25 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
 def find_too_uncertain(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], picks: Sequence[Finding], hidden: Sequence[Invisible]
 ) -> tuple[Invisible, ...]:
-    """Effects on a joint that would not show although there were as much of them as arms have that have them.
+    """Find effects on a joint that would not show even in the size that they usually have.
 
     Parameters
     ----------
-    base : the model's columns as it was diagnosed
-    picks : what was found, beside which everything else would have to show
-    hidden : what could not have shown for other reasons
+    base : tuple of int
+        Columns of the model as it was diagnosed.
+    picks : sequence of Finding
+        What was found, beside which everything else would have to show.
+    hidden : sequence of Invisible
+        What could not have shown for other reasons.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+
+    Returns
+    -------
+    tuple of Invisible
+        Effects with the uncertainty of their surest parameter.
     """
     whole = tuple(
         dict.fromkeys((*base, *(column for finding in picks for column in _find_pool_columns(finding, pool))))
@@ -75,8 +95,9 @@ def find_too_uncertain(
 
 
 def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
-    """The pool's columns of what was found: of the shape constants nearest to those that it was found with."""
+    """Return the pool's columns of a finding, with the shape constants nearest to those that it was found with."""
     choice = finding.judged.candidate.choice
+    # Refined constants are not on the grid of the pool any more.
     alike = [
         candidate
         for candidate in pool.candidates
@@ -91,11 +112,13 @@ def _find_pool_columns(finding: Finding, pool: Pool) -> tuple[int, ...]:
 
 
 def _yield_too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]) -> Iterator[Invisible]:
-    """What would not show although an arm had as much of it as arms have that have it."""
+    """Yield effects that would not show even in their usual size."""
+    # The surest parameter of the effect, over all of its shape constants, decides whether it would have shown.
     best: dict[Key, tuple[float, Invisible]] = {}
     for candidate, spreads in _yield_deviations(data, pool, base):
         key = (candidate.effect, candidate.joints)
         for size, invisible in _compare_typical_sizes(pool, candidate, spreads):
+            # An effect shows if any of its parameters does, with any of its shape constants.
             if key not in best or size > best[key][0]:
                 best[key] = size, invisible
     yield from (invisible for size, invisible in best.values() if size < SEEN)
@@ -104,7 +127,7 @@ def _yield_too_uncertain(data: PhasedProducts, pool: Pool, base: tuple[int, ...]
 def _yield_deviations(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...]
 ) -> Iterator[tuple[Candidate, Sequence[float]]]:
-    """Standard deviations of the parameters of every candidate on a single joint, each beside the model alone."""
+    """Yield the standard deviations of the parameters of every candidate on one joint, each beside the model alone."""
     base_columns = set(base)
     alone = [
         candidate
@@ -114,6 +137,7 @@ def _yield_deviations(
     sets: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in alone:
         sets.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
+    # What was found is among these columns: the noise is what is left beside it.
     noise = estimate_residual_noise(data, base)
     for kinds, members in sets.items():
         rows = data.select_for_candidates(base, np.array(kinds))
@@ -124,7 +148,7 @@ def _yield_deviations(
 def _compare_typical_sizes(
     pool: Pool, candidate: Candidate, spreads: Sequence[float]
 ) -> Iterator[tuple[float, Invisible]]:
-    """How many of its standard deviations each parameter has where an arm has the effect; and that in words."""
+    """Yield how many standard deviations the usual size of each parameter is, and the same in words."""
     robot = pool.observation.robot.tree
     joint = robot.joint_names.index(candidate.joints[0])
     usual = get_effect(candidate.effect).usual(robot, joint)

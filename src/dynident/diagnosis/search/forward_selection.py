@@ -1,4 +1,4 @@
-"""The search for what is missing: add the best effect that passes the gate, until none does."""
+"""Search for what is missing: add the best effect that passes all tests, until none does."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from dynident.diagnosis.search.state import Finding, State, estimate_residual_no
 from dynident.effects import get_effect
 from dynident.progress import Progress
 
+# Waves a turn below which a polynomial of the position says much the same.
 _FEW_WAVES = 6.0
 
 
@@ -30,7 +31,7 @@ def search_findings(
     rows: ProductSource,
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], bool]:
-    """Add the best effect that passes the gate, again and again, until none does; then drop what became superfluous.
+    """Add the best effect that passes all tests, again and again, until none does; then drop what became superfluous.
 
     After an effect that is a first-order sensitivity all columns are made anew: those of the plain model are about
     torque that it predicted wrongly for want of this effect, and what they leave would be taken for something else.
@@ -41,9 +42,27 @@ def search_findings(
     Where neither the model nor that with its first finding predicts parts of the motion from the others, nothing is
     found but what explains most of the error where it was fitted.
 
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model that the search starts from, with the contacts that disturb it.
+    first : list of ScoredCandidate
+        All candidates, scored beside that model.
+    most : int
+        Largest number of findings.
+    rows : ProductSource
+        Gives products of further columns.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
     Returns
     -------
-    the findings, and whether one was given up because the motion does not determine the model
+    tuple of Finding, bool
+        The findings, and whether one was given up because the motion does not determine the model.
     """
     firm = is_determined(data.select_for_model(state.base), state)
     judged, undetermined, contacts = first, False, state.picks
@@ -53,6 +72,7 @@ def search_findings(
         choice = select_candidate(data, pool, state, judged)
         if choice is None:
             break
+        # The grid is coarse: before a name is settled, its rivals are tried with finer constants.
         chosen, equal = compare_names(rows.model, pool, state, choice, judged, rows.gather_products)
         finding = Finding(chosen, equal, chosen.p, _list_neighbour_columns(pool, chosen.candidate, state.base))
         base = state.base + finding.columns
@@ -72,16 +92,19 @@ def search_findings(
         hidden = set(reached) - known
         awake = [candidate for candidate in pool.candidates if candidate in asleep and set(candidate.joints) <= hidden]
         remaining, asleep = remaining + awake, asleep.difference(awake)
+        # What the chosen effect says is no candidate on its joints any more.
         remaining = [c for c in remaining if not _is_superseded(c, chosen.candidate, reached)]
         if not remaining:
             break
         judged = score_all(data, pool, state.base, remaining, state.noise)
+    # The order matters: names are settled before findings of one name are merged, and only then is anything dropped or
+    # split.
     state = merge_findings(rows, data, pool, revisit_findings(rows, data, pool, state))
     return split_groups(data, pool, prune_findings(data, pool, state)).picks, undetermined
 
 
 def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[str]) -> bool:
-    """Whether a candidate is the chosen one in other words: the same family on a joint that it already has.
+    """Return whether a candidate is the chosen one in other words: the same effect on a joint that it already has.
 
     `reached` are the joints that the chosen one acts on.
     """
@@ -100,14 +123,14 @@ def _is_superseded(candidate: Candidate, chosen: Candidate, reached: Sequence[st
 
 
 def _is_slow_wave(candidate: Candidate) -> bool:
-    """Whether a function of the position has so few waves that a polynomial says much the same."""
+    """Return whether a function of the position has so few waves that a polynomial says much the same."""
     if get_effect(candidate.effect).proposal != "angle_spectrum":
         return True
     return max(value for _, value in candidate.shape) < _FEW_WAVES
 
 
 def _list_neighbour_columns(pool: Pool, chosen: Candidate, base: tuple[int, ...]) -> tuple[int, ...]:
-    """Columns of the nearest other shape constants, one constant changed at a time."""
+    """List columns of the nearest other shape constants, one constant changed at a time."""
     specs = [spec.name for spec in get_effect(chosen.effect).shapes if spec.refined is not None]
     mine = dict(chosen.shape)
     kin = [c for c in pool.candidates if c.effect == chosen.effect and set(chosen.joints) <= set(c.joints)]

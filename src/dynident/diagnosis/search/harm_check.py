@@ -1,4 +1,4 @@
-"""No rung that hurts: each finding, in the order in which it would be added, beside those before it."""
+"""Check that no finding makes the prediction worse, in the order in which they would be added."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def select_harmless(
     columns: Sequence[tuple[int, ...]],
     noise: FloatArray,
 ) -> list[int]:
-    """Numbers of those findings that make the prediction worse nowhere, in the order in which they are to be added.
+    """Select the findings that make the prediction worse nowhere, in the order in which they are to be added.
 
     One that hurts waits for the next that does not, and is tried again beside it: friction judged on torque that is
     late is not what it is once the delay is known. Whole runs are left out of the fit where the others determine the
@@ -38,9 +38,19 @@ def select_harmless(
 
     Parameters
     ----------
-    base : columns of the model
-    columns : those of each finding, the most important first
+    base : tuple of int
+        Columns of the model.
+    columns : sequence of tuple of int
+        Columns of each finding, the most important first.
     noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    data : PhasedProducts
+        Products of all columns.
+
+    Returns
+    -------
+    list of int
+        Numbers of the findings.
     """
     accepted: list[int] = []
     waiting = list(range(len(columns)))
@@ -52,8 +62,10 @@ def select_harmless(
 
 
 def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ...], noise: FloatArray) -> bool:
+    # The rows of the larger model for both, so that the errors are of the same samples.
     rows = data.select_for_model(base + own)
     plain, grown = (np.array(model, dtype=np.intp) for model in (base, base + own))
+    # Whole runs are the harder test: they are other motions, or other days.
     kind = "runs" if can_leave_out_runs(rows, grown) else "parts"
     before, after = (compute_held_out_errors(rows, model, noise, kind) for model in (plain, grown))
     # As in scoring, no loss counts for more than there was: a part left out may be what decides.
@@ -61,10 +73,11 @@ def _is_harmless(data: PhasedProducts, base: tuple[int, ...], own: tuple[int, ..
 
 
 def _is_harmful(before: FloatArray, after: FloatArray) -> bool:
-    """Whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
+    """Return whether squared errors (s, n), in units of the noise, grow on any joint beyond chance, or on the whole."""
     removed = float(before.sum() - after.sum())
     if after.sum() > _NOTICED**2 * before.sum():
         return True
+    # A joint is harmed where its error grows noticeably, by much of what the finding removes in all, and beyond chance.
     added = (after - before).sum(axis=0)
     grown = (after.sum(axis=0) > _NOTICED**2 * before.sum(axis=0)) & (added > _IN_PASSING * removed)
     return bool((grown & (compute_evenness((after - before).T) >= _CHANCE)).any())

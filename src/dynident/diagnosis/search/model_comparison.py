@@ -1,4 +1,4 @@
-"""Names that take much of the same error, weighed once more on equal terms.
+"""Compare names that take much of the same error, once more and on equal terms.
 
 On the coarse grid a name can win for want of its rival's constants: a spring of a balancer between two angles of the
 grid lost to a cable's polynomial. And what is about rows where joints turn or start has more rows to gain on: wide
@@ -53,15 +53,29 @@ def compare_names(
     judged: Sequence[ScoredCandidate],
     products: Callable[[Pool], PhasedProducts],
 ) -> Choice:
-    """The finding by the name that it has on equal terms, and its equals.
+    """Return the finding by the name that it has on equal terms, and its equals.
 
     The name stays as long as another does not say more in nearly every draw of the stretches.
 
     Parameters
     ----------
-    choice : what was chosen on the grid, and its equals
-    judged : all candidates on the grid
-    products : inner products of the columns of a pool
+    choice : tuple of ScoredCandidate, tuple of ScoredCandidate
+        What was chosen on the grid, and its equals.
+    judged : sequence of ScoredCandidate
+        All candidates on the grid.
+    products : callable
+        Gives the inner products of the columns of a pool.
+    model : Model
+        The model in which something is missing.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+
+    Returns
+    -------
+    tuple of ScoredCandidate, tuple of ScoredCandidate
+        The finding and its equals.
     """
     contenders = _find_contenders(choice[0], judged)
     if all(scored.candidate.effect == choice[0].candidate.effect for scored in contenders):
@@ -77,7 +91,7 @@ def compare_names(
 
 
 def _group_by_row_kinds(data: PhasedProducts, finer: Pool) -> list[list[Candidate]]:
-    """The candidates, those together that are about the same kinds of rows."""
+    """Group the candidates that are about the same kinds of rows."""
     kinds: dict[tuple[bool, bool], list[Candidate]] = {}
     for candidate in finer.candidates:
         kinds.setdefault(data.find_row_kinds(candidate.columns), []).append(candidate)
@@ -92,7 +106,7 @@ def _compare_on_common_rows(
     candidates: Sequence[Candidate],
     parents: Mapping[EffectChoice, ScoredCandidate],
 ) -> Choice:
-    """The choice, or another name that says more of the rows that are equations for all of these candidates."""
+    """Return the choice, or another name that explains more of the rows that count for all of these candidates."""
     chosen = choice[0]
     finer_state = replace(state, base=tuple(range(finer.n_base)))
     each = [data.find_row_kinds(candidate.columns) for candidate in candidates]
@@ -103,10 +117,12 @@ def _compare_on_common_rows(
     picked = select_candidate(data, finer, finer_state, rescored)
     if picked is None:
         return choice
+    # A name with fewer constants that explains as much is preferred, if it passes the same tests.
     slim = select_candidate(
         data, finer, finer_state, [scored for scored in rescored if _is_slimmer(state, scored, picked[0])]
     )
     picked = slim or picked
+    # The finer constants decide the name only; the finding itself stays one of the grid, which is refined later.
     winner = parents.get(picked[0].candidate.choice)
     if winner is None:
         return choice
@@ -122,19 +138,25 @@ def _compare_on_common_rows(
 
 
 def _is_slimmer(state: State, slim: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether a name with fewer constants says as much; what robots seldom get from day to day is no better for it."""
+    """Return whether a name with fewer constants explains as much; what seldom changes from day to day is no better."""
     return slim.freedom < other.freedom and explains_as_much(slim, other) and not is_seldom_change(state, slim)
 
 
 def explains_as_much(slim: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether a candidate gains as much as one with more constants, each of which is the best of many."""
+    """Return whether a candidate gains as much as one with more constants, each of which is the best of many.
+
+    Parameters
+    ----------
+    slim, other : ScoredCandidate
+        The candidate with fewer constants, and the one with more, scored on the same rows.
+    """
     less = other.total_gain - slim.total_gain
     told_apart = compute_t(other.gains - slim.gains) >= _APART and _exceeds_constant(less, other)
     return (less <= _AS_MUCH * other.total_gain and not told_apart) or are_indistinguishable(other, slim)
 
 
 def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
-    """Whether a name gains more than a constant does that is fitted to what it leaves, by chance.
+    """Return whether a name gains more than a constant that is fitted to what it leaves would by chance.
 
     A stretch counts as one sample. That constants are the best of many is why t alone says too much.
     """
@@ -143,7 +165,7 @@ def _exceeds_constant(more: float, other: ScoredCandidate) -> bool:
 
 
 def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """The best candidates of every effect that gains nearly as much on joints of the chosen one, its own among them."""
+    """Find the best candidates of every effect that gains nearly as much on joints of the chosen one."""
     mine = chosen.candidate
     near = [
         scored
@@ -156,13 +178,14 @@ def _find_contenders(chosen: ScoredCandidate, judged: Sequence[ScoredCandidate])
     for effect in dict.fromkeys(scored.candidate.effect for scored in near):
         own = [scored for scored in near if scored.candidate.effect == effect]
         same = [scored for scored in own if scored.candidate.joints == mine.joints]
+        # One set of joints for each effect: that of the chosen name if there is one, else the best.
         joints = (same or own)[0].candidate.joints
         contenders += [scored for scored in own if scored.candidate.joints == joints][:_STARTS]
     return contenders
 
 
 def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """The candidates from which constants between those of the grid are searched for: the best few of every effect."""
+    """List the best few candidates of every effect, from which constants between those of the grid are searched for."""
     best = sorted(judged, key=lambda scored: -scored.total_gain)
     effects = dict.fromkeys(scored.candidate.effect for scored in best)
     return [
@@ -173,6 +196,18 @@ def list_starts(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
 
 
 def build_finer_pool(model: Model, pool: Pool, state: State, choices: Sequence[EffectChoice]) -> Pool:
-    """The columns of the search so far and, behind them, these choices."""
+    """Build the pool of the search's columns so far and, behind them, these choices.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    choices : sequence of EffectChoice
+        What stands behind these columns.
+    """
     base = [pool.observation.columns[k] for k in state.base]
     return replace(build_pool_of_choices(model, choices, base), since=pool.since)

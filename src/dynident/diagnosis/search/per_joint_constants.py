@@ -1,4 +1,4 @@
-"""Joints of a group that have the effect with shape constants of their own: no two gears of an arm are alike."""
+"""Give joints of a group shape constants of their own: no two gears of an arm are alike."""
 
 from __future__ import annotations
 
@@ -24,12 +24,22 @@ What removes less may be no more than that a group's constants lie between the v
 
 
 def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search with every group parted where the data tell the shape constants of its joints apart.
+    """Split every group whose joints have shape constants that the data tell apart.
 
     A group was found with one value for all of its joints. Values are those of the grid still; joints that have the
     same one stay together.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
     """
     picks: list[Finding] = []
+    # Group after group, each beside what the earlier ones have become.
     for finding in state.picks:
         parts = _split_finding(data, pool, state, finding)
         columns = tuple(k for part in parts for k in part.columns)
@@ -41,10 +51,21 @@ def split_groups(data: PhasedProducts, pool: Pool, state: State) -> State:
 def merge_alike(
     picks: Sequence[Finding], choices: Sequence[EffectChoice], robot: Robot, resolved: Resolution
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """Findings and what they have become, those as one whose refined constants have come out alike.
+    """Merge findings whose refined constants have come out alike.
 
     So are slips of one friction that are both too short for the data to tell. The constants are those of the one with
     the most joints.
+
+    Parameters
+    ----------
+    picks : sequence of Finding
+        The findings.
+    choices : sequence of EffectChoice
+        What each of them has become, with refined constants.
+    robot : Robot
+        The robot, as its description gives it.
+    resolved : Resolution
+        What the data can resolve.
     """
 
     def are_alike(first: EffectChoice, second: EffectChoice) -> bool:
@@ -62,14 +83,16 @@ def merge_alike(
             both = {*merged[alike][1].joints, *choice.joints}
             own = tuple(name for name in robot.tree.joint_names if name in both)
             merged[alike] = merged[alike][0], replace(merged[alike][1], joints=own)
+    # Merging went from large groups to small; the ranking keeps the order in which things were found.
     order = {id(finding): k for k, finding in enumerate(picks)}
     merged.sort(key=lambda pair: order[id(pair[0])])
     return tuple(finding for finding, _ in merged), tuple(choice for _, choice in merged)
 
 
 def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> list[Finding]:
-    """The finding, or one for every set of constants that its joints have; the one with the most joints first."""
+    """Return the finding, or one for every set of constants that its joints have, that of most joints first."""
     group = finding.judged.candidate
+    # Without a constant that is refined there is nothing in which joints could differ.
     if len(group.joints) < 2 or all(spec.refined is None for spec in get_effect(group.effect).shapes):
         return [finding]
     each = [_choose_constants(data, pool, state, group, joint) for joint in group.joints]
@@ -77,6 +100,7 @@ def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Find
     if len(shapes) < 2:
         return [finding]
     rest = tuple(k for k in state.base if k not in finding.columns)
+    # Joints that have the same constants stay together.
     whole = [_join_candidates(some) for some in sorted(shapes.values(), key=len, reverse=True)]
     return [
         replace(
@@ -87,7 +111,7 @@ def _split_finding(data: PhasedProducts, pool: Pool, state: State, finding: Find
 
 
 def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Candidate, joint: str) -> Candidate:
-    """The effect on one joint of a group: with the group's constants, or its own where the data tell them apart."""
+    """Return the effect on one joint of a group, with its own constants where the data tell them apart."""
     mine = select_columns_on(pool, group, joint)
     same = Candidate(group.effect, (joint,), group.shape, mine, group.runs)
     others = [
@@ -97,19 +121,20 @@ def _choose_constants(data: PhasedProducts, pool: Pool, state: State, group: Can
         and candidate.columns != mine
     ]
     rest = tuple(k for k in state.base if k not in mine)
+    # The group's constants are scored along with the joint's own, beside the same model.
     first, *judged = score_all(data, pool, rest, [same, *others], state.noise)
     best = max(judged, key=lambda scored: scored.total_gain, default=first)
     return best.candidate if _are_distinguishable(first, best) else same
 
 
 def _are_distinguishable(group: ScoredCandidate, own: ScoredCandidate) -> bool:
-    """Whether constants of its own say clearly more of a joint than those of its group, and enough to matter."""
+    """Return whether a joint's own constants explain clearly more than those of its group, and enough to matter."""
     more = own.gains - group.gains
     return float(more.sum()) >= _OWN_DROP * float(group.after_weighted.sum()) and compute_t(more) >= _OWN_T
 
 
 def _join_candidates(candidates: list[Candidate]) -> Candidate:
-    """Candidates of an effect on single joints, with the same constants, as one."""
+    """Join candidates of an effect on single joints with the same constants into one."""
     first = candidates[0]
     joints = tuple(joint for candidate in candidates for joint in candidate.joints)
     return Candidate(
@@ -120,6 +145,6 @@ def _join_candidates(candidates: list[Candidate]) -> Candidate:
 def _judge_beside_others(
     data: PhasedProducts, pool: Pool, state: State, rest: tuple[int, ...], parts: list[Candidate], k: int
 ) -> ScoredCandidate:
-    """One of several candidates, judged beside the others."""
+    """Score one of several candidates beside the others."""
     base = (*rest, *(column for i, part in enumerate(parts) if i != k for column in part.columns))
     return score_one(data, pool, base, parts[k], state.noise)

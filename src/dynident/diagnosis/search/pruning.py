@@ -1,4 +1,4 @@
-"""What later findings have made superfluous: whole effects, and joints of groups."""
+"""Remove what later findings have made superfluous: whole effects, and joints of groups."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from dynident.diagnosis.search.acceptance import (
 from dynident.diagnosis.search.state import Finding, State, score_one
 from dynident.effects import get_effect
 
+# Share of the error that a finding has to remove beside all others to stay, and t of its gain.
 _PRUNE_DROP, _PRUNE_T = 0.03, 2.5
 _STAYS_T = 1.0
 """t from which on a joint stays in a group that most joints are in. It came in by JOINT_T, before the rest was known:
@@ -27,9 +28,23 @@ what is asked here is whether the prediction is better with it, and five of six 
 
 
 def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search without the picks that others have made superfluous, the weakest taken out first.
+    """Remove the findings that others have made superfluous, the weakest first.
 
     Neighbours of coarse shape constants are left out: so many columns more would leave little for anything else.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+
+    Returns
+    -------
+    State
+        The state without the superfluous findings.
     """
     around = {k for finding in state.picks for k in finding.around}
     state = replace(
@@ -41,6 +56,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         judged = [
             (_rescore_finding(data, pool, state, finding), finding)
             for finding in state.picks
+            # A contact happened once and cannot be held out.
             if not finding.is_transient
         ]
         weak = [
@@ -52,6 +68,7 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
         ]
         if not weak:
             break
+        # One at a time: without the weakest, another may be needed again.
         _, superfluous = min(weak, key=lambda pair: pair[0].total_gain)
         state = replace(
             state,
@@ -62,13 +79,13 @@ def prune_findings(data: PhasedProducts, pool: Pool, state: State) -> State:
 
 
 def _rescore_finding(data: PhasedProducts, pool: Pool, state: State, finding: Finding) -> ScoredCandidate:
-    """A pick, judged beside all others."""
+    """Score a finding beside all others."""
     base = tuple(k for k in state.base if k not in finding.columns)
     return score_one(data, pool, base, finding.judged.candidate, state.noise)
 
 
 def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: ScoredCandidate) -> bool:
-    """Whether a change of one joint may be so beside what was found since: what no day has any more cannot be less."""
+    """Return whether a change of one joint is still possible: what no day has any more cannot have become less."""
     candidate = scored.candidate
     if len(candidate.joints) != 1 or not pool.is_change(candidate):
         return True
@@ -77,7 +94,17 @@ def _is_still_possible(data: PhasedProducts, pool: Pool, state: State, scored: S
 
 
 def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[str, ...]]:
-    """The joints of every pick that still gain from it, each beside all the rest; one of a group at least."""
+    """Return the joints of every finding that still gain from it, each beside all the rest; at least one of a group.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     base = state.base
     joints = []
     for finding in state.picks:
@@ -89,7 +116,7 @@ def trim_joints(data: PhasedProducts, pool: Pool, state: State) -> list[tuple[st
 def _select_members(
     data: PhasedProducts, pool: Pool, state: State, group: Candidate
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """The joints of a group that gain from it, and the columns of the model that are left (b,).
+    """Return the joints of a group that gain from it, and the columns of the model that are left (b,).
 
     What most joints of an arm have, their gears have: another of the group stays there unless data speak against it.
     """
@@ -101,6 +128,7 @@ def _select_members(
         rest = tuple(k for k in base if k not in own)
         alone = Candidate(group.effect, (joint,), group.shape, own, group.runs)
         scored = score_one(data, pool, rest, alone, state.noise)
+        # If no joint passes, the one that gains most stands for the group.
         gains[joint] = scored.total_gain
         # What a group's other days had, it may have lost to another finding since: then it cannot have become less.
         if pool.is_change(alone) and not is_physically_possible(data, pool, rest, state.noise, scored):
@@ -111,6 +139,7 @@ def _select_members(
             likely.append(joint)
         else:
             base = rest
+    # Only where half of all joints surely have the effect is it likely on the others, too.
     if 2 * len(firm) < len(pool.observation.robot.joint_names):
         removed = {k for joint in likely for k in select_columns_on(pool, group, joint)}
         base, likely = tuple(k for k in base if k not in removed), []
@@ -119,7 +148,7 @@ def _select_members(
 
 
 def _has_gain(data: PhasedProducts, pool: Pool, state: State, alone: ScoredCandidate, least_t: float) -> bool:
-    """Whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
+    """Return whether a joint of a group gains by itself: enough, evenly, and more than the sensor's noise."""
     joint = pool.observation.robot.get_movers(alone.candidate.joints[0])[0]
     over_floor = compute_gain_over_floor(alone, joint, state.floor, data)
     return alone.is_still_helpful(JOINT_DROP, least_t) and over_floor >= get_least_gain(

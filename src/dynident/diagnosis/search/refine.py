@@ -28,7 +28,19 @@ from dynident.regressors.model import Model, extend_model
 
 @dataclass(frozen=True, eq=False)
 class RecordedSource:
-    """The recordings that a search learns from; `reference` is what loads are predicted with."""
+    """Source of products: the recordings that a search learns from.
+
+    Parameters
+    ----------
+    model : Model
+        The model in which something is missing.
+    recordings : tuple of Recording
+        Recordings that the search learns from.
+    preprocessing : Preprocessing
+        Filters of the model.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+    """
 
     model: Model
     recordings: tuple[Recording, ...]
@@ -36,7 +48,15 @@ class RecordedSource:
     reference: ReferenceParameters
 
     def gather_products(self, pool: Pool, progress: Progress = ignore_progress) -> PhasedProducts:
-        """Inner products of all columns of a pool and of the torque."""
+        """Return inner products of all columns of a pool and of the torque.
+
+        Parameters
+        ----------
+        pool : Pool
+            Model and candidates.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
+        """
         return gather_products(
             pool.observation,
             self.model.signals,
@@ -48,7 +68,7 @@ class RecordedSource:
         )
 
     def add_findings(self, findings: Sequence[Finding]) -> RecordedSource:
-        """The same, with the torque predicted by the model with these findings in it."""
+        """Return the same with the torque predicted by the model with these findings in it."""
         choices = [finding.judged.candidate.choice for finding in findings]
         better = improve_reference(self.model, choices, self.recordings, self.preprocessing, self.reference)
         return replace(self, reference=better)
@@ -64,12 +84,31 @@ def locate_findings(
     recordings: Sequence[Recording],
     reference: ReferenceParameters,
 ) -> tuple[Finding, ...]:
-    """The picks, those of what some runs have on the link that gains most; the outer one where data do not decide."""
+    """Move findings of some runs to the link that gains most, the outer one where data do not decide.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    picks : sequence of Finding
+        The findings.
+    recordings : sequence of Recording
+        Recordings that the search learns from.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+
+    Returns
+    -------
+    tuple of Finding
+        All findings in their order.
+    """
+    # Only what some runs have may be on any link; other effects were found on their joints.
     loose = [k for k, pick in enumerate(picks) if get_effect(pick.judged.candidate.effect).in_some_runs]
     if not loose:
         return tuple(picks)
     model = identification.model
     places = {k: _list_places(picks[k].judged.candidate.choice, model.robot.joint_names) for k in loose}
+    # The findings and all places of the loose ones in one pool, so that the recordings are read once.
     choices = [pick.judged.candidate.choice for pick in picks] + [choice for own in places.values() for choice in own]
     pool = build_pool_of_choices(model, choices)
     data = gather_products(
@@ -77,6 +116,7 @@ def locate_findings(
     )
     placed_findings = list(picks)
     for k in loose:
+        # Each finding is placed beside all others, where they are by now.
         others = [pool.find_candidate(pick.judged.candidate.choice) for i, pick in enumerate(placed_findings) if i != k]
         base = (*range(pool.n_base), *(column for other in others if other for column in other.columns))
         candidates = [candidate for choice in places[k] if (candidate := pool.find_candidate(choice))]
@@ -86,7 +126,7 @@ def locate_findings(
 
 
 def _is_as_good(best: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether data do not tell another place from the best: the same function of the motion, solved for otherwise.
+    """Return whether data do not tell another place from the best: it is the same function of the motion.
 
     Rounding, and which of the columns are left out as dependent, makes a difference that is small but always has the
     same sign.
@@ -101,6 +141,7 @@ def _list_places(choice: EffectChoice, joints: Sequence[str]) -> list[EffectChoi
 def _move_to_best_link(pick: Finding, judged: Sequence[ScoredCandidate], joints: Sequence[str]) -> Finding:
     best = max(judged, key=lambda scored: scored.total_gain)
     alike = [scored for scored in judged if scored is best or _is_as_good(best, scored)]
+    # Things are usually attached at the outer end of an arm.
     outer = max(alike, key=lambda scored: joints.index(scored.candidate.joints[0]))
     outer_scored = replace(outer, p=pick.p)
     return replace(
@@ -122,10 +163,33 @@ def refine_findings(
     since: tuple[str, ...],
     progress: Progress,
 ) -> tuple[tuple[Finding, ...], tuple[EffectChoice, ...]]:
-    """The picks with their shape constants refined, without those that only made up for another's coarse shape.
+    """Refine the shape constants of the findings; drop those that only made up for the coarse constants of another.
 
     A peak of friction whose best width is below what the data resolve made up for sticking, not for Stribeck friction.
-    `since`: labels of the later runs, where what changed is asked.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    picks : sequence of Finding
+        The findings on the grid.
+    recordings : sequence of Recording
+        Recordings that the search learns from.
+    reference : ReferenceParameters
+        Parameters that loads are predicted with.
+    resolved : Resolution
+        What the data can resolve.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    since : tuple of str
+        Labels of the later runs, where there is a baseline.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    tuple of Finding, tuple of EffectChoice
+        The remaining findings, and what each has become.
     """
     findings = locate_findings(identification, picks, recordings, reference)
     choices = tuple(finding.judged.candidate.choice for finding in findings)
@@ -134,12 +198,14 @@ def refine_findings(
     model, preprocessing = identification.model, identification.preprocessing
     choices = refine_shapes(model, choices, recordings, preprocessing, reference, scale_progress(progress, 0.0, 0.5))
     findings, choices = merge_alike(findings, choices, model.robot, resolved)
+    # Refining may lead to constants that the data cannot resolve.
     visible = [i for i, choice in enumerate(choices) if is_width_resolved(choice, model.robot, resolved)]
     findings, choices = tuple(findings[i] for i in visible), tuple(choices[i] for i in visible)
     while choices:
         reference = improve_reference(model, choices, recordings, preprocessing, reference)
         lean = _RefinedModel.from_choices(model, findings, choices, since, recordings, preprocessing, reference)
         slimmer, needed = lean.select_needed(floor, preprocessing)
+        # Refining the constants of fewer effects may make others superfluous, so this goes on until nothing changes.
         if slimmer == choices:
             break
         findings = tuple(findings[i] for i in needed)
@@ -149,6 +215,7 @@ def refine_findings(
     resolved_indices = [
         i for i in _find_independent(model, choices) if is_width_resolved(choices[i], model.robot, resolved)
     ]
+    # In the order in which somebody would add them: the largest first.
     lasting = lean.select_harmless(
         sorted(resolved_indices, key=lambda i: -compute_explained_error(findings[i].judged, floor))
     )
@@ -162,7 +229,10 @@ def improve_reference(
     preprocessing: Preprocessing,
     reference: ReferenceParameters,
 ) -> ReferenceParameters:
-    """What torque is predicted with once the effects are in the model: without them it was biased by them."""
+    """Return the parameters that torque is predicted with once the effects are in the model.
+
+    Without these effects the parameters are biased by them.
+    """
     biasing = [choice for choice in choices if get_effect(choice.effect).first_order]
     if not biasing:
         return reference
@@ -180,7 +250,7 @@ def improve_reference(
 
 
 def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[int]:
-    """Indices of the choices of which at least one column is independent of the model and of those before it."""
+    """Return the indices of the choices of which a column is independent of the model and of those before it."""
     if not choices:
         return []
     grown = extend_model(model, choices)
@@ -194,7 +264,17 @@ def _find_independent(model: Model, choices: tuple[EffectChoice, ...]) -> list[i
 
 @dataclass(frozen=True, eq=False)
 class _RefinedModel:
-    """A model with refined findings behind it and nothing else: their products, and who they are in it."""
+    """A model with refined findings behind it and nothing else.
+
+    Parameters
+    ----------
+    pool : Pool
+        Model and refined findings.
+    data : PhasedProducts
+        Their products.
+    findings : tuple of Finding
+        The findings, as candidates of this pool.
+    """
 
     pool: Pool
     data: PhasedProducts
@@ -229,7 +309,8 @@ class _RefinedModel:
     def select_needed(
         self, floor: FloatArray, preprocessing: Preprocessing
     ) -> tuple[tuple[EffectChoice, ...], list[int]]:
-        """Choices that still improve the prediction beside the others, on the joints where they do; their indices."""
+        """Return the choices that still improve the prediction, on the joints where they do, and their indices."""
+        # As after a search that found all of these: each is judged beside all others.
         everything = tuple(range(self.pool.observation.n_columns))
         state = State(everything, estimate_residual_noise(self.data, everything), floor, self.findings)
         state = drop_faded_contacts(self.data, self.pool, state, preprocessing)
@@ -244,7 +325,7 @@ class _RefinedModel:
         return tuple(slim), indices
 
     def select_harmless(self, order: Sequence[int]) -> list[int]:
-        """Indices of the findings that hurt nowhere, added in this order."""
+        """Return the indices of the findings that hurt nowhere, added in this order."""
         base = tuple(range(self.pool.n_base))
         noise = estimate_residual_noise(self.data, tuple(range(self.pool.observation.n_columns)))
         columns = [self.findings[i].judged.candidate.columns for i in order]

@@ -18,14 +18,26 @@ from dynident.regressors.model import Model
 
 
 def merge_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search with one finding instead of several on a joint, where that one explains as much."""
+    """Merge several findings on a joint into one, where that one explains as much.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     for several in _group_by_joint(state.picks):
         state = _merge_group(rows, data, pool, state, several)
     return state
 
 
 def _group_by_joint(picks: Sequence[Finding]) -> list[list[Finding]]:
-    """Findings that are functions of the position of the same joint, in the same runs."""
+    """Group findings that are functions of the position of the same joint, in the same runs."""
     places: dict[object, list[Finding]] = {}
     for pick in picks:
         mine = pick.judged.candidate
@@ -40,6 +52,7 @@ def _merge_group(
     removed = {column for finding in several for column in finding.columns}
     others = tuple(pick for pick in state.picks if pick not in several)
     without_them = replace(state, base=tuple(k for k in state.base if k not in removed), picks=others)
+    # One effect is the better explanation only if it has no more parameters and constants than all of them together.
     most = sum(finding.judged.freedom for finding in several)
     judged = score_all(data, pool, without_them.base, _list_single_curves(pool, without_them, several), state.noise)
     judged = [scored for scored in judged if scored.freedom <= most]
@@ -58,6 +71,7 @@ def _merge_group(
     # The columns of the search without them are the finer pool's first.
     here = tuple(range(finer.n_base))
     fine = rows.gather_products(finer)
+    # The findings as one candidate, so that it can be compared with each single effect.
     both, *each = score_all(fine, finer, here, [together, *singles], state.noise)
     as_good = [
         option
@@ -67,6 +81,7 @@ def _merge_group(
     best = max(as_good, key=lambda scored: scored.total_gain, default=None)
     if best is None:
         return state
+    # That something is there was tested for each of them; the new name takes over the surest test.
     p = min(finding.p for finding in several)
     new = Finding(replace(parents[best.candidate.choice], p=p), (), p)
     picks = [new if pick is several[0] else pick for pick in state.picks]
@@ -75,7 +90,7 @@ def _merge_group(
 
 
 def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -> list[Candidate]:
-    """Curves over the position of that joint; none so general that it explains whatever was found."""
+    """List curves over the position of that joint; none so general that it explains whatever was found."""
     mine = several[0].judged.candidate
     names = {finding.judged.candidate.effect for finding in several}
     candidates = []
@@ -88,21 +103,33 @@ def _list_single_curves(pool: Pool, beside: State, several: Sequence[Finding]) -
 
 
 class ProductSource(Protocol):
-    """Where the products of any columns come from."""
+    """Source of the products of any columns."""
 
     @property
     def model(self) -> Model:
         """The model in which something is missing."""
 
     def gather_products(self, pool: Pool) -> PhasedProducts:
-        """Inner products of all columns of a pool and of the torque."""
+        """Return inner products of all columns of a pool and of the torque."""
 
     def add_findings(self, findings: Sequence[Finding]) -> ProductSource:
-        """The same, with the torque predicted by the model with these findings in it."""
+        """Return the same with the torque predicted by the model with these findings in it."""
 
 
 def revisit_findings(rows: ProductSource, data: PhasedProducts, pool: Pool, state: State) -> State:
-    """The search with the names that functions of a joint's position have beside all that was found on that joint."""
+    """Give functions of a joint's position the names that they have beside all that was found on that joint.
+
+    Parameters
+    ----------
+    rows : ProductSource
+        Gives products of further columns.
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    """
     for number, finding in enumerate(state.picks):
         later = state.picks[number + 1 :]
         # Another function of the position says what its constants are off by, until they are refined.
@@ -117,6 +144,7 @@ def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state
     mine = finding.judged.candidate
     others = (*state.picks[:number], *state.picks[number + 1 :])
     without_it = replace(state, base=tuple(k for k in state.base if k not in finding.columns), picks=others)
+    # The same joint in the same runs: only the name is in question.
     free = [
         candidate for candidate in pool.candidates if candidate.joints == mine.joints and candidate.runs == mine.runs
     ]
@@ -138,19 +166,19 @@ def _rename_finding(rows: ProductSource, data: PhasedProducts, pool: Pool, state
 
 
 def is_of_position(finding: Finding) -> bool:
-    """Whether it is a function of the positions and the direction alone."""
+    """Return whether a finding is a function of the positions and the direction alone."""
     return get_effect(finding.judged.candidate.effect).of_position
 
 
 def _may_be_a_wave(finding: Finding) -> bool:
-    """Whether it is, or might be called, a wave over the joint's angle."""
+    """Return whether a finding is, or might be called, a wave over the joint's angle."""
     names = {finding.judged.candidate.effect, *(scored.candidate.effect for scored in finding.equal)}
     known = {other for name in names for other in (name, *get_effect(name).confused_with, *get_effect(name).covers)}
     return any(get_effect(name).proposal == "angle_spectrum" for name in known)
 
 
 def _is_admissible(candidate: Candidate, others: Sequence[Finding]) -> bool:
-    """Whether it is none of the other findings, nor contained in one."""
+    """Return whether a candidate is none of the other findings, nor contained in one."""
     return not any(
         other.judged.candidate.effect == candidate.effect
         or candidate.effect in get_effect(other.judged.candidate.effect).covers

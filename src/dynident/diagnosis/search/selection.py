@@ -1,4 +1,4 @@
-"""Which of the candidates that pass is added: the simplest that explains as much, on the joints that gain."""
+"""Select which of the candidates that pass is added: the simplest that explains as much, on the joints that gain."""
 
 from __future__ import annotations
 
@@ -44,18 +44,36 @@ _NEARLY, _DECIDED = 0.97, 1.5
 def select_candidate(
     data: PhasedProducts, pool: Pool, state: State, judged: Sequence[ScoredCandidate]
 ) -> tuple[ScoredCandidate, tuple[ScoredCandidate, ...]] | None:
-    """The next effect to add and its equals on this data; None where nothing passes.
+    """Select the next effect to add and its equals on this data; None where nothing passes.
 
     What nature does not allow is never named. Of sensitivities of the predicted torque it stays a rival: play that says
     less of the same than a torque before its cause is the shadow of something that has no name here.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    state : State
+        The model so far and what was found.
+    judged : sequence of ScoredCandidate
+        Candidates, scored beside the model so far.
+
+    Returns
+    -------
+    tuple of ScoredCandidate, tuple of ScoredCandidate, or None
+        The effect, and what the data cannot tell from it.
     """
     large = [scored for scored in judged if is_acceptable(state, data, scored)]
+    # Physics is checked last and once for each, since it takes a fit of the model with the candidate.
     natural = {id(scored) for scored in large if is_physically_possible(data, pool, state.base, state.noise, scored)}
     passing = [scored for scored in large if id(scored) in natural]
     unnatural = [scored for scored in large if id(scored) not in natural]
     doubted: list[ScoredCandidate] = []
     shy = [scored for scored in judged if is_too_small_for_runs(state, data, scored)]
     while passing:
+        # A group is dropped here where its joints gain clearly more with constants of their own.
         best, equal = select_simplest(_drop_split_groups(passing))
         plainer = _find_plainer(data, pool, state, best, judged)
         chosen, equal = (plainer, (best, *equal)) if plainer else (best, equal)
@@ -85,12 +103,13 @@ def select_candidate(
         else:
             # What takes its place in other draws would be no surer a name for want of it.
             doubted.append(best)
+        # The best one has no sure name; the search goes on with the others.
         passing = [scored for scored in passing if scored is not best]
     return None
 
 
 def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run: IndexArray) -> list[ScoredCandidate]:
-    """Other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
+    """Find other names for the same finding: as much of the error on the same joints and runs, and no draw decides."""
     mine, runs = set(chosen.joints), chosen.candidate.runs
 
     def is_undecided(scored: ScoredCandidate) -> bool:
@@ -104,7 +123,7 @@ def _find_twins(chosen: ScoredCandidate, others: Sequence[ScoredCandidate], run:
 def _find_plainer(
     data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
 ) -> ScoredCandidate | None:
-    """What says as much of the same joints with fewer parameters, though it alone would just have missed the level.
+    """Find what explains as much on the same joints with fewer parameters, though it alone just misses the level.
 
     That something is there is what the test says; what it is called is another question.
     """
@@ -122,9 +141,10 @@ def _find_plainer(
 
 
 def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[ScoredCandidate]) -> ScoredCandidate | None:
-    """Warmth that says as much as what only the later day is said to have: that is no wear."""
+    """Find a dependence on warmth that explains as much as a change of the later day: that is no wear."""
     if not is_lasting_change(chosen.candidate.choice, state.since):
         return None
+    # An arm gets warm as a whole: warmth of more joints explains a change on any of them.
     places = set(chosen.candidate.joints)
     lasting = [
         scored
@@ -138,7 +158,7 @@ def _find_warmth(state: State, chosen: ScoredCandidate, passing: Sequence[Scored
 
 
 def _is_part_of_change(chosen: ScoredCandidate, scored: ScoredCandidate) -> bool:
-    """Whether a change is told with the chosen one: friction grows in all its parts, and is one finding."""
+    """Return whether a change is reported with the chosen one: friction grows in all its parts, and is one finding."""
     mine, other = chosen.candidate, scored.candidate
     together = get_effect(mine.effect).changes_with
     return bool(mine.runs) and other.effect in together and (other.runs, other.joints) == (mine.runs, mine.joints)
@@ -150,14 +170,14 @@ def _is_warmth(scored: ScoredCandidate) -> bool:
 
 
 def _select_first_order(chosen: ScoredCandidate, others: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """Those that are sensitivities of the predicted torque as well."""
+    """Return those that are sensitivities of the predicted torque as well."""
     if not get_effect(chosen.candidate.effect).first_order:
         return []
     return [scored for scored in others if get_effect(scored.candidate.effect).first_order]
 
 
 def _helps_where_joints_move(data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate) -> bool:
-    """Whether what remembers the path lowers the error where joints move on, too, and not alone where they turn.
+    """Return whether what remembers the path also lowers the error where joints move on, not only where they reverse.
 
     There soft gears and clocks leave something like it, and the error that is told is that of the other rows.
     """
@@ -171,7 +191,7 @@ def _helps_where_joints_move(data: PhasedProducts, pool: Pool, state: State, cho
 def _is_shadow_of_run_effect(
     data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, shy: Sequence[ScoredCandidate]
 ) -> bool:
-    """Whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
+    """Return whether something of some runs gains clearly more, and beside it the chosen one, of all runs, is nothing.
 
     A payload leaves what a spring says in part. That it is too small to be told makes no spring of it.
     """
@@ -193,7 +213,7 @@ def _is_shadow_of_run_effect(
 def _find_larger_rivals(
     data: PhasedProducts, pool: Pool, state: State, chosen: ScoredCandidate, judged: Sequence[ScoredCandidate]
 ) -> list[ScoredCandidate]:
-    """What gains more on the same rows and joints, though it is too small to be told from what filters do there.
+    """Find what gains more on the same rows and joints, though it is too small to be told from what filters do there.
 
     The chosen one is no surer a name for want of it.
     """
@@ -214,7 +234,7 @@ def _find_larger_rivals(
 def _prefer_usual_change(
     state: State, chosen: ScoredCandidate, twins: list[ScoredCandidate]
 ) -> tuple[ScoredCandidate, list[ScoredCandidate]]:
-    """Of the names of one finding the one that robots usually get from one day to the next, and the others."""
+    """Return the name of a finding that robots usually get from one day to the next, and the others."""
     seldom = is_seldom_change(state, chosen)
     usual = [
         scored for scored in twins if is_lasting_change(scored.candidate.choice, state.since) and not _is_seldom(scored)
@@ -226,7 +246,15 @@ def _prefer_usual_change(
 
 
 def is_seldom_change(state: State, scored: ScoredCandidate) -> bool:
-    """Whether it is said of the later runs, and robots seldom get it from one day to the next."""
+    """Return whether a candidate is a change of the later runs that robots seldom get from one day to the next.
+
+    Parameters
+    ----------
+    state : State
+        The model so far and what was found.
+    scored : ScoredCandidate
+        The candidate.
+    """
     return is_lasting_change(scored.candidate.choice, state.since) and _is_seldom(scored)
 
 
@@ -237,7 +265,7 @@ def _is_seldom(scored: ScoredCandidate) -> bool:
 def _is_stable(
     data: PhasedProducts, pool: Pool, state: State, names: Sequence[ScoredCandidate], passing: Sequence[ScoredCandidate]
 ) -> bool:
-    """Whether the same finding, by any of its names, is made in resampled data.
+    """Return whether the same finding, by any of its names, is made in resampled data.
 
     Another finding beside it is none that could take its place.
     """
@@ -246,6 +274,7 @@ def _is_stable(
     if compute_stability(names, others, run) >= FOUND_AGAIN:
         return True
     base = state.base + chosen.candidate.columns
+    # Only names of the same thing are rivals: beside the chosen effect nothing of them is left.
     rescored = score_all(data, pool, base, [scored.candidate for scored in others], state.noise)
     rivals = [
         before for before, after in zip(others, rescored, strict=True) if after.total_gain < _STILL * before.total_gain
@@ -254,7 +283,7 @@ def _is_stable(
 
 
 def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str, ScoredCandidate]:
-    """The best candidate of an effect on every joint by itself, each with its own shape constants."""
+    """Return the best candidate of an effect on every joint by itself, each with its own shape constants."""
     best: dict[str, ScoredCandidate] = {}
     for scored in judged:
         joints = scored.candidate.joints
@@ -266,7 +295,7 @@ def _find_best_alone(effect: str, judged: Sequence[ScoredCandidate]) -> dict[str
 
 
 def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
-    """Candidates without the groups whose joints gain clearly more one by one, each with its own shape constants."""
+    """Drop the groups whose joints gain clearly more one by one, each with its own shape constants."""
     alone = {effect: _find_best_alone(effect, passing) for effect in {scored.candidate.effect for scored in passing}}
 
     def sum_single_gains(scored: ScoredCandidate) -> float:
@@ -283,7 +312,7 @@ def _drop_split_groups(passing: Sequence[ScoredCandidate]) -> list[ScoredCandida
 def _find_confused(
     chosen: ScoredCandidate, judged: Sequence[ScoredCandidate], equal: Sequence[ScoredCandidate]
 ) -> tuple[ScoredCandidate, ...]:
-    """What the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
+    """Find what the chosen effect is easily confused with, on the same joints, where the data do not clearly decide."""
     known = {scored.candidate.effect for scored in equal} | {chosen.candidate.effect}
     confused = get_effect(chosen.candidate.effect).confused_with
     rivals: dict[str, ScoredCandidate] = {}
@@ -301,7 +330,7 @@ def find_richer_changes(
     passing: Sequence[ScoredCandidate],
     equivalents: Sequence[ScoredCandidate],
 ) -> tuple[ScoredCandidate, ...]:
-    """Other changes that say more of the same joints, with more parameters, though not surely more.
+    """Find other changes that explain more on the same joints with more parameters, though not surely more.
 
     The simpler name stands, but what changed may as well be this: a base that leans, of which an offset says the most.
     """
@@ -322,6 +351,7 @@ def drop_idle_joints(
     """Take joints out of a group that gain nothing from it, or that only stick: by themselves they slip at once."""
     if len(chosen.candidate.joints) < 2:
         return chosen
+    # The gain from a passive joint shows in the torque of the joint that moves it.
     movers = pool.observation.robot.get_movers
     gaining = [name for name in chosen.candidate.joints if has_gain_on_joint(state, data, chosen, movers(name)[0])]
     if not gaining or len(gaining) == len(chosen.candidate.joints):

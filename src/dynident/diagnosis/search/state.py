@@ -1,4 +1,4 @@
-"""Where a search stands, what it has found, and every candidate judged beside the model so far."""
+"""State of a search, and the score of every candidate beside the model so far."""
 
 from __future__ import annotations
 
@@ -24,11 +24,21 @@ KINDS = ("interleaved", "contiguous")
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """An effect that was picked, what the data cannot tell it from, and its corrected p.
+    """An effect that was found, and what the data cannot tell it from.
 
-    `around` are columns of the same effect with neighbouring shape constants: until the constants are refined they
-    say what the coarse ones cannot, so that it is not taken for something else. `why`: what speaks for it, in words,
-    where it is not its mark in the residual of a moving joint.
+    Parameters
+    ----------
+    judged : ScoredCandidate
+        The candidate with its score.
+    equal : tuple of ScoredCandidate
+        Candidates that the data cannot tell from it.
+    p : float
+        Its corrected p-value.
+    around : tuple of int
+        Columns of the same effect with neighbouring shape constants: until the constants are refined they say what the
+        coarse ones cannot, so that it is not taken for something else.
+    why : str
+        What speaks for it, in words, where it is not its mark in the residual of a moving joint.
     """
 
     judged: ScoredCandidate
@@ -50,9 +60,20 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The search so far: the model's columns, the residual (n,) they leave, sensor noise (n,), what was picked.
+    """State of a search: the model so far, and what was found.
 
-    `since`: labels of the later runs, where what changed is asked.
+    Parameters
+    ----------
+    base : tuple of int
+        Columns of the model so far.
+    noise : (n,)
+        Rms of the residual that they leave, N m or N.
+    floor : (n,)
+        Noise of the sensors, N m or N.
+    picks : tuple of Finding
+        What was found.
+    since : tuple of str
+        Labels of the later runs, where there is a baseline.
     """
 
     base: tuple[int, ...]
@@ -71,15 +92,37 @@ def score_all(
     *,
     kinds: tuple[bool, bool] | None = None,
 ) -> list[ScoredCandidate]:
-    """Judge every candidate beside the model whose columns are `base`, in both kinds of folds.
+    """Score every candidate beside a model, in both kinds of folds.
 
-    Each on the rows that are equations for the model with it in: with friction that remembers the path also those
-    where joints turn round, with friction that shows where a joint starts also those beside a halt; of all joints, so
-    that candidates on different ones have the same rows. `kinds`: whether turning, and whether partial rows count for
-    all of them, whatever each is about, so that what they gain can be compared.
+    Each is scored on the rows that are equations for the model with it in: with friction that remembers the path also
+    those where joints reverse, with friction that shows where a joint starts also those beside a halt; of all joints,
+    so that candidates on different ones have the same rows.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidates : sequence of Candidate
+        Candidates to score.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    kinds : tuple of (bool, bool) or None
+        Whether rows at reversals, and rows beside halts, count for all candidates, so that their gains can be compared;
+        by default each has its own rows.
+
+    Returns
+    -------
+    list of ScoredCandidate
+        The candidates in their order, with the p-value of the family-wise test.
     """
+    # There are four sets at most: with or without rows at reversals, with or without rows beside halts.
     sets: dict[tuple[bool, bool], list[int]] = {}
     for k, candidate in enumerate(candidates):
+        # Candidates with the same rows are scored together, so that the model's products are summed once.
         sets.setdefault(kinds or data.find_row_kinds(candidate.columns), []).append(k)
     judged: list[ScoredCandidate | None] = [None] * len(candidates)
     scores: list[FloatArray] = [np.zeros((0, 1))] * len(candidates)
@@ -87,11 +130,13 @@ def score_all(
         own = [candidates[k] for k in members]
         rows = data.select_for_candidates(base, np.array(used))
         blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), own)
+        # These sums serve both kinds of folds and the test by scores.
         total = blocks.sum_products(noise)
         for k, scored_candidate in zip(members, _score_same_rows(rows, blocks, total, pool, own, noise), strict=True):
             judged[k] = scored_candidate
         for k, each in zip(members, compute_block_contributions(blocks, total, len(own), noise), strict=True):
             by_scores = pool.is_change(candidates[k]) or _may_use_scores(candidates[k])
+            # Zeros are the scores of a candidate that explains nothing, so that its gains decide.
             scores[k] = each if by_scores else np.zeros_like(each)
     whole = [scored_candidate for scored_candidate in judged if scored_candidate is not None]
     if not whole:
@@ -104,14 +149,28 @@ def score_all(
 def score_one(
     data: PhasedProducts, pool: Pool, base: tuple[int, ...], candidate: Candidate, noise: FloatArray
 ) -> ScoredCandidate:
-    """Judge what was found, by whatever test, beside another model: by its gains alone, its p stays one."""
+    """Score a finding beside another model by its gains alone; its p stays one.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    candidate : Candidate
+        The candidate.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    """
     rows = data.select_for_candidates(base, np.array(data.find_row_kinds(candidate.columns)))
     blocks = JointBlocks.from_products(rows, np.array(base, dtype=np.intp), [candidate])
     return _score_same_rows(rows, blocks, blocks.sum_products(noise), pool, [candidate], noise)[0]
 
 
 def _may_use_scores(candidate: Candidate) -> bool:
-    """Whether scores may speak for a candidate; else its gains alone do.
+    """Return whether scores may speak for a candidate; else its gains alone do.
 
     Filters, clocks and halts leave in every row a little of what looks like a delay or a soft joint, and at reversals
     of what looks like presliding: scores find it on any arm. They do so on every day alike: of what changed they tell.
@@ -128,7 +187,7 @@ def _score_same_rows(
     candidates: Sequence[Candidate],
     noise: FloatArray,
 ) -> list[ScoredCandidate]:
-    """Judge candidates that are all about the same rows."""
+    """Score candidates that are all about the same rows."""
     scores_by_kind = [score_blocks(data, blocks, total, candidates, noise, kind) for kind in KINDS]
     bars = [BaselineErrors.from_errors(before, noise) for before, _ in scores_by_kind]
     acting = find_acting_columns(pool)
@@ -139,8 +198,9 @@ def _score_same_rows(
 
 
 def find_acting_columns(pool: Pool) -> BoolArray:
-    """(columns, joints): whose torque every column contributes to."""
+    """Return (columns, joints): the joints whose torque each column contributes to."""
     acts = np.zeros((pool.observation.n_columns, pool.observation.robot.n), dtype=bool)
+    # W has an entry wherever a column gives torque on a joint.
     acts[pool.observation.entry_columns, pool.observation.entry_rows] = True
     return acts
 
@@ -150,8 +210,17 @@ def _list_joints(acting: BoolArray, candidate: Candidate) -> tuple[int, ...]:
 
 
 def estimate_residual_noise(data: PhasedProducts, base: tuple[int, ...]) -> FloatArray:
-    """(n,): held-out residual of every joint for the model so far."""
+    """Return the rms (n,) of the held-out residual of every joint for the model so far.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    base : tuple of int
+        Columns of the model.
+    """
     rows = data.select_for_model(base)
+    # Held out, so that a model with many columns does not look less noisy than it is.
     squares = compute_held_out_errors(rows, np.array(base, dtype=np.intp), np.ones(rows.n_joints), "interleaved").sum(
         axis=0
     )

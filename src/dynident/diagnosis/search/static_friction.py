@@ -1,4 +1,4 @@
-"""Static friction above Coulomb friction, told by what holds joints at rest.
+"""Find static friction above Coulomb friction by what holds joints at rest.
 
 A peak of friction that is narrower than the filter hardly shows where a joint moves. But a joint at rest is held by
 all of it, and its equations at rest are no part of the fit: what the moving joint's model cannot hold is seen there.
@@ -67,10 +67,20 @@ _NOTICED = 1.005
 
 @dataclass(frozen=True, eq=False)
 class Halts:
-    """The halts (h,) of one joint: what is held beyond the model's friction, at most, in N m or N, and as squares.
+    """The halts of one joint.
 
-    `friction` is what the model's friction holds, `measured` the squared torque. `along`: 1 where the most is held
-    towards the joint's motion at that end of the halt, else 0.
+    Parameters
+    ----------
+    beyond : (h,)
+        Most that each halt holds beyond the model's friction, N m or N.
+    friction : (h,)
+        What the model's friction holds.
+    squares : (h,)
+        Sum of the squares of what is held beyond it.
+    measured : (h,)
+        Sum of the squared torque.
+    along : (h,)
+        1 where the most is held towards the joint's motion at that end of the halt, else 0.
     """
 
     beyond: FloatArray
@@ -81,7 +91,7 @@ class Halts:
 
     @property
     def share(self) -> FloatArray:
-        """(h,): what is held beyond the friction, over the friction."""
+        """What is held beyond the friction, over the friction (h,)."""
         return self.beyond / np.maximum(self.friction, np.finfo(float).tiny)
 
     @property
@@ -102,24 +112,34 @@ class Halts:
         return self.are_alike or self.are_along_the_motion
 
     def count_large(self, noise: float) -> int:
-        """The number of halts that hold much more than a friction that the model has, and than its residual."""
+        """Return the number of halts that hold much more than the model's friction, and than its residual."""
         much = (self.share >= _MUCH) & (self.beyond >= _OVER_NOISE * noise) & (self.friction > noise)
         return int(much.sum())
 
     def compute_p(self, noise: float) -> float:
-        """How likely as many halts are where static friction is not above Coulomb friction."""
+        """Return how likely as many halts are where static friction is not above Coulomb friction."""
         return float(stats.binom.sf(self.count_large(noise) - 1, len(self.beyond), _USUAL)) if len(self.beyond) else 1.0
 
 
 def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
-    """The halts of a joint in the comparisons of one model."""
+    """Find the halts of a joint in the comparisons of one model.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        The recordings with the model's prediction.
+    joint : int
+        Index of the joint.
+    """
     halts: list[tuple[float, ...]] = []
     for comparison in comparisons:
         standing = comparison.phase[:, joint] == Phase.STANDING
         broken = np.concatenate([[True], np.diff(comparison.segment) != 0, [True]])
         edge = np.diff(np.concatenate([[False], standing, [False]]).astype(int))
+        # A segment's border ends a halt even where the joint stands on both sides of it.
         starts = np.flatnonzero(standing & ((edge[:-1] == 1) | broken[:-1]))
         ends = np.flatnonzero(standing & ((edge[1:] == -1) | broken[1:])) + 1
+        # Half of the band is what the model's friction holds in either direction.
         rest, hold = comparison.residual[:, joint], 0.5 * (comparison.upper - comparison.lower)[:, joint]
         for a, b in zip(starts, ends, strict=True):
             most = int(a + np.abs(rest[a:b]).argmax())
@@ -135,7 +155,7 @@ def find_halts(comparisons: Sequence[Comparison], joint: int) -> Halts:
 def find_static_friction(
     grown: Identification, recordings: Sequence[Recording], final: Sequence[Comparison], asked: Sequence[str] | None
 ) -> tuple[Identification, list[Comparison], tuple[Finding, ...]]:
-    """The model with the static friction that its halts ask for, its comparisons, and what was found.
+    """Add the static friction that the halts ask for to a model.
 
     An effect is found where the friction at low speed that the moving rows ask for is what holds the joint at rest,
     takes most of what was held beyond the model's friction, and makes nothing worse where the joint moves.
@@ -143,9 +163,18 @@ def find_static_friction(
     Parameters
     ----------
     grown : Identification
-        With all in it that is recommended.
-    final : its comparisons with the recordings
-    asked : ids of the effects that may be found; None for all
+        The model with all that is recommended.
+    final : sequence of Comparison
+        Its comparisons with the recordings.
+    asked : sequence of str or None
+        Ids of the effects that may be found; None for all.
+    recordings : sequence of Recording
+        Recordings that the search learns from.
+
+    Returns
+    -------
+    tuple of Identification, list of Comparison, tuple of Finding
+        The model with static friction, its comparisons, and what was found.
     """
     final, findings = list(final), []
     names = final[0].joint_names
@@ -157,6 +186,7 @@ def find_static_friction(
         candidate = _find_best_friction(grown, recordings, joint, halts, asked)
         if candidate is None:
             continue
+        # Bonferroni over the joints.
         p = min(1.0, len(names) * _combine_p_values(halts.compute_p(noise), candidate.p))
         if p > ALPHA:
             continue
@@ -167,6 +197,7 @@ def find_static_friction(
         after = [compare(larger, recording) for recording in recordings]
         held = find_halts(after, joint)
         worse = larger.fit_moving.rms[joint] > _NOTICED * grown.fit_moving.rms[joint]
+        # Halts are compared one by one, so that there have to be as many of them.
         if worse or len(held.beyond) != len(halts.beyond) or held.beyond.sum() > _LEFT * halts.beyond.sum():
             continue
         judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
@@ -182,7 +213,7 @@ def find_static_friction(
 
 
 def _combine_p_values(at_rest: float, moving: float) -> float:
-    """How likely halts and moving rows are by chance: of halts alone and of both the smaller, at half the level each.
+    """Return how likely halts and moving rows are by chance: of halts alone and of both the smaller, at half the level.
 
     Halts are no part of any fit, so the two are independent (Fisher's sum of logarithms): six halts that all hold more
     than the friction are few, but not where the moving rows ask for the same friction.
@@ -193,9 +224,18 @@ def _combine_p_values(at_rest: float, moving: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _FittedCandidate:
-    """A candidate beside the model: what of its column is left, and its amplitudes.
+    """A candidate beside the model.
 
-    `p`: how likely what it gains where joints move is by chance, nothing else tried; 1 where that was not asked.
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate.
+    separability : float
+        Share of its column that is left beside the model.
+    amplitudes : (k,)
+        Its parameters.
+    p : float
+        How likely its gain where joints move is by chance, nothing else tried; 1 where that was not tested.
     """
 
     candidate: Candidate
@@ -249,7 +289,7 @@ class _FrictionTrials:
         return sorted(fits, key=lambda fit: fit.width)
 
     def test_where_moving(self, fit: _FittedCandidate) -> _FittedCandidate:
-        """The same with what speaks for it where joints move: the weaker of both kinds of folds."""
+        """Test what speaks for it where joints move, by the weaker of both kinds of folds."""
         rows = self.data.select_for_candidates(self._base, np.array(self.data.find_row_kinds(fit.candidate.columns)))
         base, noise = np.array(self._base, dtype=np.intp), self.grown.noise
         p = 0.0
@@ -259,7 +299,7 @@ class _FrictionTrials:
         return replace(fit, p=p)
 
     def is_harmless(self, fit: _FittedCandidate) -> bool:
-        """Whether it makes nothing worse where joints move."""
+        """Return whether it makes nothing worse where joints move."""
         return bool(select_harmless(self.data, self._base, [fit.candidate.columns], self.grown.noise))
 
     @property
@@ -270,9 +310,14 @@ class _FrictionTrials:
 def _find_best_friction(
     grown: Identification, recordings: Sequence[Recording], joint: int, halts: Halts, asked: Sequence[str] | None
 ) -> _FittedCandidate | None:
-    """The friction whose size, from where the joint moves, is what is held: the narrower, the larger it has to be."""
+    """Find the friction whose size, fitted where the joint moves, is what is held at rest.
+
+    The narrower its peak, the larger it has to be.
+    """
     robot, name = grown.model.robot, grown.model.robot.joint_names[joint]
+    # What the model has on this joint already cannot be missing there.
     known = {choice.effect for choice in grown.choices.effects if not choice.joints or name in choice.joints}
+    # A halt need not hold all that friction can: the strongest halts show how much that is.
     needed = float(np.quantile(halts.beyond, 0.9))
     for effect in CATALOGUE.values():
         if not effect.holds_at_rest or effect.id in known or (asked is not None and effect.id not in asked):
@@ -288,13 +333,14 @@ def _find_best_friction(
             continue
         exact = _FrictionTrials.from_choices(grown, recordings, [EffectChoice(effect.id, (name,), shape)])
         fit = next(iter(exact.candidate_fits), None)
+        # Interpolating between widths may miss: the fit at the width itself decides.
         if fit is not None and 1 / _LIKE <= fit.size / needed <= _LIKE and exact.is_harmless(fit):
             return exact.test_where_moving(fit)
     return None
 
 
 def is_extrapolated(effect: Effect, known: Collection[str]) -> bool:
-    """Whether the model has a law of the velocity that looks like the effect: its curve decides what is left at rest.
+    """Return whether the model has a law of the velocity like the effect, whose curve decides what is left at rest.
 
     Such a law has no width that a position has to resolve. A power of the velocity below one takes much of the Coulomb
     friction with it; what then holds the joint beyond that tells of the power, not of another friction.
@@ -304,10 +350,12 @@ def is_extrapolated(effect: Effect, known: Collection[str]) -> bool:
 
 
 def _interpolate_width(fits: Sequence[_FittedCandidate], needed: float) -> tuple[tuple[str, float], ...] | None:
-    """Shape constants with which the friction has a size, from those `tried` in the order of their widths."""
+    """Interpolate the shape constants with which the friction has a size, from fits in the order of their widths."""
+    # From the widest on: of several widths that would do, it is the one that the data resolve best.
     for narrow, wide in reversed(list(pairwise(fits))):
         large, small = narrow.size / needed, wide.size / needed
         if large >= 1.0 > small > 0.0:
+            # Size and width follow a power law closely, so that the logarithms are interpolated.
             share = np.log(large) / (np.log(large) - np.log(small))
             width = narrow.width * (wide.width / narrow.width) ** float(share)
             changed = {spec.name for spec in CATALOGUE[wide.candidate.effect].shapes if spec.resolved_by is not None}
@@ -316,7 +364,7 @@ def _interpolate_width(fits: Sequence[_FittedCandidate], needed: float) -> tuple
 
 
 def _list_equivalents(judged: ScoredCandidate) -> list[ScoredCandidate]:
-    """Other friction at the start of a motion that halts alone do not tell from it."""
+    """List other friction at the start of a motion that halts alone do not tell from it."""
     mine = judged.candidate.effect
     others = [
         effect
@@ -327,7 +375,7 @@ def _list_equivalents(judged: ScoredCandidate) -> list[ScoredCandidate]:
 
 
 def _list_narrow_shapes(effect: Effect, robot: Robot, joint: int) -> list[dict[str, float]]:
-    """The effect's grid, and on below what is resolved, in half octaves; constants that nothing resolves as usual."""
+    """List the effect's grid, continued in half octaves below what is resolved; other constants have their defaults."""
     usual = [spec for spec in effect.shapes if spec.resolved_by is None]
     grid = [shape for shape in effect.grid(robot, joint) if all(shape[spec.name] == spec.default for spec in usual)]
     shapes = [dict(shape) for shape in grid]
@@ -340,7 +388,7 @@ def _list_narrow_shapes(effect: Effect, robot: Robot, joint: int) -> list[dict[s
 
 
 def _score_halts(fit: _FittedCandidate, joint: int, halts: Halts, held: Halts, noise: FloatArray) -> ScoredCandidate:
-    """The candidate with the joint's halts as the stretches that were left out of the fit."""
+    """Score the candidate with the joint's halts as the blocks that were left out of the fit."""
     before, after = (np.zeros((len(halts.squares), len(noise))) for _ in range(2))
     before[:, joint], after[:, joint] = halts.squares, held.squares
     measured = np.zeros(len(noise))

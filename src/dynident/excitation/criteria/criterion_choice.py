@@ -23,6 +23,7 @@ NAMES = OneOf(
     Choice("parameters", "chosen parameters", "The variances of those that are named."),
     Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
 )
+# Smallest weight and a-priori value: one that is smaller is zero but for rounding.
 _SMALLEST = 1e-12
 CRITERIA = NAMES.names
 """Names of the criteria."""
@@ -30,7 +31,21 @@ CRITERIA = NAMES.names
 
 @dataclass(frozen=True)
 class CriterionChoice:
-    """How exciting a motion is (§12.3.4.1)."""
+    """How exciting a motion is (§12.3.4.1).
+
+    Parameters
+    ----------
+    name : str
+        Name of the criterion, one of `CRITERIA`.
+    weight : float
+        Factor k1 of [12.13] or k2 of [12.14], the latter in the unit of the smallest singular value.
+    a_priori : mapping of str to float
+        Magnitudes |Z| of [12.15] by parameter name; those of the robot's description where left out.
+    parameters : tuple of str
+        Names of the parameters whose variances count, for the criterion "parameters".
+    effects : tuple of EffectChoice
+        Effects to be told from the rest of the model and from each other, for the criterion "separation".
+    """
 
     name: str = declare_field(
         "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
@@ -62,7 +77,13 @@ class CriterionChoice:
 
 
 def check_criterion(choice: CriterionChoice) -> None:
-    """Raise `DynidentError` for an unknown criterion, or an a-priori value that nothing can be relative to."""
+    """Raise `DynidentError` for an unknown criterion, or an a-priori value that nothing can be relative to.
+
+    Parameters
+    ----------
+    choice : CriterionChoice
+        The criterion with its a-priori values.
+    """
     if choice.name not in CRITERIA:
         raise DynidentError(
             f"there is no criterion {choice.name!r}; there are: {', '.join(CRITERIA)}",
@@ -70,6 +91,7 @@ def check_criterion(choice: CriterionChoice) -> None:
             title="Unknown criterion",
         )
     for name, value in choice.a_priori.items():
+        # Variances are divided by the square of these values, so that zero would make one parameter count infinitely.
         if abs(value) < _SMALLEST:
             raise DynidentError(
                 f"the a-priori value of {name} is {value}; it must be a number other than zero",

@@ -15,7 +15,17 @@ from dynident.excitation.criteria.smooth_criteria import find_nonzero_entries
 
 @dataclass(frozen=True)
 class Baseline:
-    """The best of `count` random motions by the chosen criterion, and the median condition number."""
+    """Values of random motions, which the result of a design is compared with.
+
+    Parameters
+    ----------
+    count : int
+        Number of random motions.
+    best : CriterionValues
+        Values of the best of them by the chosen criterion.
+    median_condition_number : float
+        Median of their condition numbers [12.12].
+    """
 
     count: int
     best: CriterionValues
@@ -23,7 +33,18 @@ class Baseline:
 
 
 def compute_baseline(values: Sequence[CriterionValues]) -> Baseline:
-    """Return the baseline from the values of random motions."""
+    """Return the baseline from the values of random motions.
+
+    Parameters
+    ----------
+    values : sequence of CriterionValues
+        Values of each random motion.
+
+    Returns
+    -------
+    Baseline
+        The best of them, and their median.
+    """
     best = min(values, key=lambda motion_values: motion_values.criterion)
     return Baseline(len(values), best, float(np.median([motion_values.condition_number for motion_values in values])))
 
@@ -39,8 +60,9 @@ class CriterionValues:
     criterion : float
         The chosen criterion's value as the chapter writes it.
     smallest_singular_value, largest_singular_value : float
+        Singular values of W / √N, where W has N samples.
     log_determinant, trace_of_inverse : float
-        Of M = WᵀW / N.
+        Logarithm of det M and trace of M⁻¹, with M = WᵀW / N.
     """
 
     condition_number: float
@@ -58,10 +80,31 @@ def compute_true_values(
     a_priori: FloatArray,
     deciding: ParameterSelection | None = None,
 ) -> CriterionValues:
-    """Return the values of W (r, b) at N samples without smoothing, by singular values."""
+    """Return the values of W without smoothing, by singular values.
+
+    Parameters
+    ----------
+    choice : CriterionChoice
+        The criterion.
+    w : (r, b)
+        Rows of W.
+    n_samples : int
+        Number of samples N.
+    a_priori : (b,)
+        Magnitudes |Z| of the parameters.
+    deciding : ParameterSelection or None
+        Parameters that the criterion is about; all where left out.
+
+    Returns
+    -------
+    CriterionValues
+        Values by all criteria, infinite where W does not have full rank.
+    """
+    # Divided by √N, so that the values do not depend on the number of samples.
     scaled = w / np.sqrt(n_samples)
     sigma = np.linalg.svd(scaled, compute_uv=False)
     condition = _divide_or_infinite(float(sigma[0]), float(sigma[-1]))
+    # Without full rank the smallest singular value is rounding; its inverse would be a large number without meaning.
     full = np.isfinite(condition)
     inverse_squares = float(np.sum(sigma**-2)) if full else np.inf
     scope = deciding or ParameterSelection.select_all(w.shape[1])
@@ -108,4 +151,5 @@ def _compute_chosen_value(
 
 def _divide_or_infinite(largest: float, smallest: float) -> float:
     """Return the first over the second, infinite where the second is rounding."""
+    # Singular values have errors of about machine precision times the largest one.
     return largest / smallest if smallest > 1e-12 * largest else np.inf

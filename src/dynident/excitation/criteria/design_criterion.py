@@ -19,6 +19,7 @@ from dynident.robot.json_pointer import join_names, make_pointer
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.
 _SMALLEST_SHARE = 0.01
+# Where nothing is known: one unit of the parameter.
 _WHERE_UNKNOWN = 1.0
 
 
@@ -31,7 +32,9 @@ def find_a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[F
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
+        The criterion, whose stated values come first.
 
     Returns
     -------
@@ -50,8 +53,10 @@ def find_a_priori_values(model: DesignModel, choice: CriterionChoice) -> tuple[F
             f"there is no base parameter {join_names(unknown)}; there are: {join_names(names)}",
             pointer="/criterion/a_priori",
         )
+    # The base columns of the effects come first; those behind them only predict torque.
     columns = model.base_columns[: model.n_parameters]
     units = np.array([column.unit for column in columns])
+    # Parameters of different units cannot be compared, so that the least value is found unit by unit.
     values = np.abs(model.nominal_values[: model.n_parameters])
     for unit in set(units):
         same = units == unit
@@ -74,9 +79,13 @@ class DesignCriterion:
     Parameters
     ----------
     choice : CriterionChoice
+        The criterion.
     a_priori : (b,)
-    deciding : Deciding
+        Magnitudes |Z| of the parameters.
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
     notes : tuple of str
+        What was assumed, in words for the user.
     earlier : (r, b), optional
         Rows besides W / √N that stand for the information of earlier runs.
     """
@@ -96,15 +105,29 @@ class DesignCriterion:
             return criterion
 
         def add_earlier(w: FloatArray) -> tuple[float, FloatArray]:
+            # The earlier rows are constant: they change the value, and have no part in the gradient.
             value, gradient = criterion(np.concatenate([w, earlier]))
             return value, gradient[: len(w)]
 
         return add_earlier
 
     def evaluate(self, w: FloatArray, n_samples: int) -> CriterionValues:
-        """Return the true values of W (r, b) at N samples."""
+        """Return the true values of W.
+
+        Parameters
+        ----------
+        w : (r, b)
+            Rows of W.
+        n_samples : int
+            Number of samples N.
+
+        Returns
+        -------
+        CriterionValues
+            Values by all criteria, without smoothing.
+        """
         if self.earlier is not None:
-            # The earlier rows belong to W / √N, and `true_values` divides by √N.
+            # The earlier rows belong to W / √N, and `compute_true_values` divides by √N.
             w = np.concatenate([w, np.sqrt(n_samples) * self.earlier])
         return compute_true_values(self.choice, w, n_samples, self.a_priori, self.deciding)
 
@@ -122,8 +145,11 @@ def build_design_criterion(
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
-    noise : mapping of joint name to N m or N
+        The criterion.
+    noise : mapping of str to float
+        Standard deviation of each joint's torque noise by joint name, N m or N.
     one_equation : bool
         Whether a sample has one row, not one a joint; the joints' noise then has no part in the criterion.
     earlier : (r, b), optional
@@ -131,23 +157,33 @@ def build_design_criterion(
 
     Returns
     -------
-    Yardstick
+    DesignCriterion
+        The measure that makes motions comparable; the smaller the better.
 
     Raises
     ------
     DynidentError
-        As in `deciding_of`.
+        As in `select_parameters`.
     """
     a_priori, assumed = find_a_priori_values(model, choice)
     notes = assumed if choice.name == "weighted" else ()
     deciding = select_parameters(model, choice, noise)
     if one_equation:
+        # The row of a sample is a sum over all joints, which the noise of a single joint cannot weigh.
         deciding = replace(deciding, row_weights=np.ones(1))
     return DesignCriterion(choice, a_priori, deciding, notes, earlier)
 
 
 def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tuple[EffectChoice, ...]:
-    """Return the effects of a design, with those that its criterion is to separate."""
+    """Return the effects of a design, with those that its criterion is to separate.
+
+    Parameters
+    ----------
+    effects : tuple of EffectChoice
+        Effects to be identified.
+    choice : CriterionChoice
+        The criterion.
+    """
     if choice.name != "separation":
         return effects
     return effects + tuple(rival for rival in choice.effects if not _is_covered(rival, effects))
@@ -156,6 +192,7 @@ def add_rivals(effects: tuple[EffectChoice, ...], choice: CriterionChoice) -> tu
 def _is_covered(rival: EffectChoice, effects: Sequence[EffectChoice]) -> bool:
     return any(
         effect.effect == rival.effect
+        # An effect without joints acts on all of them, and so covers a rival on any.
         and (not effect.joints or (bool(rival.joints) and set(rival.joints) <= set(effect.joints)))
         and effect.shape_values == rival.shape_values
         for effect in effects
@@ -168,13 +205,16 @@ def select_parameters(model: DesignModel, choice: CriterionChoice, noise: Mappin
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     choice : CriterionChoice
+        The criterion.
     noise : mapping of joint name to N m or N
         Standard deviation of the joints' torque; that of the others counts as 1, or as the mean of those stated.
 
     Returns
     -------
-    Deciding
+    ParameterSelection
+        Groups of parameters, and the weights of the joints' rows.
 
     Raises
     ------
@@ -191,7 +231,15 @@ def select_parameters(model: DesignModel, choice: CriterionChoice, noise: Mappin
 
 
 def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> FloatArray:
-    """Return one over the noise of every joint (n,)."""
+    """Return one over the noise of every joint (n,).
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    noise : mapping of str to float
+        Standard deviation of each joint's torque noise by joint name, N m or N.
+    """
     for name, value in noise.items():
         at = make_pointer(name, within="/noise")
         if name not in model.robot.joint_names:
@@ -202,6 +250,8 @@ def compute_row_weights(model: DesignModel, noise: Mapping[str, float]) -> Float
             )
         if not (np.isfinite(value) and value > 0):
             raise DynidentError(f"the noise of joint '{name}' is {value}; it must be a positive number", pointer=at)
+    # Joints without a stated noise take the mean of the others: any other number would let them rule, or not count at
+    # all.
     typical = float(np.mean(list(noise.values()))) if noise else 1.0
     return np.array([1.0 / noise.get(name, typical) for name in model.robot.joint_names])
 
@@ -218,7 +268,15 @@ def _find_parameters(model: DesignModel, chosen_names: Sequence[str]) -> tuple[i
 
 
 def find_effect_parameters(model: DesignModel, choice: EffectChoice) -> tuple[int, ...]:
-    """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed."""
+    """Return the indices of the base parameters that belong to an effect alone; none where it is absorbed.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    choice : EffectChoice
+        The effect with its joints and shape constants.
+    """
     return tuple(
         k
         for k, column in enumerate(model.base_columns[: model.n_parameters])

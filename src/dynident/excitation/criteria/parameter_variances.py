@@ -24,9 +24,16 @@ class ExpectedParameter:
 
     Parameters
     ----------
-    name, effect, link, unit : str
+    name : str
+        Name of the base parameter.
+    effect : str
+        Id of the effect that its column belongs to.
+    link : str
+        Name of the link or joint; "" for the whole robot.
+    unit : str
+        Unit of the parameter.
     share : float
-        In [0, 1]: the part of its column that all others cannot replace.
+        Part of its column that all others cannot replace, in [0, 1].
     standard_deviation : float or None
         In `unit`: what ordinary least squares weighted by the joints' noise reaches. None where no noise is stated,
         infinite where the motion does not determine the parameter.
@@ -55,6 +62,7 @@ def predict_uncertainties(
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     w, dq : (m, n, b), (m, n)
         W of the dynamic model and q̇ at m representative samples of the motion.
     rows : RowModel
@@ -69,18 +77,23 @@ def predict_uncertainties(
     Returns
     -------
     tuple of ExpectedParameter
+        One for each base parameter of the chosen effects.
     """
     m = len(w)
     row_noise = np.ones(w.shape[1]) if noise is None else noise
     weighted_rows = rows.build_rows(w, dq)
+    # A joined row is the sum over the joints, so its noise depends on the sample; it enters further below.
     if not rows.joined:
         weighted_rows = weighted_rows / np.tile(row_noise, m)[:, None]
     if earlier is not None:
         weighted_rows = np.concatenate(
             [weighted_rows, np.sqrt(m) * earlier / np.tile(row_noise, len(earlier) // len(row_noise))[:, None]]
         )
+    # Rows in units of their noise: the inverse of WᵀW is then the covariance of the parameters.
     diagonal = compute_inverse_diagonal(weighted_rows)
     variances = diagonal.variances
+    # Mixing in time and joining make the noise of rows differ and correlate; the inverse of WᵀW would not be the
+    # covariance.
     if rows.joined or rows.mix is not None:
         lost = ~np.isfinite(variances)
         variances = np.where(lost, np.inf, _compute_estimator_variances(weighted_rows, rows, dq, row_noise))
@@ -132,7 +145,7 @@ class ParameterSelection:
     Parameters
     ----------
     groups : tuple of tuple of int
-        Indices of parameters.
+        Indices of parameters; each group counts as one.
     row_weights : (n,)
         1 / noise of every joint.
     """
@@ -153,7 +166,15 @@ class ParameterSelection:
 def build_variance_criterion(
     deciding: ParameterSelection, a_priori: FloatArray
 ) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,)."""
+    """Return the criterion: log of the (geometric mean over groups of the) sum of variances over a_priori² (b,).
+
+    Parameters
+    ----------
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
+    a_priori : (b,)
+        Magnitudes |Z| of the parameters.
+    """
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         rows = deciding.weight_rows(w)
@@ -167,7 +188,17 @@ def build_variance_criterion(
 
 
 def sum_variances(deciding: ParameterSelection, a_priori: FloatArray, w: FloatArray) -> float:
-    """Return the criterion's value without its logarithm; infinite where a parameter is not determined."""
+    """Return the criterion's value without its logarithm; infinite where a parameter is not determined.
+
+    Parameters
+    ----------
+    deciding : ParameterSelection
+        Parameters that the criterion is about, and weights of the joints' rows.
+    a_priori : (b,)
+        Magnitudes |Z| of the parameters.
+    w : (r, b)
+        Rows of W.
+    """
     variances = compute_inverse_diagonal(deciding.weight_rows(w)).variances
     indices = [k for group in deciding.groups for k in group]
     if not np.isfinite(variances[indices]).all():
@@ -182,6 +213,8 @@ def _sum_groups(
     for group in groups:
         members = list(group)
         relative = variances[members] / a_priori[members] ** 2
+        # The mean of logarithms is the logarithm of the geometric mean, whose optimum does not depend on the units of
+        # the groups.
         value += float(np.log(relative.sum())) / len(groups)
         slope[members] += 1.0 / a_priori[members] ** 2 / relative.sum() / len(groups)
     return value, slope
@@ -221,13 +254,18 @@ def compute_inverse_diagonal(w: FloatArray) -> InverseDiagonal:
 
 def compute_diagonal_from_information(information: FloatArray) -> InverseDiagonal:
     """Return the same from the information matrix M (b, b)."""
+    # A column of zeros has no direction of its own; scaled to any size it stays absent, and its variance is infinite.
     squares = np.diag(information)
     absent = squares <= 0
     sizes = np.sqrt(np.where(absent, 1.0, squares))
     values, vectors = np.linalg.eigh(information / np.outer(sizes, sizes))
+    # Directions below the floor are left out of the inverse. A parameter that has a part in one of them is not
+    # determined, whatever the other directions say.
     is_seen = values > _FLOOR * len(values) * values[-1]
     scaled = (vectors[:, is_seen] ** 2 / values[is_seen]).sum(axis=1)
     lost = absent | ((vectors[:, ~is_seen] ** 2).sum(axis=1) > _LOST)
     variances = np.where(lost, np.inf, scaled / sizes**2)
+    # With columns of unit length, the diagonal of the inverse is one over the squared distance of a column from the
+    # span of the others.
     shares = np.where(lost, 0.0, 1.0 / np.sqrt(np.maximum(scaled, 1.0)))
     return InverseDiagonal(variances, shares)

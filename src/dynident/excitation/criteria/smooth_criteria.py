@@ -44,6 +44,7 @@ class _Spectrum:
 
     def compute_gradient(self, w: FloatArray, slope: FloatArray) -> FloatArray:
         """Return ∂/∂W of a function of the eigenvalues with the derivatives `slope` (b,)."""
+        # The derivative of an eigenvalue by M is v vᵀ, and M = WᵀW gives the factor 2 W.
         gradient: FloatArray = 2.0 * (w @ ((self.vectors * slope) @ self.vectors.T))
         return gradient
 
@@ -62,8 +63,7 @@ def condition_number(w: FloatArray) -> tuple[float, FloatArray]:
     """Return the logarithm of the smooth condition number, ½ log(‖M‖p ‖M⁻¹‖p), [12.12], and its gradient.
 
     It comes from powers of M and M⁻¹, which take a fraction of the time of the eigenvalues; from these where M is
-    nearly
-    singular.
+    nearly singular.
     """
     m = w.T @ w
     inverse = _invert(m)
@@ -92,6 +92,7 @@ def _invert(m: FloatArray) -> FloatArray | None:
     factor, failed = dpotrf(m, lower=1)
     if failed:
         return None
+    # LAPACK fills the lower triangle alone.
     lower, failed = dpotri(factor, lower=1)
     inverse: FloatArray = np.tril(lower) + np.tril(lower, -1).T
     ill = failed or not np.trace(m) * np.trace(inverse) < _ILL_CONDITIONED
@@ -134,6 +135,7 @@ def condition_plus_inverse_sigma(weight: float) -> Criterion:
         large, slope_large = spectrum.compute_log_norm(_SCHATTEN)
         small, slope_small = spectrum.compute_log_norm(-_SCHATTEN)
         condition, inverse = np.exp(0.5 * (large + small)), weight * np.exp(0.5 * small)
+        # Derivative of the logarithm of a sum: both terms hold 1 / σmin, and the first alone σmax.
         share = condition / (condition + inverse)
         slope = 0.5 * (share * slope_large + slope_small)
         return float(np.log(condition + inverse)), spectrum.compute_gradient(w, slope)
@@ -149,6 +151,7 @@ def build_equilibrated_criterion(weight: float) -> Criterion:
 
     def criterion(w: FloatArray) -> tuple[float, FloatArray]:
         log_condition, gradient = condition_number(w)
+        # The structure of W has zeros that no motion changes; [12.13] means the smallest of the other entries.
         present = find_nonzero_entries(w)
         entries = _Spectrum(np.square(w[present]), np.empty((0, 0)))
         large, slope_large = entries.compute_log_norm(_SCHATTEN)
@@ -186,10 +189,11 @@ def build_smooth_criterion(
     Parameters
     ----------
     choice : CriterionChoice
+        The criterion.
     a_priori : (b,)
         |Z| of [12.15].
-    deciding : Deciding, optional
-        Parameters that "parameters" and "separation" are about; all where not given.
+    deciding : ParameterSelection, optional
+        Parameters that "parameters" and "separation" are about; all where left out.
 
     Returns
     -------
@@ -198,6 +202,7 @@ def build_smooth_criterion(
     """
     check_criterion(choice)
     scope = deciding or ParameterSelection.select_all(len(a_priori))
+    # All of them are logarithms: their differences are relative, and no criterion needs a scale of its own.
     criteria: Mapping[str, Criterion] = {
         "condition_number": condition_number,
         "d_optimal": d_optimal,

@@ -21,7 +21,9 @@ from dynident.motion.limits.margins import Margin, compute_margins
 from dynident.motion.trajectories.motion import Motion, Piece, check_length, sample_pieces
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, scale_progress
 
+# Points of the fine grid per sample, on which limits are verified.
 _CHECKS_PER_SAMPLE = 10
+# Points that are evaluated at a time, and samples that the values are computed from.
 _CHUNK = 50_000
 _VALUED_SAMPLES = 10_000
 
@@ -36,14 +38,19 @@ class DesignTask:
     Parameters
     ----------
     request : DesignRequest
+        The design request.
     model : DesignModel
-    yardstick : Yardstick
+        Model of the design.
+    yardstick : DesignCriterion
+        Measure of a motion.
     limits : Bounds
         Limits that must hold.
     bounds : Bounds
         Limits that are designed for, slightly tighter.
     progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
     checkpoints : Checkpoints
+        Storage for the state of the search.
     """
 
     request: DesignRequest
@@ -60,16 +67,36 @@ class DesignTask:
         return self.request.trajectory.sampling_rate
 
     def verify_pieces(self, pieces: Sequence[Piece]) -> tuple[Margin, ...]:
-        """Return the margins against the true limits, on a grid finer than the sampling."""
+        """Return the margins against the true limits, on a grid finer than the sampling.
+
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            Pieces of the motion, one after the other.
+
+        Returns
+        -------
+        tuple of Margin
+            One for each limit.
+        """
         check_length(pieces, self.rate)
         torque = self.model.torque if self.limits.has_torque_limits else None
         finely = _sample_finely(pieces, self.rate * _CHECKS_PER_SAMPLE, scale_progress(self.progress, 0.95, 1.0))
         return compute_margins(self.limits, finely, torque)
 
     def evaluate_pieces(self, pieces: Sequence[Piece], exciting: tuple[float, float]) -> MotionValues:
-        """Return the values of the exciting part of a sequence of pieces."""
+        """Return the values of the exciting part of a sequence of pieces.
+
+        Parameters
+        ----------
+        pieces : sequence of Piece
+            Pieces of the motion, one after the other.
+        exciting : tuple of (float, float)
+            Times between which the exciting part lies, s.
+        """
         motion = sample_pieces(pieces, self.rate)
         inside = np.flatnonzero((motion.t >= exciting[0]) & (motion.t <= exciting[1]))
+        # Some ten thousand samples give the values as well as all of them.
         samples = inside[:: max(1, len(inside) // _VALUED_SAMPLES)]
         dq = motion.dq[samples]
         # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
@@ -91,10 +118,16 @@ class DesignTask:
         w, dq : (m, n, b), (m, n)
             W and q̇ at representative samples.
         rows : RowModel
+            Rows that the identification makes of them.
         n_samples : float
             Number of samples of the experiment.
         earlier : (r, b) or None
             Rows besides W / √m that stand for the information of earlier runs.
+
+        Returns
+        -------
+        tuple of ExpectedParameter
+            One for each base parameter.
         """
         noise = 1.0 / compute_row_weights(self.model, self.request.noise) if self.request.noise else None
         return predict_uncertainties(self.model, w, dq, rows, n_samples, noise=noise, earlier=earlier)
@@ -102,7 +135,15 @@ class DesignTask:
 
 @dataclass(frozen=True, eq=False)
 class MotionValues:
-    """Values of a motion by the criteria, and parameter by parameter."""
+    """Values of a motion by the criteria, and parameter by parameter.
+
+    Parameters
+    ----------
+    values : CriterionValues
+        Values by all criteria.
+    expected : tuple of ExpectedParameter
+        Expected uncertainty of each parameter.
+    """
 
     values: CriterionValues
     expected: tuple[ExpectedParameter, ...]
@@ -110,7 +151,27 @@ class MotionValues:
 
 @dataclass(frozen=True, eq=False)
 class DesignedExperiment:
-    """A designed motion with all that a `Design` needs."""
+    """A designed motion with all that a `Design` needs.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        Pieces of the motion from home to home.
+    exciting : tuple of (float, float)
+        Times between which the exciting part lies, s.
+    period : float or None
+        Period of the exciting part, s; None where it has none.
+    valued : MotionValues
+        Values of the exciting part.
+    baseline : Baseline or None
+        Values of random motions; None where there is nothing to compare.
+    margins : tuple of Margin
+        How near the motion comes to every limit.
+    notes : tuple of str
+        Notes for the user.
+    runs : tuple of Run
+        Test motions of a set.
+    """
 
     pieces: tuple[Piece, ...]
     exciting: tuple[float, float]
@@ -126,6 +187,7 @@ def _sample_finely(pieces: Sequence[Piece], rate: float, progress: Progress) -> 
     """Yield pieces on grids of at least `rate`, ends included, in chunks."""
     for number, piece in enumerate(pieces):
         t = np.linspace(0.0, piece.duration, int(np.ceil(piece.duration * rate)) + 1)
+        # Chunks bound the memory: a long experiment on the fine grid has millions of samples.
         for first in range(0, len(t), _CHUNK):
             progress(number / len(pieces), "verifying")
             yield piece.evaluate(t[first : first + _CHUNK])

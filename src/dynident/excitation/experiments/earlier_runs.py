@@ -19,10 +19,26 @@ from dynident.regressors.qr_accumulation import compute_used_duration
 def build_earlier_rows(
     model: DesignModel, recordings: Sequence[Recording], request: DesignRequest, progress: Progress = ignore_progress
 ) -> FloatArray:
-    """Return rows (m n, b) that stand for earlier recordings besides the rows W / √N of one period of a design.
+    """Return rows that stand for earlier recordings besides the rows W / √N of one period of a design.
 
     They have the same WᵀW as all rows of the recordings, in proportion to the length of the new experiment: a minute
     recorded counts as much as a minute designed. Row j of every sample is joint j's.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    recordings : sequence of Recording
+        The earlier runs.
+    request : DesignRequest
+        The design request, which gives the length of the new experiment.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    (m n, b)
+        Rows in the units of W / √N.
 
     Raises
     ------
@@ -38,6 +54,7 @@ def build_earlier_rows(
                 pointer="/earlier_ids",
                 title="Another robot's measurement",
             )
+    # Filtered as an identification would filter them, so that their rows are worth as much as it will make of them.
     preprocessing = choose_preprocessing(recordings)
     reduction = reduce_recordings(model.observation, recordings, preprocessing, model.reference, progress)
     n, b = model.robot.n, model.n_parameters
@@ -45,6 +62,8 @@ def build_earlier_rows(
     rows = np.zeros((max(equation.factors.shape[-1] for equation in reduction.equations), n, b))
     for joint, equation in enumerate(reduction.equations):
         k = len(equation.columns)
+        # A joint's equation has some of the columns only. The last column of its factor is the torque, which a design
+        # does not use.
         rows[: k + 1, joint, equation.columns] = equation.joint_factor[:, :k]
     seconds = sum(compute_used_duration(recording) for recording in recordings)
     per_second = reduction.n_rows / n / seconds

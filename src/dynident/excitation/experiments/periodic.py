@@ -27,6 +27,7 @@ from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.motion.trajectories.motion import Family, PeriodicMotion
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 
+# Samples of a period that the reported values are computed from.
 _VALUED_SAMPLES = 1000
 _SHRINKS = (0.999,) * 20 + (0.95,) * 30
 """Factors on the amplitude: small ones for excursions between the samples, larger ones for exact shapes.
@@ -38,7 +39,25 @@ _RANDOM_SHARE = 0.3
 
 
 def build_family(trajectory: TrajectoryRequest, period: float) -> Family:
-    """Return the family of Fourier series or B-splines of one period (s); raise `DynidentError` for other families."""
+    """Return the family of Fourier series or B-splines of one period.
+
+    Parameters
+    ----------
+    trajectory : TrajectoryRequest
+        The requested trajectory.
+    period : float
+        Period, s.
+
+    Returns
+    -------
+    Family
+        The family.
+
+    Raises
+    ------
+    DynidentError
+        For a family without a period.
+    """
     if trajectory.family == "b_spline":
         return BSplineFamily(trajectory.intervals, period)
     if trajectory.family == "fourier":
@@ -47,9 +66,18 @@ def build_family(trajectory: TrajectoryRequest, period: float) -> Family:
 
 
 def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design a trajectory of a linear family, with the moves there and back."""
+    """Design a trajectory of a linear family, with the moves there and back.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, model, bounds, rate = task.request, task.model, task.bounds, task.rate
     trajectory = request.trajectory
+    # A period that is a whole number of samples: repeated periods then have the same samples, and can be averaged.
     steps = max(round(trajectory.duration * rate), 1)
     family = build_family(trajectory, steps / rate)
     requested_period = trajectory.duration
@@ -71,8 +99,10 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_sample_dependent else _VALUED_SAMPLES
     fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
+    # The search looks at the samples of a period; between them a motion may swing out a little further.
     motions, margins = fit_within_limits(task, family, best)
     placed = plan_home_moves(request.home, motions[0].start, bounds, model, rate)
+    # The moves from and to home are verified by themselves, as they do not depend on the search.
     margins = _merge_margins(margins, task.verify_pieces((placed.approach, placed.retreat)))
     if not are_limits_kept(margins):
         raise build_limit_error(margins)
@@ -92,7 +122,17 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Random trajectories inside the limits, best first, and the best of all, optimised where requested."""
+    """Result of a search for the coefficients of a periodic trajectory.
+
+    Parameters
+    ----------
+    candidates : tuple of Candidate
+        Random trajectories within the limits, best first.
+    best : Candidate
+        The best trajectory, optimised where requested.
+    notes : tuple of str
+        Notes for the user.
+    """
 
     candidates: tuple[Candidate, ...]
     best: Candidate
@@ -113,6 +153,30 @@ def search_trajectory(
 
     Without a time budget the same request gives the same answer, here and wherever it is repeated.
 
+    Parameters
+    ----------
+    request : DesignRequest
+        The design request.
+    family : Family
+        Family of trajectories.
+    model : DesignModel
+        Model of the design.
+    bounds : Bounds
+        Limits of the motion.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    checkpoints : Checkpoints or None
+        Storage for the state of the search; a search that was stopped continues from there.
+
+    Returns
+    -------
+    SearchResult
+        The random trajectories and the best one.
+
     Raises
     ------
     ImpossibleLimitsError
@@ -120,6 +184,7 @@ def search_trajectory(
     """
     judge = CandidateEvaluator(family, model, yardstick, rows=request.model)
     before = None if checkpoints is None else read_checkpoint(checkpoints.load_last())
+    # The random trajectories of the stopped search are used again, since drawing them may have been cut short by time.
     if before is not None:
         budget.add_elapsed(before.seconds)
         candidates = [Candidate(x, judge.evaluate(x)) for x in before.candidates]
@@ -136,6 +201,7 @@ def search_trajectory(
         )
     if not candidates:
         raise _build_no_room_error(bounds)
+    # The best random motion is the result where none is optimised.
     if request.kind != "optimized":
         return SearchResult(tuple(candidates), candidates[0])
     problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds, request.model)
@@ -160,7 +226,17 @@ def _evaluate_motion(task: DesignTask, judge: CandidateEvaluator, motion: Period
 def fit_within_limits(
     task: DesignTask, family: Family, best: Candidate
 ) -> tuple[tuple[PeriodicMotion, ...], tuple[Margin, ...]]:
-    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees."""
+    """Return one period of the best candidate at every pace, its amplitude reduced until the fine grid agrees.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    family : Family
+        Family of trajectories.
+    best : Candidate
+        The best trajectory of the search.
+    """
     x = best.x.copy()
     paces = task.request.trajectory.paces
     families = [family] if len(paces) == 1 else [_change_pace(family, pace, task.rate) for pace in paces]
@@ -170,12 +246,15 @@ def fit_within_limits(
         if are_limits_kept(margins):
             return motions, margins
         x = x.copy()
+        # The first coefficient is the middle posture, which stays; the others are the amplitude.
         x[1:] *= shrink
     raise build_limit_error(margins)
 
 
 def _change_pace(family: Family, pace: float, rate: float) -> Family:
     """Return the family whose trajectories take the same paths at a share `pace` of the speed."""
+    # Rounded up to a whole number of samples, so that no speed becomes larger than requested. The small number absorbs
+    # rounding errors of the quotient.
     return family.with_period(float(np.ceil(family.period / pace * rate - 1e-6)) / rate)
 
 

@@ -22,16 +22,28 @@ from dynident.motion.moves.jerk_limited import move_within_torque
 from dynident.motion.trajectories.motion import Piece, Rest
 from dynident.progress import scale_progress
 
+# Variations that are tried per point of the sequence.
 _VARIATIONS_OF_A_POINT = 40
+# Share of the time that drawing random sequences may take.
 _RANDOM_SHARE = 0.3
+# Factor on the speed of moves that break a limit on the fine grid, and how often it is applied.
 _SLOWER, _ATTEMPTS = 0.95, 30
+# Sequences that are tried on the fine grid: each costs a verification.
 _MOST_SETTLED = 10
 _HOWEVER_SLOW = ("position_min", "position_max", "clearance", "tool_min", "tool_max", "condition")
 """Limits that a slower move breaks as well."""
 
 
 def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design a sequence of moves through points and back to the first, with the moves there and back."""
+    """Design a sequence of moves through points and back to the first, with the moves there and back.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, bounds, model = task.request, task.bounds, task.model
     check_no_path(model)
     rng = np.random.default_rng(request.seed)
@@ -50,6 +62,8 @@ def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperimen
     if request.kind == "optimized":
         best, note = _improve_candidates(task, space, legs, candidates, budget)
         notes.append(note)
+    # The search looks at a few samples of each move. Where the closer look disagrees, the next best sequence takes its
+    # place.
     chosen, pieces = select_first_fitting(task, [best.sequence, *(candidate.sequence for candidate in candidates)])
     placed = plan_home_moves(request.home, chosen.points[-1], bounds, model, task.rate)
     margins = verify_pieces(task, (placed.approach, *pieces, placed.retreat))
@@ -78,6 +92,7 @@ def _add_dwell(moves: Sequence[Piece], sequence: PointSequence, task: DesignTask
     least, most = task.request.trajectory.dwell
     if most <= 0:
         return tuple(moves)
+    # A generator of its own, so that rests do not change which points the same seed gives.
     rng = np.random.default_rng((task.request.seed, len(moves)))
     pieces: list[Piece] = []
     for k, move in enumerate(moves):
@@ -107,6 +122,7 @@ def _improve_candidates(
             legs,
             task.yardstick,
             variations=_VARIATIONS_OF_A_POINT * space.count,
+            # A generator of its own for every start: its course does not depend on how far the others came.
             rng=np.random.default_rng((task.request.seed, start)),
             budget=budget,
             progress=report,
@@ -124,7 +140,15 @@ def _improve_candidates(
 def select_first_fitting(
     task: DesignTask, sequences: Sequence[PointSequence]
 ) -> tuple[PointSequence, tuple[Piece, ...]]:
-    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves."""
+    """Return the first sequence whose moves keep the limits on the fine grid as well, and these moves.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    sequences : sequence of PointSequence
+        Sequences, the best first.
+    """
     for sequence in sequences[:_MOST_SETTLED]:
         try:
             return sequence, slow_until_fitting(task, sequence)
@@ -140,6 +164,7 @@ def slow_until_fitting(task: DesignTask, sequence: PointSequence) -> tuple[Piece
         margins = task.verify_pieces(pieces)
         if are_limits_kept(margins):
             return pieces
+        # Slower moves take the same path, so they meet the same obstacles and ends of ranges.
         if find_tightest(margins).limit in _HOWEVER_SLOW:
             break
         sequence = sequence.slow_down(_SLOWER)
@@ -150,13 +175,23 @@ def _plan_round(task: DesignTask, sequence: PointSequence) -> tuple[Piece, ...]:
     pieces = []
     bounds = task.bounds
     for start, end, share in zip(np.roll(sequence.points, 1, axis=0), sequence.points, sequence.shares, strict=True):
+        # The shares of the limits are what is searched besides the points: they decide how much inertia and how much
+        # friction a move shows.
         slow = replace(bounds, velocity=share[0] * bounds.velocity, acceleration=share[1] * bounds.acceleration)
         pieces.append(move_within_torque(start, end, slow, task.model, task.rate))
     return tuple(pieces)
 
 
 def verify_pieces(task: DesignTask, pieces: tuple[Piece, ...]) -> tuple[Margin, ...]:
-    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken."""
+    """Return the margins of pieces; raise `ImpossibleLimitsError` where a limit is broken.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    pieces : tuple of Piece
+        Pieces of the motion, one after the other.
+    """
     margins = task.verify_pieces(pieces)
     if not are_limits_kept(margins):
         raise build_limit_error(margins)
@@ -164,7 +199,13 @@ def verify_pieces(task: DesignTask, pieces: tuple[Piece, ...]) -> tuple[Margin, 
 
 
 def check_no_path(model: DesignModel) -> None:
-    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one."""
+    """Raise where a column depends on the path travelled: moves can then not be evaluated one by one.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    """
     if model.needs_path:
         raise DynidentError(
             "an effect depends on the path since the last reversal (presliding, hysteresis): moves from point to "

@@ -24,6 +24,7 @@ _STROKE_SHARE, _LONGEST_STROKE = 0.8, np.pi
 _SWEEP_SHARE, _LONGEST_SWEEP = 0.98, 2 * np.pi
 # Of a stroke, what speeding up and slowing down may take.
 _RAMP_SHARE = 0.5
+# Postures between home and the end of a range that are looked at for obstacles.
 _LOOKS_ALONG_A_RANGE = 200
 # Of the distance between two looks: how long before the last clear one a stroke ends.
 _STOP_BEFORE = 0.5
@@ -31,7 +32,17 @@ _STOP_BEFORE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class StrokeSequence:
-    """Moves (pieces) from home to home; `first` and `last` are the ends in s of the part that identifies."""
+    """Moves of one joint at a time, from home to home.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        Moves from home to home.
+    first : float
+        Time at which the part that identifies begins, s.
+    last : float
+        Time at which it ends, s.
+    """
 
     pieces: tuple[Piece, ...]
     first: float
@@ -40,7 +51,19 @@ class StrokeSequence:
 
 @dataclass(frozen=True)
 class Stroke:
-    """The motion of one joint from `low` to `high` and back at `speed`."""
+    """The motion of one joint between two positions and back.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint.
+    low : float
+        Position at one end, rad or m.
+    high : float
+        Position at the other end, rad or m.
+    speed : float
+        Speed between the ends, rad/s or m/s.
+    """
 
     joint: int
     low: float
@@ -72,7 +95,22 @@ def design_joint_by_joint(task: DesignTask) -> DesignedExperiment:
 
 
 def plan_strokes(request: DesignRequest, bounds: Bounds, home: FloatArray) -> tuple[Stroke, ...]:
-    """Return the strokes of a request for a motion of one joint at a time, around home (n,), joint by joint."""
+    """Return the strokes of a request for a motion of one joint at a time, around home, joint by joint.
+
+    Parameters
+    ----------
+    request : DesignRequest
+        The design request.
+    bounds : Bounds
+        Limits of the motion.
+    home : (n,)
+        Posture of the other joints, rad or m.
+
+    Returns
+    -------
+    tuple of Stroke
+        Strokes in the order in which they are made.
+    """
     bounds = restrict_to_clear(bounds, home)
     joints = [int(j) for j in np.flatnonzero(select_moving_joints(request.trajectory.joints, bounds.names))]
     if request.kind == "slow_sweep":
@@ -88,6 +126,7 @@ def restrict_to_clear(bounds: Bounds, home: FloatArray) -> Bounds:
         return bounds
     low, high = bounds.position_low.copy(), bounds.position_high.copy()
     for j in range(len(home)):
+        # From home outwards to either end: what lies behind the first obstacle cannot be reached.
         for end, step in ((low, -1), (high, 1)):
             reach = np.linspace(home[j], end[j], _LOOKS_ALONG_A_RANGE)
             along = np.tile(home, (len(reach), 1))
@@ -110,6 +149,7 @@ def _plan_constant_speeds(
         # v² = a d: the speed that is reached within the share of the stroke that both ramps may take.
         reachable = float(np.sqrt(bounds.acceleration[j] * room * _RAMP_SHARE))
         for share in sorted(speeds):
+            # A short range does not allow the fastest speeds: there the joint would only speed up and slow down.
             speed = min(share * float(bounds.velocity[j]), reachable)
             strokes.append(_center_stroke(bounds, home, j, min(room, speed * longest), speed))
     return tuple(strokes)
@@ -146,6 +186,7 @@ def _plan_reversals(
 
 
 def _center_stroke(bounds: Bounds, centre: FloatArray, j: int, length: float, speed: float) -> Stroke:
+    # A stroke that would leave the range is moved inwards, not shortened.
     low = float(np.clip(centre[j] - length / 2, bounds.position_low[j], bounds.position_high[j] - length))
     return Stroke(j, low, low + length, speed)
 
@@ -160,7 +201,29 @@ def plan_stroke_moves(
     rate: float,
     progress: Progress = ignore_progress,
 ) -> StrokeSequence:
-    """Return moves through all strokes, there and back `repeats` times each, the other joints at home.
+    """Return moves through all strokes, there and back, the other joints at home.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    model : DesignModel
+        Model that predicts the torque.
+    home : (n,)
+        Posture at the beginning and the end, rad or m.
+    strokes : sequence of Stroke
+        Strokes in the order in which they are made.
+    repeats : int
+        Number of times that each stroke is made there and back.
+    rate : float
+        Sampling rate, Hz.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+
+    Returns
+    -------
+    StrokeSequence
+        The moves, and the part of them that identifies.
 
     Raises
     ------
@@ -172,6 +235,7 @@ def plan_stroke_moves(
     for number, stroke in enumerate(strokes):
         progress(number / len(strokes), f"stroke {number + 1} of {len(strokes)}")
         limits = bounds.velocity.copy()
+        # The stroke's speed takes the place of the velocity limit, so that the planner of moves reaches just that.
         limits[stroke.joint] = stroke.speed
         slow = replace(bounds, velocity=limits)
         low, high = home.copy(), home.copy()
@@ -182,6 +246,7 @@ def plan_stroke_moves(
             pieces.append(move_within_torque(high, low, slow, model, rate))
         posture = low
     last = sum(piece.duration for piece in pieces)
+    # The way from home to the first stroke is not part of what identifies, nor is the way back, which is added below.
     first = pieces[0].duration
     pieces.append(plan_path(posture, home, bounds, model, rate))
     return StrokeSequence(tuple(pieces), first, last)

@@ -26,13 +26,13 @@ def design_table(design: Design) -> pa.Table:
     Parameters
     ----------
     design : Design
+        The verified design.
 
     Returns
     -------
     pyarrow.Table
         Columns t, q_<joint>…, dq_<joint>…, ddq_<joint>…. For a set of test motions also `segment`: the number of the
-        run
-        from 1 on, 0 on the moves between runs. A recording that keeps it is cut there.
+        run from 1 on, 0 on the moves between runs. A recording that keeps it is cut there.
     """
     columns: dict[str, FloatArray | IntArray] = {"t": design.t}
     if design.runs:
@@ -48,7 +48,9 @@ def write_design(design: Design, path: Path) -> None:
     Parameters
     ----------
     design : Design
+        The verified design.
     path : Path
+        The file, .csv or .parquet.
 
     Raises
     ------
@@ -74,10 +76,12 @@ def trajectory_document(design: Design) -> dict[str, object]:
     Parameters
     ----------
     design : Design
+        The verified design.
 
     Returns
     -------
     dict
+        Lists and numbers only, as JSON has them.
     """
     return {
         "joints": list(design.joint_names),
@@ -95,6 +99,7 @@ def design_document(design: Design) -> dict[str, object]:
     Parameters
     ----------
     design : Design
+        The verified design.
 
     Returns
     -------
@@ -136,4 +141,5 @@ def _to_dict(values: CriterionValues) -> dict[str, object]:
 
 
 def _finite_or_none(value: float) -> float | None:
+    # JSON has no infinity.
     return value if math.isfinite(value) else None

@@ -22,14 +22,16 @@ def format_joint_trajectory(
     Parameters
     ----------
     joint_names : sequence of str
+        Names as the controller knows them.
     t : (m,)
         Times from the start, s.
     q, dq, ddq : (m, n)
-        rad and m.
+        Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
     """
     yield "header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: ''\n"
     yield f"joint_names: [{', '.join(json.dumps(name) for name in joint_names)}]\n"
     yield "points:\n"
+    # Whole nanoseconds before seconds are split off: rounding the remainder alone could give a full second.
     stamps = np.rint((t - t[0]) * _NANOSECONDS).astype(np.int64)
     for stamp, position, velocity, acceleration in zip(stamps, q, dq, ddq, strict=True):
         seconds, rest = divmod(int(stamp), _NANOSECONDS)

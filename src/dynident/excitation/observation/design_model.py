@@ -24,22 +24,37 @@ from dynident.regressors.observation import FurtherSignals, Observation
 from dynident.robot.json_pointer import join_names
 from dynident.robot.model import INERTIAL_NAMES, Robot
 
+# Random states per column, and the largest velocity, acceleration, jerk and its derivative in them (rad, s).
 _STATES_PER_COLUMN = 2
 _VELOCITY, _ACCELERATION, _JERK, _SNAP = 2.0, 5.0, 20.0, 80.0
 
 
 def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> DesignModel:
-    """Return the model of the arm whose other joints are locked at a posture (n,): fewer parameters, fewer equations.
+    """Return the model of the arm whose other joints are locked at a posture: fewer parameters, fewer equations.
 
     The base parameters are those that the equations of the moving joints determine. The torque of a locked joint is
-    held
-    by its brake or against an unknown stiction: its equations do not count.
+    held by its brake or against an unknown stiction: its equations do not count.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of all joints.
+    posture : (n,)
+        Positions of the locked joints, rad or m; those of the others do not matter.
+    moving : (n,)
+        Which joints move.
+
+    Returns
+    -------
+    DesignModel
+        The model of the moving joints.
 
     Raises
     ------
     DynidentError
         The moving joints determine none of the parameters.
     """
+    # Which parameters show is found numerically, from random states of the moving joints.
     w = _sample_observation(model, posture, moving)
     names = [column.name for column in model.columns]
     visible = select_base(
@@ -58,7 +73,15 @@ def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> De
 
 
 def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
-    """Return the note that names the locked joints."""
+    """Return the note that names the locked joints.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the joints.
+    moving : (n,)
+        Which joints move.
+    """
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
         f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the "
@@ -69,6 +92,7 @@ def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
 
 def _sample_observation(model: DesignModel, posture: FloatArray, moving: BoolArray) -> FloatArray:
     """Return W (m, n, c) of all columns at random states of the moving joints."""
+    # A fixed seed: the same robot has the same base parameters in every run.
     rng = np.random.default_rng(0)
     robot = model.robot
     m = _STATES_PER_COLUMN * len(model.columns) + 20
@@ -108,19 +132,23 @@ class DesignModel:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     choices : tuple of EffectChoice
         Effects that `columns` are made of.
     signals : Signals
+        Symbols that the columns are expressions of.
     columns : tuple of Column
         The `n_chosen` columns of the chosen effects, followed by the links' inertial ones where they are not among
         them, since they predict the torque.
     n_chosen : int
+        Number of columns of the chosen effects.
     base : BaseParameters
         Selected from all columns.
     reference : ReferenceParameters
         Inertial parameters for effects that depend on the load, followed by zeros for all else that torque is predicted
         from.
     notes : tuple of str
+        What was left out or assumed, in words for the user.
     counted : (n,)
         Which joints' equations count; the others tell nothing.
     """
@@ -155,6 +183,7 @@ class DesignModel:
         """Values (b,) of all base parameters by the description's inertias; zero where these say nothing."""
         if self.robot.inertias is None:
             return np.zeros(self.base.count)
+        # A description has values for the links alone; all other parameters count as zero.
         standard = np.zeros(len(self.columns))
         for k, column in enumerate(self.columns):
             if get_role(column) == "link":
@@ -174,7 +203,15 @@ class DesignModel:
         return self.observation.n_memory > 0
 
     def compute_memory(self, q: FloatArray, *, periodic: bool = False) -> FloatArray:
-        """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many."""
+        """Return hysteresis states (m, number of them) along a path q (m, n) from rest, or along one period of many.
+
+        Parameters
+        ----------
+        q : (m, n)
+            Positions along the path, rad or m.
+        periodic : bool
+            Whether the path is one period of many.
+        """
         return PathMemory(self.observation.memory).compute_states(q, periodic=periodic)
 
     def observe(
@@ -198,6 +235,11 @@ class DesignModel:
             Hysteresis states; zero where left out.
         runs : (m, number of run signals), optional
             1 where a sample is in a signal's runs; in all of them where left out.
+
+        Returns
+        -------
+        (m n, b)
+            Rows of W, joint by joint within each sample.
         """
         observation = self.observation
         states = np.zeros((len(q), observation.n_memory)) if memory is None else memory
@@ -213,12 +255,24 @@ class DesignModel:
         )
         w = np.zeros((len(q), self.robot.n, observation.n_columns))
         w[:, observation.entry_rows, observation.entry_columns] = entries
+        # Rows are zeroed, not removed, so that each sample keeps n rows and row weights stay in place.
         w[:, ~self.counted] = 0.0
         return w.reshape(-1, observation.n_columns)
 
     def observe_along(self, motion: Motion, samples: IndexArray, runs: FloatArray | None = None) -> FloatArray:
-        """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`."""
+        """Return W (m n, b) at the indices `samples` (m,) of a motion that begins at rest; `runs` as for `observe`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion, which begins at rest.
+        samples : (m,)
+            Indices of the samples to evaluate.
+        runs : (m, number of run signals), optional
+            1 where a sample is in a signal's runs; in all of them where left out.
+        """
         step = float(motion.t[1] - motion.t[0]) if len(motion.t) > 1 else 1.0
+        # Motions have three derivatives; elastic gears need the fourth.
         snap = np.gradient(motion.dddq, step, axis=0) if len(motion.t) > 1 else np.zeros_like(motion.dddq)
         return self.observe(
             motion.q[samples],
@@ -241,6 +295,11 @@ class DesignModel:
     def torque(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         """Return the torque (m, n) of the description's inertias at q, q̇, q̈ (m, n).
 
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Positions, velocities and accelerations: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+
         Raises
         ------
         DynidentError
@@ -261,13 +320,14 @@ def build_design_model(
 
     Columns that need a signal which a trajectory alone does not give (temperature, time) are left out, and a note says
     so. So are columns of effects in some runs only (a payload), unless there are `other_runs`: the effect then acts in
-    the
-    run that is designed.
+    the run that is designed.
 
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     effects : sequence of EffectChoice
+        Effects to be identified.
     signals : Signals, optional
         Those of another model of the robot, whose mechanics need not be derived again.
     reference : ReferenceParameters, optional
@@ -278,6 +338,7 @@ def build_design_model(
     Returns
     -------
     DesignModel
+        The columns, their base parameters, and what torque is predicted with.
 
     Raises
     ------
@@ -314,6 +375,7 @@ def build_design_model(
         # Torque limits need the links' torque also where the links are not identified.
         columns += [column for column in links if column.name not in present]
         choices += (LINKS,)
+    # The columns of the effects stand first, and so keep their parameters where columns depend on each other.
     base = find_base_parameters(robot, columns, signals)
     return DesignModel(
         robot,

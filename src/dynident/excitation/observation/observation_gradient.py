@@ -18,8 +18,9 @@ class ObservationGradient:
     Parameters
     ----------
     model : DesignModel
+        Model of the design.
     n_samples : int
-        N.
+        Number of samples N.
     smooth_sign : float
         Velocity (rad/s, m/s) over which sign(q̇) is rounded: W then changes without jumps, which a line search needs.
     """
@@ -30,6 +31,7 @@ class ObservationGradient:
         columns = _rebuild_columns(model, signals)
         self.n_columns = len(columns)
         matrix = ca.horzcat(*(column.torque for column in columns))
+        # Most entries of W are zero for every motion; only the others are evaluated.
         rows, at = matrix.sparsity().get_triplet()
         self._places = np.array(rows, dtype=np.intp) * self.n_columns + np.array(at, dtype=np.intp)
         memory = signals.find_memory_signals(matrix)
@@ -47,6 +49,7 @@ class ObservationGradient:
         # Reverse mode: one sweep gives the gradient by all states of a sample, however many entries W has.
         swept = ca.densify(ca.jtimes(entries, state, seeds, True))
         self._memory = PathMemory(memory)
+        # These arrays are used again by every evaluation, so that one object belongs to one thread.
         self._state = np.zeros((n_samples, self._n_derivatives * self.n + len(memory)))
         self._seeds = np.zeros((n_samples, entries.numel()))
         self._entries = np.zeros_like(self._seeds)
@@ -77,6 +80,7 @@ class ObservationGradient:
         gradients = [self._swept[:, part * n : (part + 1) * n] for part in range(self._n_derivatives)]
         if self._memory.signals:
             of_path = self._memory.pull_back(self._state[:, :n], self._state[:, end:], self._swept[:, end:])
+            # Positions act on W directly and through the hysteresis states; the two add up.
             gradients[0] = gradients[0] + of_path
         return gradients
 

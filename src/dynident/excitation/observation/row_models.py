@@ -29,6 +29,7 @@ class RowModel:
     Parameters
     ----------
     name : str
+        Name of the identification model.
     joined : bool
         Whether the joints' rows are added, each times its velocity, [12.39] and [12.51].
     mix : (N, N) or None
@@ -40,7 +41,15 @@ class RowModel:
     mix: FloatArray | None
 
     def build_rows(self, w: FloatArray, dq: FloatArray) -> FloatArray:
-        """Return the rows (N n, b), or (N, b) where the joints are joined."""
+        """Return the rows (N n, b), or (N, b) where the joints are joined.
+
+        Parameters
+        ----------
+        w : (N, n, b)
+            W of the dynamic model by sample and joint.
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        """
         n_samples, _, b = w.shape
         rows = np.einsum("kj,kjb->kb", dq, w)[:, None] if self.joined else w
         if self.mix is not None:
@@ -48,16 +57,35 @@ class RowModel:
         return np.ascontiguousarray(rows).reshape(-1, b)
 
     def pull_back(self, w: FloatArray, dq: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ∂/∂W (N, n, b) and ∂/∂q̇ (N, n) from ∂/∂rows."""
+        """Return ∂/∂W (N, n, b) and ∂/∂q̇ (N, n) from ∂/∂rows.
+
+        Parameters
+        ----------
+        w : (N, n, b)
+            W of the dynamic model by sample and joint.
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        gradient : (rows, b)
+            Derivative of a function by the rows.
+        """
         of_rows = gradient.reshape(len(w), -1)
         if self.mix is not None:
+            # The gradient goes back through a linear operation by its transpose.
             of_rows = self.mix.T @ of_rows
         if not self.joined:
             return of_rows.reshape(w.shape), np.zeros_like(dq)
         return dq[:, :, None] * of_rows[:, None, :], np.einsum("kjb,kb->kj", w, of_rows)
 
     def compute_unmixed_noise(self, dq: FloatArray, noise: FloatArray) -> FloatArray:
-        """Return the standard deviation (N, k) of the k rows of a sample before mixing, for joint noise (n,)."""
+        """Return the standard deviation (N, k) of the k rows of a sample before mixing, for joint noise (n,).
+
+        Parameters
+        ----------
+        dq : (N, n)
+            Velocities, rad/s or m/s.
+        noise : (n,)
+            Standard deviation of the noise of each joint, N m or N.
+        """
         if not self.joined:
             return np.broadcast_to(noise, dq.shape)
         return np.asarray(np.sqrt((dq**2) @ noise**2))[:, None]
@@ -73,21 +101,24 @@ def build_row_model(name: RowModelName, n_samples: int, period: float, highest: 
     Parameters
     ----------
     name : {"dynamic", "filtered", "energy", "power"}
-        filtered: F(s) of [12.29] on all columns; energy: integrals over intervals as an identification takes them, one
-        beginning at every sample, [12.43]; power: the joined rows themselves, [12.51].
+        Name of the identification model. filtered: F(s) of [12.29] on all columns; energy: integrals over intervals as
+        an identification takes them, one beginning at every sample, [12.43]; power: the joined rows themselves,
+        [12.51].
     n_samples : int
-        N.
+        Number of samples N of a period.
     period : float
-        s
+        Period, s.
     highest : float
         Highest frequency of the motion, Hz.
 
     Returns
     -------
     RowModel
+        The rows, as an operation on those of the dynamic model.
     """
     if name == "dynamic":
         return DYNAMIC_ROWS
+    # A periodic signal has only the harmonics of its period, at which the transfer function is evaluated.
     frequencies = 2j * np.pi * np.fft.rfftfreq(n_samples, period / n_samples)
     if name == "filtered":
         pole = _POLE_HARMONICS * 2 * np.pi * highest
@@ -108,6 +139,7 @@ def _interval_transfer(s: np.ndarray, length: float) -> np.ndarray:
 def _build_circulant(transfer: Callable[[np.ndarray], np.ndarray], s: np.ndarray, n_samples: int) -> FloatArray:
     """Return the matrix (N, N) of a transfer function that acts on N samples of a period."""
     response = np.fft.irfft(transfer(s), n_samples)
+    # Entry (i, j) is the response to an impulse i - j samples earlier, around the period.
     places = (np.arange(n_samples)[:, None] - np.arange(n_samples)) % n_samples
     matrix: FloatArray = response[places]
     return matrix

@@ -24,24 +24,38 @@ from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.parallel.thread_map import MIN_PARALLEL_SIZE, count_processors, map_in_threads
 from dynident.progress import Checkpoints, NoCheckpoints, Progress
 
+# First weight of the penalty, and its growth where the excess does not fall by itself.
 _PENALTY = 1.0
 _PENALTY_GROWTH = 4.0
 _ENOUGH_PROGRESS = 0.3
 """The worst excess must fall to this share of the last one, or the penalty grows."""
+# Iterations of L-BFGS in each round; the first one has the longest way to go.
 _ITERATIONS = (40, 30, 30, 30, 30, 30)
 _SKETCH = 2
 """Number of rounds after which a start shows what it is worth."""
+# Starts of a heat, which are brought as far as a sketch before any is finished.
 _HEAT = 4
 _SMALL_EXCESS = 2e-3
 """Excess that is within the margin left between samples: scaling the amplitude removes the rest."""
+# Change of the criterion, which is a logarithm, below which a start has settled.
 _SETTLED = 2e-3
+# Pairs of steps and gradients by which L-BFGS approximates the curvature.
 _CORRECTIONS = 20
+# Attributes of a start that a checkpoint holds besides its arrays.
 _NUMBERS = ("rounds", "iterations", "finished", "counted", "_worst", "_before")
 
 
 @dataclass(frozen=True)
 class Resumption:
-    """Checkpoint that a stopped search continues from, and where it keeps new ones."""
+    """Checkpoint that a stopped search continues from, and where it keeps new ones.
+
+    Parameters
+    ----------
+    checkpoints : Checkpoints
+        Storage for new checkpoints.
+    before : SearchCheckpoint, optional
+        Checkpoint to continue from; None to begin anew.
+    """
 
     checkpoints: Checkpoints = field(default_factory=NoCheckpoints)
     before: SearchCheckpoint | None = None
@@ -49,7 +63,17 @@ class Resumption:
 
 @dataclass(frozen=True, eq=False)
 class Optimisation:
-    """The best candidate, how many starts were completed, and whether the time ran out."""
+    """State of a search: the best candidate, and how much of the budget is used.
+
+    Parameters
+    ----------
+    best : Candidate
+        The best candidate so far.
+    starts : int
+        Number of starts that were completed.
+    out_of_time : bool
+        Whether the time ran out.
+    """
 
     best: Candidate
     starts: int
@@ -70,6 +94,28 @@ def optimise_trajectories(
     The result keeps the limits on a fine grid and is never worse than the best candidate. A start that the
     budget cuts short still counts with what it has reached; a search that was stopped from outside continues from
     `course`.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Criterion and limits over the coefficients.
+    shrinking : AmplitudeScaler
+        Brings coefficients within the limits.
+    judge : CandidateEvaluator
+        Gives the true criterion values.
+    candidates : sequence of Candidate
+        Random candidates, best first.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    course : Resumption
+        Where to continue from, and where to keep checkpoints.
+
+    Returns
+    -------
+    Optimisation
+        The best candidate at the end.
     """
     *_, last = search_stepwise(problem, shrinking, judge, candidates, budget, progress, course)
     return last
@@ -84,7 +130,7 @@ def search_stepwise(
     progress: Progress,
     course: Resumption = Resumption(),
 ) -> Iterator[Optimisation]:
-    """Do the same as `optimise` step by step.
+    """Do the same as `optimise_trajectories` step by step.
 
     Yields
     ------
@@ -98,6 +144,7 @@ def search_stepwise(
             Candidate(before.best, judge.evaluate(before.best)), before.completed, budget.is_spent
         )
     yield best_so_far
+    # Where time alone is limited, every candidate may become a start.
     start_count = len(candidates) if budget.starts is None else min(budget.starts, len(candidates))
     problems = [problem]
     for first in range(0 if before is None else before.first, start_count, _HEAT):
@@ -107,6 +154,7 @@ def search_stepwise(
             for start, reached_before in zip(heat, before.starts, strict=False):
                 start.resume_from(reached_before)
         for rounds in (_SKETCH, len(_ITERATIONS)):
+            # After the sketches the most promising start goes first: time may not suffice for all.
             ordered = sorted(heat, key=lambda start: worth.get(start.number, 0.0))
             waiting = [
                 start for start in ordered if not start.counted and start.rounds <= rounds
@@ -115,6 +163,7 @@ def search_stepwise(
                 if budget.is_spent:
                     return
                 together, waiting = waiting[: count_processors()], waiting[count_processors() :]
+                # Evaluations of a problem share its arrays, hence a copy for every thread, kept for later rounds.
                 problems += [problem.copy_for_thread() for _ in together[len(problems) :]]
                 for start, own in zip(together, problems, strict=False):
                     start.problem = own
@@ -170,6 +219,7 @@ class _ProgressReporter:
 
     def keep_checkpoint(self, start: _Start) -> None:
         """Keep a checkpoint after a round of a start, in the thread of that start, if it is time."""
+        # Starts run in several threads; the state of one must not be recorded while another packs all of them.
         with self._one:
             start.record_state()
             self.checkpoints.save(
@@ -249,6 +299,7 @@ class _Start:
             self.iterations += 1
             tell(descent.last)
             if budget.is_spent:
+                # SciPy takes StopIteration as a request to end, and returns the coefficients reached so far.
                 raise StopIteration
 
         result = minimize(
@@ -259,12 +310,14 @@ class _Start:
             callback=after_iteration,
             options={"maxiter": _ITERATIONS[self.rounds], "maxcor": _CORRECTIONS, "gtol": 1e-5, "ftol": 1e-10},
         )
+        # Also after a round that was cut short: what it reached may be the best candidate.
         self.x = result.x.reshape(self.x.shape)
         at = self.problem.evaluate(result.x, self._multipliers)
         if budget.is_spent:
             return
         # A round that the budget cut short does not count: its multipliers would be those of an unfinished descent.
         self.rounds += 1
+        # The criterion is a logarithm: this difference is a relative one.
         settled = abs(self._before - at.criterion) < _SETTLED
         self.finished = bool(self.rounds == len(_ITERATIONS) or (at.worst_excess < _SMALL_EXCESS and settled))
         # The multipliers alone bring the excess down in well-scaled problems. Only where they do not, the penalty

@@ -16,7 +16,15 @@ from dynident.version import __version__
 
 @dataclass(frozen=True, eq=False)
 class StartState:
-    """State of one start: numbers by name and arrays by name, which only the start itself understands."""
+    """State of one start, which only the start itself understands.
+
+    Parameters
+    ----------
+    numbers : mapping of str to float
+        Numbers of the state by name.
+    arrays : mapping of str to ndarray
+        Arrays of the state by name.
+    """
 
     numbers: Mapping[str, float]
     arrays: Mapping[str, FloatArray]
@@ -38,8 +46,8 @@ class SearchCheckpoint:
         Number of the first start of the current heat.
     completed : int
         Number of all completed starts.
-    starts : sequence of StartReached
-        Those of the current heat.
+    starts : sequence of StartState
+        States of the starts of the current heat.
     """
 
     seconds: float
@@ -60,6 +68,7 @@ class SearchCheckpoint:
         }
         arrays = {"candidates": self.candidates, "best": self.best}
         for k, start in enumerate(self.starts):
+            # An .npz file is flat, so that the names of arrays carry the number of their start.
             arrays |= {f"start{k}.{name}": value for name, value in start.arrays.items()}
         with io.BytesIO() as file:
             np.savez(file, said=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
@@ -71,6 +80,7 @@ def read_checkpoint(content: bytes | None) -> SearchCheckpoint | None:
     if content is None:
         return None
     try:
+        # Without pickle a damaged or foreign file cannot run code.
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             header = json.loads(arrays["said"].tobytes())
             # Another version may search differently: continuing would give a result that neither version gives alone.
@@ -91,5 +101,6 @@ def read_checkpoint(content: bytes | None) -> SearchCheckpoint | None:
                 header["completed"],
                 tuple(starts),
             )
+    # A checkpoint that cannot be read is no error: the search then begins anew.
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile):
         return None

@@ -32,6 +32,7 @@ class Multipliers:
     crowding : (N, K)
         One for each distance that is kept.
     penalty : float
+        Weight μ of the penalty.
     """
 
     values: FloatArray
@@ -39,7 +40,15 @@ class Multipliers:
     penalty: float
 
     def update(self, at: Evaluation, penalty: float) -> Multipliers:
-        """Return those of the next round, after an evaluation at the end of this one."""
+        """Return those of the next round, after an evaluation at the end of this one.
+
+        Parameters
+        ----------
+        at : Evaluation
+            Evaluation at the end of this round.
+        penalty : float
+            Weight μ of the next round.
+        """
         return Multipliers(
             np.maximum(0.0, self.values + self.penalty * at.excess),
             np.maximum(0.0, self.crowding + self.penalty * at.crowding),
@@ -56,8 +65,11 @@ class Evaluation:
     Parameters
     ----------
     lagrangian : float
+        Value of the augmented Lagrangian.
     gradient : (m n,)
+        Its gradient over the coefficients.
     criterion : float
+        Value of the smooth criterion.
     excess : (6, N, n)
         Of the limits.
     crowding : (N, K)
@@ -79,14 +91,18 @@ class Evaluation:
 class DesignProblem:
     """Criterion and limits over the coefficients x (m, n) of a family; those of joints without range stay as they are.
 
-    For one thread at a time; see `apart`.
+    For one thread at a time; see `copy_for_thread`.
 
     Parameters
     ----------
     family : Family
+        Family of trajectories.
     model : DesignModel
+        Model of the design.
     criterion : Criterion
+        The smooth criterion.
     bounds : Bounds
+        Limits of the motion.
     rows : str
         The identification model whose rows the criterion is computed from.
     """
@@ -104,6 +120,7 @@ class DesignProblem:
         self.n_samples = count_period_samples(model, family)
         self._model = model
         self._criterion = criterion
+        # The families are linear in their coefficients: one matrix gives positions and derivatives at all samples.
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
         self._rows_of = rows
         self._row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
@@ -118,6 +135,7 @@ class DesignProblem:
         of_rates = (bounds.velocity, bounds.acceleration, bounds.jerk, bounds.torque, bounds.power)
         room = np.stack([bounds.half_range, *of_rates])
         self._moving = bounds.half_range > 0
+        # A locked joint has no range, and a distance from its middle must not be divided by zero.
         room[0, ~self._moving] = np.inf
         # An absent limit has infinite room: its share is zero, and it never acts.
         self._per_room = 1.0 / (_SHARE_OF_LIMITS * room[:, None, :])
@@ -135,6 +153,13 @@ class DesignProblem:
         """Return the augmented Lagrangian at coefficients (m n,), exact gradient included.
 
         F(W(x)) + 1/(2 μ) Σ max(0, λ + μ c(x))² - λ² with c the excess (Rockafellar 1973).
+
+        Parameters
+        ----------
+        flat : (m n,)
+            Coefficients of the family.
+        multipliers : Multipliers
+            Multipliers of this round.
         """
         x = flat.reshape(self.family.n_coefficients, self.n)
         q, dq, ddq, dddq, ddddq = self._basis @ x
@@ -146,6 +171,7 @@ class DesignProblem:
         chosen = self._mask_uncounted(w[:, :, :b])
         criterion, of_rows = self._criterion(scale * self._row_model.build_rows(chosen, dq))
         of_chosen, of_velocity = self._row_model.pull_back(chosen, dq, scale * of_rows)
+        # Everything as a share of its limit: one penalty then weighs all kinds of limits alike.
         shares = (np.stack([q, dq, ddq, dddq, torque, torque * dq]) - self._middle) * self._per_room
         excess = np.abs(shares) - 1.0
         active = np.maximum(0.0, multipliers.values + multipliers.penalty * excess)
@@ -161,6 +187,7 @@ class DesignProblem:
             gradient += basis.T @ of_derivative
         for basis, of_derivative in zip(self._basis, self._rows.pull_back(of_w), strict=False):
             gradient += basis.T @ of_derivative
+        # Without a gradient the optimiser leaves locked joints where they are.
         gradient[:, ~self._moving] = 0.0
         return Evaluation(criterion + penalty, gradient.ravel(), criterion, excess, crowding)
 
@@ -173,6 +200,7 @@ class DesignProblem:
         if self._rooms is None:
             return multipliers.crowding, 0.0, np.zeros_like(q)
         rooms = self._rooms.evaluate(q)
+        # Slack is positive where there is clearance to spare, an excess where a limit is broken: hence the sign.
         crowding = rooms.values / -ROOM_UNIT
         active = np.maximum(0.0, multipliers.crowding + multipliers.penalty * crowding)
         penalty = float(np.sum(active**2) - np.sum(multipliers.crowding**2)) / (2 * multipliers.penalty)

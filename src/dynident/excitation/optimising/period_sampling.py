@@ -7,6 +7,7 @@ from dynident.excitation.observation.design_model import DesignModel
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.trajectories.motion import Family
 
+# Samples of a period, and samples of each wave of the highest frequency.
 _N_SAMPLES = 100
 _SAMPLES_PER_WAVE = 16
 # Hysteresis and low-speed friction happen within a few per cent of a period.
@@ -17,13 +18,30 @@ _SHARE_OF_SHAPE = 0.25
 
 
 def count_period_samples(model: DesignModel, family: Family) -> int:
-    """Return the number of samples N of one period that the criterion is computed from."""
+    """Return the number of samples N of one period that the criterion is computed from.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    family : Family
+        Family of trajectories.
+    """
     close = model.needs_path or bool(_find_narrow_speeds(model))
+    # The fastest wave of the family must be sampled well, or the motion could break limits between the samples.
     return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
 
 
 def choose_sign_rounding(model: DesignModel, bounds: Bounds) -> float:
-    """Return the velocity (rad/s, m/s) over which sign(q̇) is rounded, small compared to limits and friction peaks."""
+    """Return the velocity (rad/s, m/s) over which sign(q̇) is rounded, small compared to limits and friction peaks.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    bounds : Bounds
+        Limits of the motion.
+    """
     narrow = [_SHARE_OF_SHAPE * speed for speed in _find_narrow_speeds(model)]
     return min([_SMOOTH_SIGN * float(bounds.velocity.min()), *narrow])
 

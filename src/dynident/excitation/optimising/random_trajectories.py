@@ -22,7 +22,15 @@ from dynident.progress import Progress, ignore_progress
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Coefficients x (m, n) that keep the limits, and their criterion values."""
+    """A trajectory that keeps the limits, and its criterion values.
+
+    Parameters
+    ----------
+    x : (m, n)
+        Coefficients of the family, a column a joint.
+    values : CriterionValues
+        Criterion values of the trajectory.
+    """
 
     x: FloatArray
     values: CriterionValues
@@ -79,6 +87,30 @@ def draw_candidates(
 
     `count` of them, or fewer where `enough` says so once there is one.
 
+    Parameters
+    ----------
+    family : Family
+        Family of trajectories.
+    bounds : Bounds
+        Limits of the motion.
+    model : DesignModel
+        Model that predicts the torque.
+    judge : CandidateEvaluator
+        Gives the criterion values.
+    count : int
+        Largest number of trajectories to draw.
+    seed : int
+        Seed of the generator.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    enough : callable
+        Asked before each draw; True ends the drawing once there is a trajectory.
+
+    Returns
+    -------
+    list of Candidate
+        Trajectories within the limits, best first; none where every one had to be given up.
+
     Raises
     ------
     ImpossibleLimitsError
@@ -86,7 +118,9 @@ def draw_candidates(
     """
     rng = np.random.default_rng(seed)
     postures = draw_holdable_postures(bounds, model, rng)
+    # Coarsely: of many random motions only the best are looked at closely later.
     shrinking = AmplitudeScaler(family, bounds, model, fine=False)
+    # Position to jerk, without the offset, which no scale changes.
     basis = family.basis(np.arange(judge.n_samples) * family.period / judge.n_samples)[:4, :, 1:]
     candidates: list[Candidate] = []
     for index in range(count):
@@ -94,6 +128,7 @@ def draw_candidates(
             break
         progress(index / count, f"random trajectory {index + 1} of {count}")
         x = np.empty((family.n_coefficients, model.robot.n))
+        # The first coefficient is the posture about which the motion swings; the others are random.
         x[0] = postures[rng.integers(len(postures))]
         x[1:] = rng.standard_normal((family.n_coefficients - 1, model.robot.n))
         # Each joint fills its own limits first; then one factor for all brings torque and clearances within theirs.

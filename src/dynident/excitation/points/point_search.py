@@ -21,6 +21,7 @@ from dynident.excitation.points.point_sequence import MovePlanner, PointSequence
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.progress import Progress
 
+# Smallest share of the velocity and acceleration limits: slower moves take long and show little inertia.
 _SMALLEST_SHARE = 0.2
 _FRESH = 0.1
 """Probability that a point is drawn again instead of being moved."""
@@ -41,9 +42,18 @@ class PointSpace(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FreePoints:
-    """`count` free points, and free shares of the velocity and acceleration limits up to `fastest`.
+    """Sequences of free points, with free shares of the velocity and acceleration limits.
 
-    `postures` (m, n) are those that points are drawn from.
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that points are drawn from, rad or m.
+    count : int
+        Number of points.
+    fastest : float
+        Largest share of the velocity and acceleration limits.
     """
 
     bounds: Bounds
@@ -67,15 +77,27 @@ class FreePoints:
         return PointSequence(points, sequence.shares)
 
     def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Return a sequence with one point moved, and other shares for the two moves that it belongs to."""
+        """Return a sequence with one point moved, and other shares for the two moves that it belongs to.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
         points, shares = sequence.points.copy(), sequence.shares.copy()
         k = int(rng.integers(self.count))
+        # Now and then a point is drawn anew, so that the search can leave a place where small changes gain nothing.
         if rng.random() < _FRESH:
             points[k] = self.postures[rng.integers(len(self.postures))]
         else:
             points[k] = _clip_posture(
                 self.bounds, points[k] + size * self.bounds.half_range * rng.standard_normal(len(points[k]))
             )
+        # A point belongs to two moves: the one to it and the one from it.
         touched = [k, (k + 1) % self.count]
         shares[touched] += self.fastest * size * rng.standard_normal((2, 2))
         low, high = _SMALLEST_SHARE * self.fastest, self.fastest
@@ -84,10 +106,18 @@ class FreePoints:
 
 @dataclass(frozen=True, eq=False)
 class TwoPoints:
-    """Back and forth between two points around a free posture, as fast as the limits allow.
+    """Sequences back and forth between two points around a free posture, as fast as the limits allow.
 
-    `shortest` and `longest` (n,) are how far each joint goes: zero for those that are locked, wherever the posture has
-    them.
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that the middle is drawn from, rad or m.
+    shortest : (n,)
+        Shortest way of each joint, rad or m; zero for one that is locked.
+    longest : (n,)
+        Longest way of each joint, rad or m.
     """
 
     bounds: Bounds
@@ -105,7 +135,17 @@ class TwoPoints:
         return self.draw(rng)
 
     def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
-        """Return a sequence around a nearby posture, by other distances."""
+        """Return a sequence around a nearby posture, by other distances.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
         middle = sequence.points.mean(axis=0) + size * self.bounds.half_range * rng.standard_normal(len(self.shortest))
         way = sequence.points[1] - sequence.points[0]
         length = np.abs(way) + size * self.longest * rng.standard_normal(len(way))
@@ -115,6 +155,7 @@ class TwoPoints:
         )
 
     def _build_around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
+        # The middle stays so far from the ends of the range that both points lie within it.
         room = self.bounds.half_range - np.abs(way) / 2
         centre = np.clip(middle, self.bounds.middle - room, self.bounds.middle + room)
         return PointSequence(np.stack([centre - way / 2, centre + way / 2]), np.ones((2, 2)))
@@ -127,6 +168,7 @@ def _clip_posture(bounds: Bounds, posture: FloatArray) -> FloatArray:
 
 _REDRAWN = 20
 """Number of times that a point may be drawn again."""
+# Sizes of the variations as shares of the ranges: the first, the smallest and the largest.
 _FIRST_SIZE, _SMALLEST_SIZE, _LARGEST_SIZE = 0.2, 0.005, 0.5
 _GROWTH = 1.3
 """Growth of the variations after a success; four failures undo it."""
@@ -134,7 +176,15 @@ _GROWTH = 1.3
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedSequence:
-    """A sequence that keeps the limits, and its criterion values."""
+    """A sequence that keeps the limits, and its criterion values.
+
+    Parameters
+    ----------
+    sequence : PointSequence
+        The points, and the shares of the limits.
+    values : CriterionValues
+        Criterion values of its moves.
+    """
 
     sequence: PointSequence
     values: CriterionValues
@@ -151,6 +201,23 @@ def draw_sequences(
     enough: Callable[[], bool] = lambda: False,
 ) -> list[EvaluatedSequence]:
     """Return `count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
+
+    Parameters
+    ----------
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    count : int
+        Number of sequences to draw.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    enough : callable
+        Asked before each draw; True ends the drawing once there is a sequence.
 
     Raises
     ------
@@ -179,10 +246,13 @@ def draw_sequences(
 def _draw_within_limits(space: PointSpace, legs: MovePlanner, rng: np.random.Generator) -> PointSequence:
     """Return a random sequence, point after point drawn again until the moves keep the limits, or many times."""
     sequence = space.draw(rng)
+    # A sequence that still breaks a limit after so many draws is given up by the caller.
     for _ in range(_REDRAWN * len(sequence.points)):
         k = legs.find_first_broken(sequence)
         if k is None:
             break
+        # Only the point that a broken move leads to is drawn again: a whole new sequence would seldom keep every limit
+        # at once.
         sequence = space.redraw(sequence, k, rng)
     return sequence
 
@@ -198,8 +268,29 @@ def improve_sequence(
     budget: Budget,
     progress: Progress,
 ) -> tuple[PointSequence, bool]:
-    """Return the sequence after so many variations, and whether the time allowed all of them."""
+    """Return the sequence after so many variations, and whether the time allowed all of them.
+
+    Parameters
+    ----------
+    first : PointSequence
+        The sequence to begin with, which keeps the limits.
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    variations : int
+        Number of variations to try.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    """
     criterion = yardstick.smooth_criterion
+    # The first sequence was drawn within the limits, so that its moves exist.
     moves = legs.plan_sequence(first)
     assert moves is not None
     best, value, size = first, criterion(stack_rows(moves))[0], _FIRST_SIZE
@@ -209,6 +300,7 @@ def improve_sequence(
         progress(index / variations, f"variation {index + 1}: criterion {np.exp(value):.4g}")
         neighbour = space.vary(best, rng, size)
         moves = legs.plan_sequence(neighbour)
+        # A neighbour that breaks a limit is worse than any that keeps them all.
         reached = np.inf if moves is None else criterion(stack_rows(moves))[0]
         if reached < value:
             best, value, size = neighbour, reached, min(_GROWTH * size, _LARGEST_SIZE)

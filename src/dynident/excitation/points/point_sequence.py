@@ -19,18 +19,25 @@ from dynident.motion.limits.bounds import Bounds
 from dynident.motion.moves.jerk_limited import plan_move
 from dynident.motion.trajectories.motion import Piece
 
+# Samples of a move during the search.
 _SAMPLES_OF_A_MOVE = 16
 _FIRST_LOOKS, _LOOK_EVERY = 9, 0.08
 """Along a straight way, for what the robot must stay clear of: so many, then so close (rad, m)."""
+# Moves that are kept, and the factor and number of attempts by which a move is slowed down for its torque.
 _REMEMBERED = 4096
 _SLOWER, _ATTEMPTS = 1.25, 8
 
 
 @dataclass(frozen=True, eq=False)
 class PointSequence:
-    """Postures `points` (P, n), visited one after the other and round again, at rest in each of them.
+    """A sequence of postures, in each of which the arm comes to rest.
 
-    `shares` (P, 2): of the velocity and of the acceleration limits, that the move to each point may use.
+    Parameters
+    ----------
+    points : (P, n)
+        Postures, visited one after the other and round again, rad or m.
+    shares : (P, 2)
+        Shares of the velocity and of the acceleration limits that the move to each point may use.
     """
 
     points: FloatArray
@@ -43,7 +50,15 @@ class PointSequence:
 
 @dataclass(frozen=True, eq=False)
 class PlannedMove:
-    """The move to a point; `rows` (m n, b) have the WᵀW of its whole time: ∫ WᵀW dt."""
+    """The move to a point, and the rows of W along it.
+
+    Parameters
+    ----------
+    piece : Piece
+        The move.
+    rows : (m n, b)
+        Rows whose WᵀW is ∫ WᵀW dt over the move.
+    """
 
     piece: Piece
     rows: FloatArray
@@ -57,10 +72,11 @@ class MovePlanner:
     Parameters
     ----------
     bounds : Bounds
+        Limits of the motion.
     model : DesignModel
         Its columns must not depend on the path travelled: each move is evaluated by itself.
     rate : float
-        Hz.
+        Sampling rate, Hz.
     """
 
     def __init__(self, bounds: Bounds, model: DesignModel, rate: float) -> None:
@@ -88,6 +104,7 @@ class MovePlanner:
 
     def find_first_broken(self, sequence: PointSequence) -> int | None:
         """Return the first point to which no move keeps the limits; None where all do."""
+        # The way to the first point comes last, since it starts at the last point.
         ways = range(1, len(sequence.points) + 1)
         return next((k % len(ways) for k in ways if self._plan_to(sequence, k % len(ways)) is None), None)
 
@@ -95,6 +112,7 @@ class MovePlanner:
         return self._get_move(sequence.points[k - 1], sequence.points[k], sequence.shares[k])
 
     def _get_move(self, start: FloatArray, end: FloatArray, share: FloatArray) -> PlannedMove | None:
+        # Bit-wise equal ends: a move comes again only when a variation left both of its ends alone.
         key = start.tobytes() + end.tobytes() + share.tobytes()
         if key not in self._known:
             # Variations rarely come back to old moves, so a plain reset bounds the memory well enough.
@@ -108,6 +126,7 @@ class MovePlanner:
         if limits.space is not None and not _is_clear(start, end, limits.space):
             return None
         slow = replace(limits, velocity=share[0] * limits.velocity, acceleration=share[1] * limits.acceleration)
+        # A move that takes too much torque may still be made more slowly.
         for attempt in range(_ATTEMPTS):
             piece = plan_move(start, end, slow, self._rate, slowness=_SLOWER**attempt)
             step = piece.duration / _SAMPLES_OF_A_MOVE
@@ -117,6 +136,7 @@ class MovePlanner:
             torque = np.abs(w @ self._nominal)
             within = (torque <= limits.torque).all() and (torque * np.abs(motion.dq) <= limits.power).all()
             if within and limits.are_follower_rates_kept(motion.q, motion.dq, motion.ddq):
+                # The square root, because rows enter WᵀW squared.
                 rows = np.sqrt(step) * w[:, :, : self._n_parameters] * self._counted
                 return PlannedMove(piece, rows.reshape(-1, self._n_parameters))
         return None
@@ -140,5 +160,13 @@ def stack_rows(legs: Sequence[PlannedMove]) -> FloatArray:
 
 
 def evaluate_moves(legs: Sequence[PlannedMove], yardstick: DesignCriterion) -> CriterionValues:
-    """Return the values of moves by the true criteria."""
+    """Return the values of moves by the true criteria.
+
+    Parameters
+    ----------
+    legs : sequence of PlannedMove
+        Moves, one after the other.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    """
     return yardstick.evaluate(stack_rows(legs), 1)

@@ -28,9 +28,8 @@ class BetweenTwoPoints:
     short : tuple of int
         Joints that only speed up and slow down again.
     long : tuple of int
-        Joints that cruise at full speed. The other moving joints go a little way meanwhile, so that their friction has
-        a
-        sign.
+        Joints that cruise at full speed. The other moving joints go a little way meanwhile, so that their friction
+        has a sign.
     """
 
     short: tuple[int, ...] = ()
@@ -44,7 +43,17 @@ class SlowMotion:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One test motion: its label, the indices of the joints that move, and how."""
+    """One test motion of a set, before its motion is known.
+
+    Parameters
+    ----------
+    label : str
+        Purpose of the run, in words.
+    moving : tuple of int
+        Indices of the joints that move.
+    how : FreeMotion or BetweenTwoPoints or SlowMotion
+        How they move.
+    """
 
     label: str
     moving: tuple[int, ...]
@@ -53,6 +62,18 @@ class PlannedRun:
 
 def plan_runs(name: str, joint_names: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return the runs of a set, in the order in which they are made.
+
+    Parameters
+    ----------
+    name : str
+        Name of the set, one of `SETS`.
+    joint_names : tuple of str
+        Names of the joints from the base to the terminal link.
+
+    Returns
+    -------
+    tuple of PlannedRun
+        The runs.
 
     Raises
     ------
@@ -70,8 +91,7 @@ def _plan_link_by_link(joints: tuple[str, ...]) -> tuple[PlannedRun, ...]:
     """Return runs from the terminal link inwards [12.22]-[12.24], each of its joint and the two before it.
 
     These two carry the link about other axes. The joints beyond are locked: their links are known by then, and move as
-    one
-    with this link.
+    one with this link.
     """
     return tuple(
         PlannedRun(f"link {j + 1} ({joints[j]})", tuple(range(max(0, j - 2), j + 1)), FreeMotion())

@@ -34,22 +34,34 @@ from dynident.progress import Progress, scale_progress
 
 _KNOWN_BEFORE = 0.02
 """Information about each parameter at the beginning, as a share of its column: too little to matter."""
+# Random states that give the size of each column, and candidates and locked postures of each run.
 _STATES = 200
 _CANDIDATES, _LOCKED_POSTURES = 12, 2
+# Variations tried of a motion between two points, and of each point of a longer sequence.
 _VARIATIONS_OF_TWO_POINTS, _VARIATIONS_OF_A_POINT = 60, 20
 _SLOW = 0.25
 """Share of the limits in the run that shows gravity."""
 _MOST_OF_A_RANGE, _HALF_A_RANGE = 0.8, 0.5
 _SHORTEST, _LONG, _LONGEST = 0.3, 2.0, 6.0
 """Strokes, as shares of the way that speeding up to the limit and slowing down again takes."""
+# Ways of joints that only have to keep moving, as shares of their range.
 _LITTLE_WAY = (0.02, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
 class RunMotion:
-    """Rounds of a motion that starts and ends at rest in `start` (n,).
+    """Rounds of a motion that starts and ends at rest in one posture.
 
-    `random` is the information ∫ WᵀW dt (b, b) that random motions of its kind would have given.
+    Parameters
+    ----------
+    round : tuple of Piece
+        Pieces of one round.
+    rounds : int
+        Number of rounds.
+    start : (n,)
+        Posture at which the motion starts and ends at rest, rad or m.
+    random : tuple of (b, b)
+        Information ∫ WᵀW dt that random motions of its kind would have given.
     """
 
     round: tuple[Piece, ...]
@@ -68,9 +80,10 @@ class RunSearch:
 
     Parameters
     ----------
-    task : Task
-        `duration` of its trajectory is about how long each run lasts.
+    task : DesignTask
+        The design task; `duration` of its trajectory is about how long each run lasts.
     rng : Generator
+        Generator of all that is drawn.
     """
 
     def __init__(self, task: DesignTask, rng: np.random.Generator) -> None:
@@ -85,11 +98,24 @@ class RunSearch:
         dq = bounds.velocity * self._rng.uniform(-1, 1, (_STATES, n))
         ddq = bounds.acceleration * self._rng.uniform(-1, 1, (_STATES, n))
         w = self._task.model.observe(q, dq, ddq, dddq=np.zeros_like(q), ddddq=np.zeros_like(q))
+        # Mean square of each column over random states: a parameter's share of information is then independent of its
+        # unit.
         squares = np.einsum("ij,ij->j", w, w) / _STATES
         return np.diag(_KNOWN_BEFORE**2 * np.where(squares > 0, squares, 1.0))
 
     def search_first(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> RunMotion:
         """Return the motion of a run that adds the most to the information (b, b) of those before.
+
+        Parameters
+        ----------
+        run : PlannedRun
+            The run, whose motion is not known yet.
+        information : (b, b)
+            Information ∫ WᵀW dt of the runs before.
+        budget : Budget
+            Time and number of starts.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
 
         Raises
         ------
@@ -105,6 +131,17 @@ class RunSearch:
 
         `information` (b, b) is that of all other runs.
 
+        Parameters
+        ----------
+        run : PlannedRun
+            The run.
+        information : (b, b)
+            Information ∫ WᵀW dt of all other runs.
+        budget : Budget
+            Time and number of starts.
+        progress : Progress
+            Called with the fraction done and a message; may raise to cancel.
+
         Raises
         ------
         ImpossibleLimitsError
@@ -117,7 +154,9 @@ class RunSearch:
     ) -> RunMotion:
         task = self._task
         moving = np.isin(np.arange(len(task.bounds.names)), run.moving)
+        # Only the equations of moving joints count: a locked one may be held by its brake.
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
+        # Information is an integral over time; divided by the duration of a run it stands beside W / √N of that run.
         yardstick = replace(by, earlier=factor_information(information / task.request.trajectory.duration))
         if isinstance(run.how, FreeMotion) and task.request.trajectory.family != "point_to_point":
             return self._search_periodic(within, moving, yardstick, budget)
@@ -131,6 +170,7 @@ class RunSearch:
         family = build_family(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
         judge = CandidateEvaluator(family, model, yardstick)
         candidates_of_postures = []
+        # Where the other joints are locked decides which parameters show, so that several postures are tried.
         for _ in range(_LOCKED_POSTURES):
             posture = self._postures[self._rng.integers(len(self._postures))]
             bounds = lock_bounds(task.bounds, posture, moving)
@@ -149,6 +189,7 @@ class RunSearch:
             raise ImpossibleLimitsError(
                 "no motion with locked joints was found that keeps the limits", pointer="/limits"
             )
+        # The bounds are those of the posture in which this candidate has the other joints locked.
         best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
         problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds)
         shrinking = AmplitudeScaler(family, bounds, model)
@@ -188,6 +229,7 @@ class RunSearch:
         )
         sequence, pieces = select_first_fitting(task, [best, *(candidate.sequence for candidate in candidates)])
         length = sum(piece.duration for piece in pieces)
+        # Rounds of short moves are repeated until the run lasts about as long as requested.
         rounds = trajectory.periods * max(1, round(trajectory.duration / length))
         random = tuple(
             _compute_sequence_information(legs, candidate.sequence, length * rounds) for candidate in candidates

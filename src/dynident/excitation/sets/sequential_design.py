@@ -23,8 +23,10 @@ from dynident.motion.trajectories.motion import Motion, Piece, sample_pieces
 from dynident.progress import Progress, scale_progress
 from dynident.robot.json_pointer import join_names
 
+# Motions that are searched for a run until one can be reached from the run before.
 _TRIES = 4
 _MOST_VALUED = 10_000
+# Share of a column that is left beside the others, below which a parameter counts as not shown.
 _NOT_SHOWN = 1e-6
 _ABOUT_PARAMETERS = ("parameters", "separation")
 """Criteria that weigh the equations of each joint, which an information matrix no longer tells apart."""
@@ -46,7 +48,15 @@ class _PlacedRun:
 
 
 def design_sequential(task: DesignTask, budget: Budget) -> DesignedExperiment:
-    """Design the runs of a set one after the other, each to complement those before, with the moves between them."""
+    """Design the runs of a set one after the other, each to complement those before, with the moves between them.
+
+    Parameters
+    ----------
+    task : DesignTask
+        The design task.
+    budget : Budget
+        Time and number of starts.
+    """
     request, bounds, model = task.request, task.bounds, task.model
     runs = plan_runs(request.trajectory.sets, model.robot.joint_names)
     if any(isinstance(run.how, BetweenTwoPoints) for run in runs):
@@ -80,6 +90,7 @@ def _search_first(
     for index, run in enumerate(runs):
         progress = _label_progress(task.progress, run, index, len(runs))
         placed = _search_reachable(task, search, run, at, information, Budget(1, seconds), progress)
+        # Each run complements those before, so its information counts for all that follow.
         information = information + placed.information
         at = placed.run_motion.start
         placed_runs.append(placed)
@@ -97,6 +108,7 @@ def _search_again(
     best_runs = list(first)
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return best_runs
+    # An exchange of one run is judged by the criterion of all runs together.
     value = _evaluate_runs(task, best_runs).criterion
     # Without full rank no exchange of one run has a finite value, so that none could be compared.
     if not np.isfinite(value):
@@ -115,11 +127,13 @@ def _search_again(
             reached = _evaluate_runs(task, changed).criterion
             if reached >= value:
                 continue
+            # Another motion starts elsewhere, so that the ways to it and from it have to be planned again.
             ends = [home, *(each.run_motion.start for each in changed)]
             for k in (index, index + 1):
                 if k < len(changed):
                     way = plan_path(ends[k], ends[k + 1], task.bounds, task.model, task.rate)
                     changed[k] = replace(changed[k], approach=way)
+        # The run stays as it is where no other motion keeps the limits or can be reached.
         except ImpossibleLimitsError:
             continue
         best_runs, value = changed, reached
@@ -178,6 +192,7 @@ def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: Fl
         clock = first + sum(piece.duration for piece in placed.run_motion.pieces)
         spans.append(Run(placed.planned.label, tuple(names[j] for j in placed.planned.moving), first, clock))
         pieces += [placed.approach, *placed.run_motion.pieces]
+    # Rounds repeat the same pieces, which need to be verified once.
     margins = verify_pieces(task, tuple(dict.fromkeys([*pieces, retreat])))
     valued = _evaluate_samples(task, runs)
     notes = [*task.yardstick.notes, *_note_not_shown(task, valued), note_home(home)]
@@ -224,6 +239,7 @@ def _compute_baseline(task: DesignTask, placed_runs: list[_PlacedRun]) -> Baseli
     """Return the baseline of the same set with random motions in every run; None where rows have weights."""
     if task.request.criterion.name in _ABOUT_PARAMETERS:
         return None
+    # Runs may have different numbers of random motions; the shorter lists are gone through again.
     count = max(len(placed.run_motion.random) for placed in placed_runs)
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     values = []

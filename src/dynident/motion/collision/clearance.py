@@ -18,21 +18,37 @@ from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule
 
+# Squared length (m²) of a segment that counts as a point, and length (m) of a vector without direction.
 _NO_LENGTH = 1e-18
 _TINY = 1e-12
+# Squared sine of the angle below which segments count as parallel: the equations for the closest points are then
+# singular.
 _PARALLEL = 1e-9
 
 
 def find_closest_shares(
     a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where on two segments the closest points lie: shares (…) from 0 (start) to 1 (end) of a and of b (3, …).
+    """Return where on two segments the closest points lie, as shares from 0 (start) to 1 (end).
 
     After Ericson, Real-time collision detection (2005), §5.1.9, for arrays.
+
+    Parameters
+    ----------
+    a, a_end : (3, …)
+        Ends of the first segments, m.
+    b, b_end : (3, …)
+        Ends of the second segments, m; the arrays broadcast.
+
+    Returns
+    -------
+    tuple of two (…)
+        Shares along the first and along the second segments.
     """
     along_a, along_b, between = a_end - a, b_end - b, a - b
     aa, bb = dot(along_a, along_a), dot(along_b, along_b)
     ab, ar, br = dot(along_a, along_b), dot(along_a, between), dot(along_b, between)
+    # A segment without length is a point: any share along it is right, as long as nothing is divided by zero.
     aa_safe, bb_safe = np.maximum(aa, _NO_LENGTH), np.maximum(bb, _NO_LENGTH)
     slanted = aa * bb - ab * ab
     parallel = slanted <= _PARALLEL * aa * bb
@@ -45,9 +61,19 @@ def find_closest_shares(
 
 
 def compute_segment_distances(a: FloatArray, a_end: FloatArray, b: FloatArray, b_end: FloatArray) -> FloatArray:
-    """Return distances (…) of segments from `a` to `a_end` to those from `b` to `b_end`, all (3, …).
+    """Return the distances of two sets of segments.
 
-    The arrays broadcast.
+    Parameters
+    ----------
+    a, a_end : (3, …)
+        Ends of the first segments, m.
+    b, b_end : (3, …)
+        Ends of the second segments, m; the arrays broadcast.
+
+    Returns
+    -------
+    (…)
+        Distances, m.
     """
     s, t = find_closest_shares(a, a_end, b, b_end)
     between = a + s * (a_end - a) - b - t * (b_end - b)
@@ -61,12 +87,28 @@ def normalise(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def compute_block_distance(points: FloatArray, block: Block) -> tuple[FloatArray, FloatArray]:
-    """Return the signed distance (…) of points (3, …) from a box, negative inside, and its gradient (3, …)."""
+    """Return the signed distances of points from a box, and their gradient.
+
+    Parameters
+    ----------
+    points : (3, …)
+        Points in the base frame, m.
+    block : Block
+        The box.
+
+    Returns
+    -------
+    tuple of (…), (3, …)
+        Distances, m, negative inside the box, and unit vectors in which they grow fastest.
+    """
     rotation, centre = block.placement[:3, :3], block.placement[:3, 3]
     local = np.tensordot(rotation.T, points, 1)
     local -= (rotation.T @ centre).reshape(3, *[1] * (points.ndim - 1))
+    # The box is symmetric, so one corner stands for all eight; the signs come back with the gradient.
     beyond = np.abs(local) - 0.5 * block.size.reshape(3, *[1] * (points.ndim - 1))
     length, direction = normalise(np.maximum(beyond, 0.0))
+    # Outside of the box the distance is that of the nearest corner, edge or face, whose components beyond the box
+    # count.
     deepest = beyond.max(axis=0)
     inside = deepest <= 0.0
     # Inside, the nearest face is the one that is least deep.
@@ -93,12 +135,21 @@ def _clip_shares(shares: FloatArray) -> FloatArray:
 
 # Balls along a capsule stand this many radii apart where it is kept from a box.
 _BALL_SPACING = 0.5
+# Postures that are evaluated at a time.
 _AT_ONCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class CapsulePart:
-    """A capsule in the frame of a joint; -1 is the base."""
+    """A capsule that a joint carries.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint; -1 for the base.
+    capsule : Capsule
+        The capsule in the frame of the joint.
+    """
 
     joint: int
     capsule: Capsule
@@ -106,7 +157,17 @@ class CapsulePart:
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A ball about `point` (3,) in the frame of a joint, which is kept inside half-spaces or outside a box."""
+    """A ball that a joint carries, which is kept inside half-spaces or outside a box.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the joint; -1 for the base.
+    point : (3,)
+        Centre in the frame of the joint, m.
+    radius : float
+        Radius, m.
+    """
 
     joint: int
     point: FloatArray
@@ -117,7 +178,16 @@ class Ball:
 class ClearancePairs:
     """Pairs that are kept apart: capsules and capsules, balls and half-spaces, balls and boxes.
 
-    `clearance` is the distance to keep (m), one for all or one for each.
+    Parameters
+    ----------
+    pairs : tuple of (CapsulePart, CapsulePart)
+        Capsules that are kept apart.
+    half_spaces : tuple of (Ball, HalfSpace)
+        Balls that are kept within half-spaces.
+    blocks : tuple of (Ball, Block)
+        Balls that are kept outside boxes.
+    clearance : float or (K,)
+        Distance to keep, m, one for all or one for each.
     """
 
     pairs: tuple[tuple[CapsulePart, CapsulePart], ...] = ()
@@ -208,7 +278,9 @@ class ClearanceConstraints:
     Parameters
     ----------
     robot : Robot
-    hindrances : Hindrances
+        The robot, as its description gives it.
+    hindrances : ClearancePairs
+        The pairs that are kept apart.
     """
 
     def __init__(self, robot: Robot, hindrances: ClearancePairs) -> None:
@@ -222,6 +294,7 @@ class ClearanceConstraints:
         self._ball_radii = np.array([ball.radius for ball in balls])
         self._normals = np.array([half.normal for _, half in hindrances.half_spaces]).reshape(-1, 1, 3).T
         self._offsets = np.array([half.offset for _, half in hindrances.half_spaces])
+        # A pair of capsules is moved by forces at both of its closest points, a ball by one at its centre.
         rooms = [*range(len(pairs)), *range(len(pairs)), *(len(pairs) + k for k in range(len(balls)))]
         joints = [*(a.joint for a, _ in pairs), *(b.joint for _, b in pairs), *(ball.joint for ball in balls)]
         self._map = _PointMap(rooms, joints, robot.tree.n)
@@ -243,16 +316,21 @@ class ClearanceConstraints:
         balls = world[:, :, 4 * n_pairs :]
         above = dot(balls[:, :, :n_planes], self._normals) - self._offsets
         from_boxes, away = self._measure_blocks(balls[:, :, n_planes:])
+        # Distances are those of centre lines and centres, from which the radii are taken.
         of_balls = np.concatenate([above, from_boxes], axis=1) - self._ball_radii
         values = np.concatenate([distance - self._pair_radii, of_balls], axis=1)
         upward = np.broadcast_to(self._normals, (3, len(q), n_planes))
         return ClearanceSlack(
             values - self.hindrances.clearance,
+            # The gradient of a distance over a point is the unit vector along it; the two ends of a pair move it
+            # oppositely.
             np.concatenate([separation, -separation, upward, away], axis=2),
             np.concatenate([on_a, on_b, balls], axis=2),
             frames,
             self._map,
             self.robot.tree,
+            # With closed loops the tree's joints follow the driven ones; their rates take the torques of the tree to
+            # the drives.
             None if self.robot.linkage is None else self.robot.linkage.compute_jacobian(q),
         )
 

@@ -59,6 +59,7 @@ class _JoinedSlack:
 
     def pull_back(self, gradient: FloatArray) -> FloatArray:
         """Return ∂/∂q (m, n) from ∂/∂values (m, K)."""
+        # The gradient is that of all slacks side by side, so it is cut where one kind ends and the next begins.
         ends = np.cumsum([part.values.shape[1] for part in self.parts])[:-1]
         pieces = np.split(gradient, ends, axis=1)
         return np.asarray(sum(part.pull_back(piece) for part, piece in zip(self.parts, pieces, strict=True)))
@@ -66,7 +67,13 @@ class _JoinedSlack:
 
 @dataclass(frozen=True, eq=False)
 class JoinedConstraints:
-    """Several kinds of constraints."""
+    """Several kinds of constraints.
+
+    Parameters
+    ----------
+    parts : tuple of Constraints
+        The kinds, whose slacks stand side by side in this order.
+    """
 
     parts: tuple[Constraints, ...]
 
@@ -107,7 +114,21 @@ class LoopSlack:
 
 @dataclass(frozen=True, eq=False)
 class FollowerRates:
-    """Limits of velocity and acceleration (r,) of follower joints, infinite where there is none."""
+    """Limits of velocity and acceleration of joints that follow others.
+
+    Parameters
+    ----------
+    linkage : Linkage
+        How follower joints depend on the driven ones.
+    joints : tuple of int
+        Indices of the limited joints in the tree.
+    names : tuple of str
+        Names of these r joints.
+    velocity : (r,)
+        Velocity limits, rad/s or m/s; infinite where there is none.
+    acceleration : (r,)
+        Acceleration limits, rad/s² or m/s²; infinite where there is none.
+    """
 
     linkage: Linkage
     joints: tuple[int, ...]
@@ -117,7 +138,15 @@ class FollowerRates:
 
     @classmethod
     def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> FollowerRates | None:
-        """Return those of a robot, tightened by the stated limits; None where there are none."""
+        """Return those of a robot, tightened by the stated limits; None where there are none.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, as its description gives it.
+        stated : mapping of str to Limits
+            Limits that the request states, by joint name.
+        """
         if robot.linkage is None:
             return None
         rates: dict[int, tuple[float, float]] = {}
@@ -137,13 +166,25 @@ class FollowerRates:
         return cls(robot.linkage, tuple(rates), names, velocities, accelerations)
 
     def find_largest(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints."""
+        """Return the largest velocities and accelerations (r,) in a motion q, q̇, q̈ (m, n) of the driven joints.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         _, speed, acceleration = self.linkage.compute_motion(q, dq, ddq)
         own = list(self.joints)
         return np.abs(speed[:, own]).max(axis=0), np.abs(acceleration[:, own]).max(axis=0)
 
     def are_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Return whether a motion of the driven joints keeps all of them."""
+        """Return whether a motion of the driven joints keeps all of them.
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         velocity, acceleration = self.find_largest(q, dq, ddq)
         return bool((velocity <= self.velocity).all() and (acceleration <= self.acceleration).all())
 
@@ -155,14 +196,16 @@ class LoopConstraints:
     Parameters
     ----------
     linkage : Linkage
+        How follower joints depend on the driven ones.
     joints : (k,)
         Indices of the joints in the tree.
-    names : (k,)
+    names : tuple of str
+        Names of these joints.
     low, high : (k,)
-        Position limits.
+        Position limits, rad or m.
     largest_condition : float
         Limit of the condition of closed loops, where there are any.
-    rated : RatedFollowers, optional
+    rated : FollowerRates, optional
         Limits of rates.
     """
 
@@ -176,9 +219,18 @@ class LoopConstraints:
 
     @classmethod
     def from_robot(cls, robot: Robot, stated: Mapping[str, Limits]) -> LoopConstraints | None:
-        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited."""
+        """Return those of a robot, tightened by the stated limits; None where only its driven joints are limited.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot, as its description gives it.
+        stated : mapping of str to Limits
+            Limits that the request states, by joint name.
+        """
         if robot.linkage is None:
             return None
+        # Of the description's and the stated limits the tighter end counts, either side for itself.
         position_ranges: dict[int, tuple[float, float]] = {}
         for place in robot.linkage.passive:
             joint = robot.tree.joints[place]
@@ -186,6 +238,7 @@ class LoopConstraints:
             if ranges:
                 position_ranges[place] = (max(low for low, _ in ranges), min(high for _, high in ranges))
         rated = FollowerRates.from_robot(robot, stated)
+        # A closed loop is a constraint even where no joint in it is limited: it may come to a singular posture.
         if not position_ranges and rated is None and robot.linkage.closure is None:
             return None
         low, high = np.array(list(position_ranges.values())).reshape(-1, 2).T
@@ -250,7 +303,15 @@ class LoopConstraints:
 
 
 def word_singularity(condition: float, largest: float) -> str:
-    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones."""
+    """Say that the loops come too near a posture in which the driven joints do not determine the passive ones.
+
+    Parameters
+    ----------
+    condition : float
+        Worst condition of the loops; infinite where they are open.
+    largest : float
+        Largest condition that is allowed.
+    """
     if not np.isfinite(condition):
         return "the closed loops would be open: no position of the passive joints closes them there."
     return (

@@ -20,16 +20,34 @@ from dynident.robot.kinematics import joint_frames
 from dynident.robot.model import Robot
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape, enclose_shape
 
+# Samples at which every pair is looked at first; the bounds between them tell where to look next.
 _FIRST_LOOKS = 48
 _EXACTNESS = 5e-4
 """Absolute precision of the nearest approach, m."""
+# Far from everything a coarser answer does: nobody needs to know a distance of one metre to half a millimetre.
 _RELATIVE_EXACTNESS = 0.05
 _IDENTITY = coal.Transform3s()
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Shapes of one body or obstacle in the frame of a joint; -1 is the base. A half-space has no enclosing capsule."""
+    """Shapes of one body or obstacle in the frame of a joint.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    joint : int
+        Index of the joint that carries it; -1 for the base.
+    shapes : tuple of coal.CollisionGeometry
+        Its shapes.
+    placements : tuple of ((3, 3), (3,))
+        Rotation and origin (m) of each shape in the frame of the joint.
+    reach : float
+        Distance of its farthest point from the joint's origin, m.
+    capsules : tuple of Capsule
+        A capsule around each shape; none for a half-space.
+    """
 
     name: str
     joint: int
@@ -40,7 +58,22 @@ class Solid:
 
 
 def build_solid(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
-    """Return shapes for coal; `reach` is the distance of their farthest point from the joint's origin."""
+    """Return shapes for coal; `reach` is the distance of their farthest point from the joint's origin.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    joint : int
+        Index of the joint that carries it; -1 for the base.
+    shapes : sequence of Shape
+        Shapes in the frame of the joint.
+
+    Returns
+    -------
+    Solid
+        The solid.
+    """
     geometries, placements, reach = [], [], 0.0
     for shape in shapes:
         geometry, rotation, origin = _build_geometry(shape)
@@ -55,7 +88,17 @@ def build_solid(name: str, joint: int, shapes: Sequence[Shape]) -> Solid:
 
 
 def build_half_space_solid(name: str, normal: FloatArray, offset: float) -> Solid:
-    """Return the solid behind a plane: normal · x < offset."""
+    """Return the solid behind a plane: normal · x < offset.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    normal : (3,)
+        Unit normal in the base frame, to the free side.
+    offset : float
+        Smallest value of normal · x on the free side, m.
+    """
     return Solid(name, -1, (coal.Halfspace(normal, offset),), ((np.eye(3), np.zeros(3)),), 0.0, ())
 
 
@@ -66,8 +109,9 @@ class SolidPair:
     Parameters
     ----------
     moving, other : Solid
+        The two solids, `moving` the one farther from the base.
     travel : (N,)
-        Bound on how far a point between them moves while a joint moves by one.
+        Bound on how far a point between them moves while a joint of the tree moves by one, m/rad or m/m.
     clearance : float
         Distance to keep, m.
     """
@@ -93,6 +137,7 @@ def build_pair(
     robot : Robot
         The tree.
     moving, other : Solid
+        The two solids.
     ends : two (N,) arrays
         Extreme positions of the joints of the tree.
     clearance : float
@@ -101,9 +146,11 @@ def build_pair(
     Returns
     -------
     SolidPair
+        The pair, with the bound of how fast its distance can change.
     """
     travel = np.zeros(robot.n)
     chains = {solid.joint: robot.list_ancestors(solid.joint) for solid in (moving, other)}
+    # Joints that carry both solids move them together: only those between the two change their distance.
     for solid, opposite in ((moving, other), (other, moving)):
         # The lever arm of a joint is at most the length of the chain from it to the farthest point.
         length = solid.reach
@@ -118,9 +165,18 @@ def build_pair(
 
 @dataclass(frozen=True)
 class Approach:
-    """The nearest approach (m) of a body to anything along a motion: to what, and at which sample.
+    """The nearest approach of a body to anything along a motion.
 
-    Nearest is the pair whose distance exceeds its clearance `wanted` (m) least.
+    Parameters
+    ----------
+    name : str
+        Names of the two solids.
+    distance : float
+        Their distance, m.
+    sample : int
+        Number of the sample.
+    wanted : float
+        Clearance to keep, m.
     """
 
     name: str
@@ -143,7 +199,9 @@ class Nearest:
     Parameters
     ----------
     body : Solid
+        The body.
     others : tuple of Solid
+        Solids that it is kept from.
     to : (m,)
         Index of the nearest of `others`.
     distance, wanted : (m,)
@@ -167,7 +225,9 @@ class ContactCheck:
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     pairs : sequence of SolidPair
+        Pairs whose distance is computed.
     """
 
     def __init__(self, robot: Robot, pairs: Sequence[SolidPair]) -> None:
@@ -176,7 +236,15 @@ class ContactCheck:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def compute_distances(self, pair: SolidPair, q: FloatArray) -> FloatArray:
-        """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap."""
+        """Return the distance (m,) of a pair at postures q (m, n); negative where they overlap.
+
+        Parameters
+        ----------
+        pair : SolidPair
+            The pair.
+        q : (m, n)
+            Postures, rad or m.
+        """
         return self._compute_distances(pair, _PlacedPostures(joint_frames(self._robot, q)))
 
     def find_too_near(self, q: FloatArray) -> BoolArray:
@@ -201,6 +269,7 @@ class ContactCheck:
     def find_approaches(self, q: FloatArray) -> list[Approach]:
         """Return for every body (in the order of `bodies`) its nearest approach along q (m, n)."""
         moved = q if self._robot.linkage is None else self._robot.linkage.compute_positions(q)
+        # The path length of every joint up to each sample: differences of it bound what happens in between.
         way = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(np.abs(np.diff(moved, axis=0)), axis=0)])
         looks = np.unique(np.linspace(0, len(q) - 1, min(_FIRST_LOOKS, len(q))).astype(np.intp))
         first = _PlacedPostures(joint_frames(self._robot, q[looks]))
@@ -216,6 +285,7 @@ class ContactCheck:
     def _find_approach(self, of_pairs: dict[SolidPair, _DistanceBounds], q: FloatArray) -> Approach:
         pairs, searches = list(of_pairs), list(of_pairs.values())
         while True:
+            # All pairs of a body share the best distance so far: most of them are soon out of the question.
             nearest = min(range(len(pairs)), key=lambda k: searches[k].least)
             best = searches[nearest].least
             # Search on wherever the distance could be smaller than the best so far by more than the precision asked
@@ -263,6 +333,7 @@ class ContactCheck:
                 yield distance, (self._result.getNearestPoint1(), self._result.getNearestPoint2())
 
     def _compute_distance(self, a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+        # The result object is used again by every query, so that one check belongs to one thread.
         self._result.clear()
         return float(coal.distance(a, at_a, b, at_b, self._request, self._result))
 
@@ -319,6 +390,7 @@ class _PlacedPostures:
 
 def _bound_distance(pair: SolidPair, frames: FloatArray) -> FloatArray:
     """Return a lower bound (m,) of a pair's distance at the frames (m, n, 4, 4): that of enclosing capsules."""
+    # No bound is known for a half-space, so that the exact distance is always computed.
     if not pair.other.capsules or not pair.moving.capsules:
         return np.full(len(frames), -np.inf)
     a, b = (_place_segments(solid, frames) for solid in (pair.moving, pair.other))
@@ -358,6 +430,7 @@ def _build_geometry(shape: Shape) -> tuple[Any, FloatArray, FloatArray]:
         return coal.Cylinder(shape.radius, shape.length), shape.placement[:3, :3], shape.placement[:3, 3]
     if isinstance(shape, Block):
         return coal.Box(*shape.size), shape.placement[:3, :3], shape.placement[:3, 3]
+    # All other shapes are clouds of points, of which the convex hull is kept clear.
     points = coal.StdVec_Vec3s()
     for corner in shape.corners:
         points.append(corner)

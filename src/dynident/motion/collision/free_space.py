@@ -41,14 +41,17 @@ from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot
 from dynident.robot.shapes import drop_contained, enclose_shape
 
+# Random postures from which it is judged which pairs come near each other.
 _POSTURES = 200
 # Links that are closer than the clearance in this share of all postures cannot be kept apart by a motion.
 _MOSTLY = 0.5
 # Capsules that never come as near as this (m) in the postures looked at are not followed while optimising.
 _NEAR = 0.1
+# Distance (m) beyond the clearance that is designed for, at most.
 _SPARE = 1e-3
 # Half: links near the floor that are not quite round come a little nearer to it as they turn.
 _SHARE_OF_ATTAINABLE = 0.5
+# Postures that show whether the distance of a pair changes at all, and by how much (m) it has to.
 _POSTURES_OF_A_PAIR, _UNCHANGED = 20, 1e-6
 
 
@@ -59,14 +62,16 @@ class FreeSpace:
     Parameters
     ----------
     robot : Robot
-    clearances : Clearances or None
+        The robot, as its description gives it.
+    clearances : ClearanceConstraints or None
         Smooth distances for the optimiser.
     contacts : ContactCheck or None
         Exact distances for the final check.
     tool : ToolRange or None
         Where the tool may go, at `tool_joint`.
     notes : tuple of str
-    loops : LoopRooms, optional
+        What was assumed, or is not checked, in words for the user.
+    loops : LoopConstraints, optional
         Limits of joints that are not driven.
     assumed : bool
         Whether all that is around the robot is an assumed floor.
@@ -107,6 +112,7 @@ class FreeSpace:
                 if (low is not None and at[:, k].min() < low) or (high is not None and at[:, k].max() > high):
                     ends = f"[{at[:, k].min():.4g}, {at[:, k].max():.4g}]"
                     return f"the tool would be at {'xyz'[k]} = {ends} m, beyond its range [{low}, {high}]."
+        # First the cheap question whether anything is too near at all, then the costly one what it is.
         if self.contacts is not None and self.contacts.find_too_near(q).any():
             nearest = min(self.contacts.find_approaches(q), key=lambda approach: approach.slack)
             if nearest.slack < 0:
@@ -144,13 +150,37 @@ class FreeSpace:
 
 
 def word_contact(name: str, distance: float, clearance: float) -> str:
-    """Say that two things come too near each other."""
+    """Say that two things come too near each other.
+
+    Parameters
+    ----------
+    name : str
+        Names of both.
+    distance : float
+        Their smallest distance, m; not above 0 where they touch.
+    clearance : float
+        Distance that has to be kept, m.
+    """
     near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
     return f"'{name}' {near}; {clearance:g} m must be kept."
 
 
 def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
-    """Set up what a motion between positions `low` and `high` (n,) must stay clear of; None where there is nothing.
+    """Set up what a motion must stay clear of.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    surroundings : Surroundings
+        The surroundings that the request states.
+    low, high : (n,)
+        Position limits, rad or m.
+
+    Returns
+    -------
+    FreeSpace or None
+        The free space; None where there is nothing to stay clear of.
 
     Raises
     ------
@@ -164,6 +194,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
     folders = [Path(folder) for folder in surroundings.mesh_folders]
     geometry = collision_geometry(robot, mesh_folders=folders, link_radius=surroundings.link_radius)
     above_floor = geometry
+    # Above an assumed floor links without geometry get a thickness, too: nobody said how near they may come to it.
     if assumed_radius is not None and geometry.bare and surroundings.link_radius is None:
         above_floor = collision_geometry(robot, mesh_folders=folders, link_radius=assumed_radius)
     _check_geometry(above_floor, surroundings)
@@ -220,6 +251,7 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
 
 def _select_closed(robot: Robot, q: FloatArray) -> FloatArray:
     """Return those of driven postures (m, n) in which the loops are closed; all where hardly any is."""
+    # Positions of open loops mean nothing, and distances from them would not either.
     if robot.linkage is None or robot.linkage.closure is None:
         return q
     closed = np.isfinite(robot.linkage.closure.compute_log_condition(q)[0])
@@ -233,8 +265,9 @@ def _find_ends(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _select_changeable(
     robot: Robot, pairs: Sequence[SolidPair], postures: FloatArray, clearance: float
 ) -> tuple[list[SolidPair], list[str]]:
-    """Return pairs whose distance changes with the motion, and notes on near ones that do not, like a turntable's
-    floor.
+    """Return pairs whose distance changes with the motion, and notes on near ones that do not.
+
+    Such a pair is a turntable and its floor.
     """
     check = ContactCheck(robot, pairs)
     distances_of_pairs = [check.compute_distances(pair, postures[:_POSTURES_OF_A_PAIR]) for pair in pairs]
@@ -256,13 +289,12 @@ def _reduce_clearances(
     """Return pairs with a clearance that can be kept, and notes where it had to be reduced.
 
     It is reduced where a pair is nearer than the clearance in every posture. An arm that stands on a floor has its
-    first
-    links near it, and one end of them does not move away. With `drop`, pairs that always touch are left out, as an
-    assumed
-    floor cannot be there for them.
+    first links near it, and one end of them does not move away. With `drop`, pairs that always touch are left out, as
+    an assumed floor cannot be there for them.
     """
     check, attainable, notes = ContactCheck(robot, pairs), [], []
     for pair in pairs:
+        # The largest distance over random postures is what a motion can attain at best.
         farthest = float(check.compute_distances(pair, postures).max())
         if farthest <= 0 and drop:
             notes.append(f"They touch in every posture, so it is not checked: {pair.name}.")
@@ -308,6 +340,7 @@ def _list_nonadjacent(robot: Robot, bodies: Sequence[Body]) -> list[tuple[Body, 
 
     def find_predecessor(joint: int) -> int:
         parent = robot.joints[joint].parent
+        # Bodies without a shape are skipped: what they join are neighbours all the same.
         return parent if parent in shaped or parent == BASE else find_predecessor(parent)
 
     return [(a, b) for index, b in enumerate(bodies) for a in bodies[:index] if find_predecessor(b.joint) != a.joint]
@@ -362,6 +395,7 @@ def _build_clearance_pairs(
         for ball in cover_with_balls(part)
     ]
     followed = _select_followed(robot, capsules, surroundings.clearance, postures)
+    # In the order of the distances: pairs of links, ends at planes, planes of the tool, boxes.
     clearances = [
         *(surroundings.clearance for _ in followed),
         *(kept_from[ball.joint, half.name] for ball, half in half_spaces),
@@ -410,6 +444,8 @@ def _select_followed(
         .evaluate(postures)
         .values
     )
+    # Capsules are thicker than the links. A pair that they hold nearer than the clearance most of the time would forbid
+    # almost every motion; the exact shapes are checked in the end.
     useful = (rooms.min(axis=0) < _NEAR) & (np.mean(rooms < 0, axis=0) < _MOSTLY)
     return [pair for pair, is_useful in zip(capsules, useful, strict=True) if is_useful]
 
@@ -423,6 +459,7 @@ def _build_tool_planes(robot: Robot, surroundings: Surroundings) -> list[tuple[B
     if tool is None:
         return []
     ball = Ball(_find_tool_joint(robot, tool), np.array(tool.point), -surroundings.clearance)
+    # A range in one coordinate is one half-space for either end, the upper one with the axis reversed.
     planes = []
     for axis, low, high in zip(np.eye(3), tool.low, tool.high, strict=True):
         if low is not None:

@@ -39,9 +39,11 @@ def assume_floor(
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     surroundings : Surroundings
+        The surroundings as a request states them.
     low, high : (n,)
-        Position limits.
+        Position limits, rad or m.
 
     Returns
     -------
@@ -53,8 +55,11 @@ def assume_floor(
     if not surroundings.assume_floor or surroundings.has_obstacles or surroundings.tool_range is not None:
         return surroundings, None
     weight = float(np.linalg.norm(robot.gravity))
+    # Without gravity, or hanging from a wall or ceiling, a robot has no floor at its base.
     if weight == 0.0 or -robot.gravity[2] < _UPRIGHT * weight:
         return surroundings, None
+    # At zero and in the middle of the ranges, the two usual homes: an arm that stands on a floor is above it in one of
+    # them.
     rests = np.stack([np.clip(0.0, low, high), 0.5 * (low + high)])
     origins = joint_frames(robot, rests)[:, :, :3, 3]
     reach = float(np.linalg.norm(origins, axis=2).max())
@@ -87,7 +92,17 @@ _SHORTEST = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """The free side of a plane: normal · x ≥ offset (m, base frame), with a unit normal (3,)."""
+    """The free side of a plane: normal · x ≥ offset.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    normal : (3,)
+        Unit normal in the base frame, to the free side.
+    offset : float
+        Smallest value of normal · x on the free side, m.
+    """
 
     name: str
     normal: FloatArray
@@ -119,6 +134,7 @@ def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | 
     Parameters
     ----------
     surroundings : Surroundings
+        The surroundings as a request states them.
     joint_names : sequence of str, optional
         Names that the joint of the tool must be among.
     """

@@ -20,19 +20,22 @@ _BELOW = 1e-3
 
 @dataclass(frozen=True)
 class Reach:
-    """How far the joints of an arm go from its base, m, with the joint, the time (s) and the share of time there.
+    """How far the joints of an arm go from its base.
 
     Parameters
     ----------
     lowest : float
-        Height of the lowest joint's origin over the plane z = 0 of the base frame.
+        Height of the lowest joint's origin over the plane z = 0 of the base frame, m.
     lowest_joint : str
+        Name of that joint.
     lowest_time : float
+        Time at which it is there, s.
     below : float
         Share of the time in which some joint's origin is below that plane.
     widest : float
-        Distance of the farthest joint's origin from the base frame's z axis.
+        Distance of the farthest joint's origin from the base frame's z axis, m.
     widest_joint : str
+        Name of that joint.
     """
 
     lowest: float
@@ -44,7 +47,22 @@ class Reach:
 
 
 def measure_reach(robot: Robot, t: FloatArray, q: FloatArray) -> Reach:
-    """Measure how far a motion q (m, n) at times t (m,) takes the origins of the joints."""
+    """Measure how far a motion takes the origins of the joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    t : (m,)
+        Times, s.
+    q : (m, n)
+        Positions, rad or m.
+
+    Returns
+    -------
+    Reach
+        Extremes of the motion, and where and when they occur.
+    """
     origins = joint_frames(robot, q)[:, :, :3, 3]
     heights, widths = origins[:, :, 2], np.hypot(origins[:, :, 0], origins[:, :, 1])
     moment, low = np.unravel_index(int(heights.argmin()), heights.shape)
@@ -68,14 +86,18 @@ def note_reach(
     Parameters
     ----------
     robot : Robot
+        The robot, as its description gives it.
     t, q : (m,), (m, n)
+        Times, s, and positions, rad or m.
     surroundings : Surroundings
+        The surroundings as a request states them.
     floor_assumed : bool
         Whether a floor was assumed.
 
     Returns
     -------
     tuple of str
+        One note, or none.
     """
     if surroundings.has_obstacles or surroundings.tool_range is not None:
         return ()

@@ -15,7 +15,19 @@ Ends = tuple[float | None, float | None, float | None]
 
 @dataclass(frozen=True)
 class Box:
-    """A box in the base frame."""
+    """A box in the base frame.
+
+    Parameters
+    ----------
+    name : str
+        Name for margins and messages.
+    center : tuple of three float
+        Centre in the base frame, m.
+    size : tuple of three float
+        Lengths of the edges, m.
+    rpy : tuple of three float
+        Roll, pitch and yaw as in a URDF, rad.
+    """
 
     name: str = declare_field(fewest=1, most=200)
     center: Vector = declare_field("Its centre", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
@@ -30,7 +42,17 @@ class Box:
 
 @dataclass(frozen=True)
 class Wall:
-    """A plane that nothing may cross."""
+    """A plane that nothing may cross.
+
+    Parameters
+    ----------
+    name : str
+        Name for margins and messages.
+    point : tuple of three float
+        Any point of the plane in the base frame, m.
+    normal : tuple of three float
+        A vector to the side that is free, of any length.
+    """
 
     name: str = declare_field(fewest=1, most=200)
     point: Vector = declare_field("Any point on it, in the base frame", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
@@ -39,7 +61,19 @@ class Wall:
 
 @dataclass(frozen=True)
 class ToolRange:
-    """Where the tool may go, m in the base frame."""
+    """Where the tool may go, m in the base frame.
+
+    Parameters
+    ----------
+    low : tuple of three float or None
+        Smallest x, y, z of the tool in the base frame, m; None for no bound.
+    high : tuple of three float or None
+        Largest x, y, z of the tool in the base frame, m; None for no bound.
+    point : tuple of three float
+        The tool in the frame of the joint that carries it, m.
+    joint : str, optional
+        Name of the joint that carries the tool; the last one where left out.
+    """
 
     low: Ends = declare_field(
         "x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST
@@ -59,7 +93,31 @@ class ToolRange:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a motion must not touch."""
+    """What a motion must not touch.
+
+    Parameters
+    ----------
+    self_collision : bool
+        Whether links must not touch each other, as far as the description has collision geometry.
+    floor : float or None
+        Height of a floor in the base frame, m, that no link but the base may reach.
+    assume_floor : bool
+        Whether a floor through the base is assumed where nothing around an upright robot is stated.
+    walls : tuple of Wall
+        Planes that nothing may cross.
+    boxes : tuple of Box
+        Boxes that nothing may touch.
+    tool_range : ToolRange or None
+        Where the tool may go.
+    clearance : float
+        Distance that is kept to everything, m.
+    link_radius : float or None
+        Radius of the capsules that stand for links without collision geometry, m.
+    may_touch : tuple of (str, str)
+        Pairs of links or joints that are not checked against each other.
+    mesh_folders : tuple of str
+        Folders of this machine in which the description's meshes are looked for.
+    """
 
     self_collision: bool = declare_field(
         "Links must not touch each other, as far as the description has collision geometry", default=True

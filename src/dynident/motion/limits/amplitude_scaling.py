@@ -9,7 +9,9 @@ from dynident.motion.limits.bounds import Bounds, TorqueModel
 from dynident.motion.limits.postures import CENTRAL_SHARE
 from dynident.motion.trajectories.motion import Family
 
+# Twelve halvings give the amplitude to a four-thousandth.
 _BISECTIONS = 12
+# Between so many samples a wave of the highest frequency exceeds its value at them by less than a thousandth.
 _SAMPLES_PER_WAVE = 80
 
 
@@ -19,8 +21,11 @@ class AmplitudeScaler:
     Parameters
     ----------
     family : Family
+        Family of trajectories.
     bounds : Bounds
+        Limits of the motion.
     model : TorqueModel
+        Model that predicts the torque.
     fine : bool
         Whether to look at the motion as closely as its highest frequency needs; coarse is for a first selection.
     """
@@ -31,15 +36,26 @@ class AmplitudeScaler:
         self._basis = family.basis(np.arange(count) * family.period / count)[:4]
 
     def scale_down(self, x: FloatArray, most: float = 1.0) -> FloatArray | None:
-        """Return coefficients (m, n) with the amplitude scaled to keep the limits, by at most `most`.
+        """Return coefficients with the amplitude scaled to keep the limits.
 
-        The result is None where no amplitude keeps them. The centre (the offsets) stays, except that it is moved inside
-        the
-        position limits.
+        The centre (the offsets) stays, except that it is moved inside the position limits.
+
+        Parameters
+        ----------
+        x : (m, n)
+            Coefficients of the family.
+        most : float
+            Largest factor on the amplitude.
+
+        Returns
+        -------
+        (m, n) or None
+            The scaled coefficients; None where no amplitude keeps the limits.
         """
         b = self._bounds
         scaled = x.copy()
         scaled[0] = np.clip(x[0], b.middle - CENTRAL_SHARE * b.half_range, b.middle + CENTRAL_SHARE * b.half_range)
+        # A centre outside of the limits is moved well inside, since there would be no room to swing right at the limit.
         inside = (b.position_low < x[0]) & (x[0] < b.position_high)
         scaled[0, inside] = x[0, inside]
         # Position, velocity, acceleration and jerk are linear in the amplitude, so these limits give the scale
@@ -82,6 +98,7 @@ class AmplitudeScaler:
 
         if keeps_limits(most):
             return most
+        # At amplitude zero the arm stands still at the centre: if that is not possible, no amplitude is.
         if not keeps_limits(0.0):
             return None
         low, high = 0.0, most
@@ -89,4 +106,5 @@ class AmplitudeScaler:
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if keeps_limits(middle) else (low, middle)
+        # Zero would be no motion at all.
         return low or None

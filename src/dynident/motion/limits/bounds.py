@@ -32,6 +32,7 @@ def select_moving_joints(selected: Sequence[str], names: Sequence[str]) -> BoolA
     Returns
     -------
     (n,) array of bool
+        True for each joint that moves.
 
     Raises
     ------
@@ -54,12 +55,16 @@ def lock_bounds(bounds: Bounds, posture: FloatArray, moving: BoolArray) -> Bound
     Parameters
     ----------
     bounds : Bounds
+        Limits of all joints.
     posture : (n,)
+        Positions of the locked joints, rad or m.
     moving : (n,)
+        Which joints move.
 
     Returns
     -------
     Bounds
+        The same limits, with no range for the locked joints.
     """
     return replace(
         bounds,
@@ -81,11 +86,22 @@ _ACCELERATION_PER_VELOCITY = 4.0
 """Assumed acceleration limit over velocity limit, 1/s: full velocity is reached from rest in a quarter of a second."""
 _JERK_PER_ACCELERATION = 20.0
 """Assumed jerk limit over acceleration limit, 1/s: full acceleration is reached within 50 ms."""
+# Share by which limits are tightened for the design.
 _HAIR = 1e-6
 
 
 class ImpossibleLimitsError(DynidentError):
-    """No motion keeps the limits; the message names the one that makes it impossible."""
+    """Raised where no motion keeps the limits; the message names the one that makes it impossible.
+
+    Parameters
+    ----------
+    detail : str
+        The sentence for the user.
+    pointer : str
+        The place: a JSON pointer into the request, or "".
+    title : str
+        A few words for the kind of problem.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +113,9 @@ class Bounds:
     names : (n,)
         Names of the joints.
     position_low, position_high : (n,)
+        Position limits, rad or m.
     velocity, acceleration, jerk, torque, power : (n,)
-        Largest absolute values.
+        Largest absolute values: rad/s, rad/s², rad/s³, N m, W (m/s, m/s², m/s³, N, W where prismatic).
     notes : tuple of str
         What was assumed, or is not checked.
     space : FreeSpace, optional
@@ -128,6 +145,7 @@ class Bounds:
 
     def tighten(self) -> Bounds:
         """Return slightly tighter limits, so that rounding never carries a motion beyond a limit."""
+        # The range shrinks about its middle, so that both ends move inwards whatever their signs.
         room = 1.0 - _HAIR
         return replace(
             self,
@@ -151,7 +169,13 @@ class Bounds:
         return None if self.space is None or self.space.loops is None else self.space.loops.rated
 
     def are_follower_rates_kept(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> bool:
-        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n)."""
+        """Return whether follower joints keep their rates in a motion q, q̇, q̈ (m, n).
+
+        Parameters
+        ----------
+        q, dq, ddq : (m, n)
+            Motion of the driven joints: rad, rad/s, rad/s² (m, m/s, m/s² where prismatic).
+        """
         return self.follower_rates is None or self.follower_rates.are_kept(q, dq, ddq)
 
 
@@ -168,8 +192,9 @@ def build_bounds(
     Parameters
     ----------
     robot : Robot
-    overrides : mapping of joint name to Limits
-        Limits of this experiment.
+        The robot, as its description gives it.
+    overrides : mapping of str to Limits
+        Limits of this experiment by joint name.
     torque_margin : float
         By what share the torque may be larger than predicted.
     surroundings : Surroundings, optional
@@ -180,6 +205,7 @@ def build_bounds(
     Returns
     -------
     Bounds
+        Limits of all joints, and notes on what was assumed.
 
     Raises
     ------
@@ -189,6 +215,7 @@ def build_bounds(
     ImpossibleLimitsError
         A stated range lies outside the robot's own.
     """
+    # Names first: the limits of a misspelt joint would otherwise be ignored.
     for name, stated in overrides.items():
         if name not in robot.tree.joint_names:
             raise DynidentError(
@@ -197,6 +224,7 @@ def build_bounds(
                 title="Unknown joint",
             )
         check_limits(stated, name, make_pointer(name, within=at))
+    # Assumptions are collected over all joints, for one note a kind of limit.
     assumed = _Assumptions()
     completed = [_complete_limits(joint, overrides.get(joint.name, Limits()), assumed, at) for joint in robot.joints]
     notes = [*_note_wide_limits(robot, overrides), *assumed.list_notes()]
@@ -225,6 +253,7 @@ def build_bounds(
         check_surroundings(surroundings, robot.joint_names)
         space = build_free_space(robot, surroundings, low, high)
         notes += [] if space is None else space.notes
+    # Followers are limited also where no surroundings are stated: then nothing else is in the free space.
     loops = LoopConstraints.from_robot(robot, overrides)
     if loops is not None:
         empty = FreeSpace(robot, None, None, None, ())
@@ -237,6 +266,7 @@ def build_bounds(
         velocity=np.array([limit.velocity for limit in completed], dtype=np.float64),
         acceleration=np.array([limit.acceleration for limit in completed], dtype=np.float64),
         jerk=np.array([limit.jerk for limit in completed], dtype=np.float64),
+        # Torque that turns out larger than predicted by this share still keeps the true limits.
         torque=torque / (1 + torque_margin),
         power=power / (1 + torque_margin),
         notes=tuple(notes),
@@ -304,6 +334,7 @@ def _complete_limits(joint: Joint, stated: Limits, assumed: _Assumptions, at: st
                 pointer=make_pointer(joint.name, "position", within=at),
                 title="Missing limit",
             )
+        # A range that was stated but is wider than any machine's is no range: the same assumption, another note.
         position = (-np.pi, np.pi)
         (assumed.limitless if limitless else assumed.position).append(joint.name)
     velocity = _pick_tighter(own.velocity, stated.velocity)

@@ -79,19 +79,23 @@ def compute_margins(bounds: Bounds, motions: Iterable[Motion], torque: TorqueFun
     Parameters
     ----------
     bounds : Bounds
+        Limits of all joints.
     motions : iterable of Motion
+        Motions, or chunks of one; only one at a time is in memory.
     torque : callable or None
         Nominal torque (m, n) at q, q̇, q̈ (m, n); without it torque and power are not checked.
 
     Returns
     -------
     tuple of Margin
+        Margins of the joints first, then of the surroundings.
     """
     n = len(bounds.names)
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
     largest = np.zeros((5, n))
     around = _SurroundingsMargins(bounds.space)
     for motion in motions:
+        # Only extremes are kept, so that motions of any length need no memory.
         low, high = np.minimum(low, motion.q.min(axis=0)), np.maximum(high, motion.q.max(axis=0))
         signals = [motion.dq, motion.ddq, motion.dddq]
         if torque is not None and bounds.has_torque_limits:
@@ -153,7 +157,9 @@ class _SurroundingsMargins:
             approaches = self._space.contacts.find_approaches(q)
             before = self._approaches or approaches
             self._approaches = [
-                min(pair, key=lambda approach: approach.slack) for pair in zip(before, approaches, strict=True)
+                # The order of the bodies is the same for all motions, so that approaches can be compared pair by pair.
+                min(pair, key=lambda approach: approach.slack)
+                for pair in zip(before, approaches, strict=True)
             ]
         if self._space.tool is not None:
             tool = self._space.locate_tool(q)
@@ -178,6 +184,7 @@ class _SurroundingsMargins:
         if tool is not None:
             reached_ends = zip(self._low, self._high, strict=True)
             for axis, low, high, reached in zip("xyz", tool.low, tool.high, reached_ends, strict=True):
+                # With one end alone there is no range that a share could be of: a metre takes its place.
                 size = 1.0 if low is None or high is None else 0.5 * (high - low)
                 if low is not None:
                     share = max(0.0, 1.0 - (reached[0] - low) / size)
@@ -248,5 +255,6 @@ def are_limits_kept(margins: Sequence[Margin]) -> bool:
 def build_limit_error(margins: Sequence[Margin]) -> ImpossibleLimitsError:
     """Return the error that names the limit that is broken most."""
     worst = find_tightest(margins)
+    # The pointer leads to the part of the request that has to change.
     place = "/limits" if worst.limit not in ("clearance", "tool_min", "tool_max") else "/surroundings"
     return ImpossibleLimitsError(worst.complaint, pointer=place, title="Impossible limits")

@@ -8,18 +8,33 @@ from dynident.array_types import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
 from dynident.robot.json_pointer import make_pointer
 
+# So many random postures leave some that are clear and can be held, even for arms in a narrow place.
 _POSTURES = 2000
 # Room left for motion around a posture: of the torque, and of the position range.
 _HOLDING_SHARE = 0.9
 CENTRAL_SHARE = 0.8
 # Of half the range: as good as zero.
 _NEAR_ZERO = 1e-5
+# Postures whose way from home is looked at, and how many have to be reached: with fewer, the home itself is cut off.
 _TRIED_WAYS, _ENOUGH_WAYS = 200, 5
 _ALONG_A_WAY = np.linspace(0.0, 1.0, 25)
 
 
 def compute_static_torque(model: TorqueModel, q: FloatArray) -> FloatArray:
-    """Return the torque (m, n) that holds postures q (m, n)."""
+    """Return the torque that holds postures.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Model that predicts the torque.
+    q : (m, n)
+        Postures, rad or m.
+
+    Returns
+    -------
+    (m, n)
+        Torque, N m or N.
+    """
     still = np.zeros_like(q)
     return model.torque(q, still, still)
 
@@ -28,20 +43,22 @@ def draw_holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Ge
     """Return random postures from which a motion can start.
 
     They are in the inner part of the position ranges, clear of all obstacles, and their weight leaves torque for
-    motion.
-    Where some of them can be reached from a usual home by a clear straight path, only these are returned: the others
-    may
-    lie where no motion gets to, like an elbow bent the other way.
+    motion. Where some of them can be reached from a usual home by a clear straight path, only these are returned: the
+    others may lie where no motion gets to, like an elbow bent the other way.
 
     Parameters
     ----------
     bounds : Bounds
+        Limits of the motion.
     model : TorqueModel
+        Model that predicts the torque.
     rng : numpy.random.Generator
+        Generator of the postures.
 
     Returns
     -------
-    (m, n) array, not empty
+    (m, n)
+        At least one posture, rad or m.
 
     Raises
     ------
@@ -61,6 +78,7 @@ def draw_holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Ge
         if (worst <= share).any():
             held: FloatArray = q[worst <= share]
             return held
+    # The easiest posture shows which joint fails even there.
     best = int(worst.argmin())
     joint = int(shares[best].argmax())
     name = bounds.names[joint]

@@ -14,12 +14,23 @@ from dynident.motion.limits.postures import compute_static_torque, draw_holdable
 from dynident.motion.moves.paths import find_stations, plan_moves
 from dynident.motion.trajectories.motion import Piece, Rest
 
+# Number of random postures that are tried as home where the usual ones are blocked.
 _OTHER_HOMES = 5
 
 
 @dataclass(frozen=True, eq=False)
 class HomeMoves:
-    """Moves to the start of the exciting part and back."""
+    """Moves to the start of the exciting part and back.
+
+    Parameters
+    ----------
+    approach : Piece
+        Motion from home to the start.
+    retreat : Piece
+        Motion back to home.
+    notes : tuple of str
+        Where home is, in words for the user.
+    """
 
     approach: Piece
     retreat: Piece
@@ -27,7 +38,15 @@ class HomeMoves:
 
 
 def check_home(stated: Sequence[float], limits: Bounds) -> None:
-    """Raise where a posture does not have one position (rad, m) for each joint, or is outside the position limits."""
+    """Raise where a posture does not have one position (rad, m) for each joint, or is outside the position limits.
+
+    Parameters
+    ----------
+    stated : sequence of float
+        Positions of the joints, rad or m.
+    limits : Bounds
+        Limits of all joints.
+    """
     home = np.asarray(stated, dtype=np.float64)
     n = len(limits.names)
     if home.shape != (n,) or not np.isfinite(home).all():
@@ -50,12 +69,16 @@ def list_home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: 
     Parameters
     ----------
     stated : (n,), optional
+        The home posture that the request states, rad or m.
     bounds : Bounds
+        Limits of the motion.
     model : TorqueModel
+        Model that predicts the torque.
 
     Returns
     -------
-    list of (n,) arrays, at least one
+    list of (n,)
+        At least one posture, rad or m.
 
     Raises
     ------
@@ -69,6 +92,7 @@ def list_home_candidates(stated: Sequence[float] | None, bounds: Bounds, model: 
         shares = np.abs(compute_static_torque(model, np.array(offered))) / bounds.torque
         offered = [offered[k] for k in np.flatnonzero(shares.max(axis=1) <= 1)]
         if not offered:
+            # The joint that is overloaded most even in the better of the postures.
             j = int(np.argmax(shares.min(axis=0)))
             raise ImpossibleLimitsError(
                 f"Neither at zero nor in the middle of the ranges can joint '{bounds.names[j]}' hold the arm within "
@@ -97,21 +121,41 @@ def note_home(home: FloatArray) -> str:
 def plan_home_moves(
     stated: Sequence[float] | None, start: FloatArray, bounds: Bounds, model: TorqueModel, rate: float
 ) -> HomeMoves:
-    """Return the moves from home to the posture (n,) at which the exciting part starts and ends, and back.
+    """Return the moves from home to the posture at which the exciting part starts and ends, and back.
 
-    Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins
-    there, and a note says so.
+    Where no home is stated and none of the usual ones can be reached within the limits, the experiment begins there,
+    and a note says so.
+
+    Parameters
+    ----------
+    stated : sequence of float or None
+        The home posture that the request states, rad or m; None for the usual ones.
+    start : (n,)
+        Posture at which the exciting part starts and ends, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    model : TorqueModel
+        Model that predicts the torque.
+    rate : float
+        Sampling rate, Hz.
+
+    Returns
+    -------
+    HomeMoves
+        Both moves, and notes.
     """
     try:
         homes = list_home_candidates(stated, bounds, model)
     except ImpossibleLimitsError:
         if stated is not None:
             raise
+        # Without a posture to begin at, the motion begins and ends at its own start.
         homes = []
     for home in homes:
         try:
             stations = find_stations(home, start, bounds, model)
             there = plan_moves(stations, bounds, model, rate)
+            # Back by the same stations: what was clear on the way there is clear on the way back.
             back = plan_moves(stations[::-1], bounds, model, rate)
         except ImpossibleLimitsError:
             if stated is not None:

@@ -18,10 +18,13 @@ from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueM
 from dynident.motion.limits.postures import compute_static_torque
 from dynident.motion.trajectories.motion import Motion, Piece, Rest, check_length
 
+# Speed of each attempt over the one before, and number of attempts: the last one takes 75 times as long as the first.
 _SLOWER = 0.75
 _ATTEMPTS = 16
+# Least number of samples at which a move is checked.
 _CHECKS = 400
 _CHECKS_PER_SAMPLE = 10
+# Distance of two postures (rad, m) that counts as none, and share of the way that a move may exceed by rounding.
 _SAME_POSTURE = 1e-9
 _OVERSHOOT = 1e-9
 
@@ -33,10 +36,11 @@ class Move:
     Parameters
     ----------
     start, end : (n,)
+        Postures at the ends, rad or m.
     duration : float
-        s
+        Duration, s.
     times : (sections,)
-        Time at which each section begins.
+        Time at which each section begins, s.
     place : (sections, 4)
         s and its first three derivatives at the beginning of each section.
     """
@@ -72,17 +76,19 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
     Parameters
     ----------
     start, end : (n,)
+        Postures at the ends, rad or m.
     bounds : Bounds
         Velocity, acceleration and jerk are kept; a straight move between postures inside the position limits keeps
         those as well.
     rate : float
-        Sampling rate in Hz.
+        Sampling rate, Hz.
     slowness : float
         The move is planned to take this many times as long.
 
     Returns
     -------
-    Move, or Rest where the postures are the same
+    Move or Rest
+        The move; Rest where the postures are the same.
 
     Raises
     ------
@@ -101,6 +107,7 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
         limits.max_acceleration = [float((bounds.acceleration / way).min()) / slowness**2]
         limits.max_jerk = [float((bounds.jerk / way).min()) / slowness**3]
     planned = ruckig.Trajectory(1)
+    # One degree of freedom, the share s of the path: all joints then move along a straight line.
     result = ruckig.Ruckig(1).calculate(limits, planned)
     if result != ruckig.Result.Working:
         raise ImpossibleLimitsError(f"no jerk-limited move between two postures was found ({result})")
@@ -109,10 +116,12 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
         raise ImpossibleLimitsError("the move between two postures would swing beyond its ends")
     profile = planned.profiles[0][0]
     sections = np.column_stack([profile.p, profile.v, profile.a, [*profile.j, 0.0]])
+    # The last section is rest at the end, exactly; the profile itself ends there but for rounding.
     sections[-1] = (1.0, 0.0, 0.0, 0.0)
     return Move(
         start=start,
         end=end,
+        # The small number keeps a duration that is whole but for rounding from becoming one period longer.
         duration=math.ceil(planned.duration * rate - 1e-9) / rate,
         times=np.concatenate([[0.0], np.cumsum(profile.t)]),
         place=sections,
@@ -125,14 +134,18 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     Parameters
     ----------
     start, end : (n,)
+        Postures at the ends, rad or m.
     bounds : Bounds
+        Limits of the motion.
     model : TorqueModel
+        Model that predicts the torque.
     rate : float
-        Sampling rate in Hz.
+        Sampling rate, Hz.
 
     Returns
     -------
     Move or Rest
+        The move; Rest where the postures are the same.
 
     Raises
     ------
@@ -151,11 +164,14 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     for attempt in range(_ATTEMPTS):
         move = plan_move(start, end, bounds, rate, slowness=_SLOWER**-attempt)
         check_length([move], rate)
+        # At least as fine as the grid on which the design is verified in the end, so that a move which passes here
+        # passes there.
         checks = max(_CHECKS, int(np.ceil(_CHECKS_PER_SAMPLE * rate * move.duration)) + 1)
         motion = move.evaluate(np.linspace(0.0, move.duration, checks))
         slow_enough = bounds.are_follower_rates_kept(motion.q, motion.dq, motion.ddq)
         if slow_enough and _is_within_torque(motion, bounds, model):
             return move
+    # After the last attempt: what is still too fast then does not get slower with the move.
     if not slow_enough:
         names = "" if bounds.follower_rates is None else ", ".join(bounds.follower_rates.names)
         raise ImpossibleLimitsError(
@@ -177,7 +193,15 @@ def _is_within_torque(motion: Motion, bounds: Bounds, model: TorqueModel) -> boo
 
 
 def find_straight_obstacle(start: FloatArray, end: FloatArray, bounds: Bounds) -> ImpossibleLimitsError | None:
-    """Return the error that names what is in the straight path between two postures (n,); None where it is clear."""
+    """Return the error that names what is in the straight path between two postures (n,); None where it is clear.
+
+    Parameters
+    ----------
+    start, end : (n,)
+        Postures at the ends, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    """
     if bounds.space is None:
         return None
     way = start + np.linspace(0.0, 1.0, _CHECKS)[:, None] * (end - start)

@@ -18,13 +18,20 @@ from dynident.motion.trajectories.motion import Motion, Piece, concatenate_motio
 
 # Postures on the way around: a few at first, then more.
 _VIA_POSTURES = (60, 300)
+# Nearest postures that each posture is joined to, and places along a leg at which it is checked.
 _NEIGHBOURS = 12
 _LOOKS = np.linspace(0.0, 1.0, 25)
 
 
 @dataclass(frozen=True, eq=False)
 class PieceChain:
-    """Pieces of motion one after the other, as one piece."""
+    """Pieces of motion one after the other, as one piece.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        The pieces, each of which begins where the one before ends.
+    """
 
     pieces: tuple[Piece, ...]
 
@@ -40,6 +47,7 @@ class PieceChain:
         parts = []
         for k, piece in enumerate(self.pieces):
             if (number == k).any():
+                # The clip below is for rounding: a time may lie a hair beyond the piece that it belongs to.
                 since = t[number == k] - (ends[k] - piece.duration)
                 part = piece.evaluate(np.clip(since, 0.0, piece.duration))
                 parts.append(Motion(t[number == k], part.q, part.dq, part.ddq, part.dddq))
@@ -52,14 +60,18 @@ def plan_path(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueM
     Parameters
     ----------
     start, end : (n,)
+        Postures at the ends, rad or m.
     bounds : Bounds
+        Limits of the motion.
     model : TorqueModel
+        Model that predicts the torque.
     rate : float
-        Sampling rate in Hz.
+        Sampling rate, Hz.
 
     Returns
     -------
     Piece
+        The motion, at rest at both ends.
 
     Raises
     ------
@@ -70,17 +82,32 @@ def plan_path(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueM
 
 
 def find_stations(start: FloatArray, end: FloatArray, bounds: Bounds, model: TorqueModel) -> list[FloatArray]:
-    """Return postures (n,), both ends among them, between which straight paths are clear.
+    """Return postures between which straight paths are clear, both ends among them.
+
+    Parameters
+    ----------
+    start, end : (n,)
+        Postures at the ends, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    model : TorqueModel
+        Model that predicts the torque.
+
+    Returns
+    -------
+    list of (n,)
+        Postures in the order in which they are visited.
 
     Raises
     ------
     ImpossibleLimitsError
-        As in `way_between`.
+        As in `plan_path`.
     """
     complaint = find_straight_obstacle(start, end, bounds)
     if complaint is None:
         return [start, end]
     try:
+        # A fixed seed: the same request has the same way around an obstacle.
         postures = draw_holdable_postures(bounds, model, np.random.default_rng(0))
     except ImpossibleLimitsError:
         raise complaint from None
@@ -98,7 +125,19 @@ def find_stations(start: FloatArray, end: FloatArray, bounds: Bounds, model: Tor
 
 
 def plan_moves(stations: Sequence[FloatArray], bounds: Bounds, model: TorqueModel, rate: float) -> Piece:
-    """Return moves from posture to posture, at rest in each, within all limits."""
+    """Return moves from posture to posture, at rest in each, within all limits.
+
+    Parameters
+    ----------
+    stations : sequence of (n,)
+        Postures in the order in which they are visited, rad or m.
+    bounds : Bounds
+        Limits of the motion.
+    model : TorqueModel
+        Model that predicts the torque.
+    rate : float
+        Sampling rate, Hz.
+    """
     moves = tuple(move_within_torque(a, b, bounds, model, rate) for a, b in pairwise(stations))
     return moves[0] if len(moves) == 1 else PieceChain(moves)
 
@@ -112,14 +151,17 @@ def _find_shortest_path(postures: FloatArray, bounds: Bounds) -> list[FloatArray
     neighbours = np.argsort(lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
     legs = np.unique(np.sort([(a, b) for a, row in enumerate(neighbours) for b in row], axis=1), axis=0)
     first, last = postures[legs[:, 0]], postures[legs[:, 1]]
+    # All legs in one call: the distances are computed for many postures at once.
     looks = first + _LOOKS[:, None, None] * (last - first)
     room = bounds.space.compute_least_slack(looks.reshape(-1, postures.shape[1])).reshape(len(_LOOKS), -1).min(axis=0)
     clear = legs[room >= 0]
     graph = csr_array((lengths[clear[:, 0], clear[:, 1]], (clear[:, 0], clear[:, 1])), shape=lengths.shape)
+    # Undirected: a leg that is clear one way is clear the other way.
     distances, before = dijkstra(graph, directed=False, indices=[0], return_predecessors=True)
     if not np.isfinite(distances[0, 1]):
         return None
     stations = [1]
+    # The predecessors lead from the end, which is the second posture, back to the start.
     while stations[0] != 0:
         stations.insert(0, int(before[0, stations[0]]))
     return [postures[k] for k in stations]

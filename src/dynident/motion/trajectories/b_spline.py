@@ -34,7 +34,7 @@ class BSplineFamily:
     intervals : int
         Number of polynomial pieces of a period.
     period : float
-        s
+        Period, s.
     """
 
     intervals: int
@@ -74,10 +74,12 @@ class BSplineFamily:
     def _splines(self) -> tuple[BSpline, ...]:
         """Shapes (m - 1) over u = t / period from 0 to 1, and their four derivatives."""
         ends = (np.zeros(DEGREE), np.linspace(0.0, 1.0, self.intervals + 1), np.ones(DEGREE))
+        # Clamped: with end knots of full multiplicity the curve begins and ends at its outermost control points.
         knots = np.concatenate(ends)
         # Without the three control points at either end, all shapes and two derivatives of theirs are zero at the
         # border.
         control = np.eye(self.intervals + DEGREE)[:, 3:-3]
+        # The integral of a B-spline is the width of its support over its degree plus one.
         means = (knots[DEGREE + 1 :] - knots[: -DEGREE - 1])[3:-3] / (DEGREE + 1)
         plain = BSpline(knots, control - means, DEGREE)
         velocity = plain.derivative()(self._nodes[0])
@@ -97,6 +99,7 @@ class BSplineFamily:
 
     def basis(self, t: FloatArray) -> FloatArray:
         """Return values (5, len(t), m) such that q and its four derivatives are `basis(t)[d] @ x`."""
+        # Clipped, because the quotient may round to slightly more than one, where the spline would be extrapolated.
         u = np.clip(np.mod(t, self.period) / self.period, 0.0, 1.0)
         values = np.zeros((5, len(t), self.n_coefficients))
         values[0, :, 0] = 1.0

@@ -23,8 +23,9 @@ class FourierFamily:
     Parameters
     ----------
     harmonics : int
+        Number of harmonics of the fundamental frequency ω = 2π / period.
     period : float
-        s
+        Period, s.
     """
 
     harmonics: int
@@ -69,6 +70,7 @@ class FourierFamily:
         """
         k = np.arange(1.0, self.harmonics + 1)
         scale = 1.0 / k
+        # The null spaces are the amplitudes that keep velocity (sines) and acceleration (cosines) zero at the border.
         sine = scale[:, None] * null_space((k * scale)[None, :])
         cosine = scale[:, None] * null_space((k**2 * scale)[None, :])
         return sine, cosine

@@ -43,7 +43,17 @@ class Family(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PeriodicMotion:
-    """One trajectory of a family with coefficients x (m, n), repeated `periods` times."""
+    """One trajectory of a family, repeated for some periods.
+
+    Parameters
+    ----------
+    family : Family
+        Family of trajectories.
+    x : (m, n)
+        Coefficients of the family.
+    periods : int
+        Number of periods.
+    """
 
     family: Family
     x: FloatArray
@@ -66,12 +76,27 @@ class PeriodicMotion:
         return posture
 
 
+# Largest number of samples of a motion: positions and three derivatives of seven joints then take about a gigabyte.
 MOST_SAMPLES = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions and their derivatives at m times: t (m,), q, dq, ddq, dddq (m, n)."""
+    """Positions of all joints and their derivatives at some times.
+
+    Parameters
+    ----------
+    t : (m,)
+        Times, s.
+    q : (m, n)
+        Positions, rad or m.
+    dq : (m, n)
+        Velocities, rad/s or m/s.
+    ddq : (m, n)
+        Accelerations, rad/s² or m/s².
+    dddq : (m, n)
+        Jerks, rad/s³ or m/s³.
+    """
 
     t: FloatArray
     q: FloatArray
@@ -93,7 +118,15 @@ class Piece(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Standing still at a posture (n,)."""
+    """Standing still at a posture.
+
+    Parameters
+    ----------
+    posture : (n,)
+        The posture, rad or m.
+    duration : float
+        Duration, s.
+    """
 
     posture: FloatArray
     duration: float = 0.0
@@ -113,12 +146,14 @@ def sample_pieces(pieces: Sequence[Piece], rate: float) -> Motion:
     Parameters
     ----------
     pieces : sequence of Piece
+        Pieces of the motion, each of which begins where the one before ends.
     rate : float
-        Sampling rate in Hz.
+        Sampling rate, Hz.
 
     Returns
     -------
     Motion
+        Samples of all pieces, with times from 0 on.
     """
     check_length(pieces, rate)
     parts: list[Motion] = []
@@ -127,15 +162,25 @@ def sample_pieces(pieces: Sequence[Piece], rate: float) -> Motion:
         steps = count_steps(piece, rate)
         # Rounding of the last times must not evaluate a piece beyond its end.
         part = piece.evaluate(np.minimum(np.arange(steps) / rate, piece.duration))
+        # Times are whole numbers over the rate: sums of durations would collect rounding errors.
         parts.append(Motion((start + np.arange(steps)) / rate, part.q, part.dq, part.ddq, part.dddq))
         start += steps
+    # A piece has no sample at its end, which is the beginning of the next one; only the last piece needs it.
     end = pieces[-1].evaluate(np.array([pieces[-1].duration]))
     parts.append(Motion(np.array([start / rate]), end.q, end.dq, end.ddq, end.dddq))
     return concatenate_motions(parts)
 
 
 def check_length(pieces: Sequence[Piece], rate: float) -> None:
-    """Raise `DynidentError` where a sequence of pieces has more samples at `rate` (Hz) than can be handled."""
+    """Raise `DynidentError` where a sequence of pieces has more samples at `rate` (Hz) than can be handled.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+        Pieces of the motion, one after the other.
+    rate : float
+        Sampling rate, Hz.
+    """
     samples = sum(piece.duration for piece in pieces) * rate
     if samples > MOST_SAMPLES:
         raise DynidentError(
