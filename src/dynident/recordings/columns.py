@@ -19,7 +19,17 @@ NOT_RECORDED = "none"
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the file: ours = factor x theirs + offset."""
+    """One column of the file, and its conversion: ours = factor x theirs + offset.
+
+    Parameters
+    ----------
+    source : str
+        The file's name of the column.
+    factor : float
+        Factor to our unit, with sign, scale and drive gain.
+    offset : float
+        What is added after the factor, in our unit.
+    """
 
     source: str
     factor: float = 1.0
@@ -36,9 +46,22 @@ class Column:
 class Layout:
     """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none.
 
-    `wrench` are the six of the base's reaction, or none. `mixing` (n, n): what the columns of tau are multiplied by
-    from the right where motors act on several joints. `without_torque` are the joints, from 0, whose torque was not
-    recorded; it is read as zero.
+    Parameters
+    ----------
+    t : Column
+        The time.
+    segment : Column or None
+        Numbers that tell runs apart.
+    q, tau : tuple of Column
+        Positions and torques of the n joints.
+    dq, ddq, q_command, temperature : tuple of Column
+        Optional signals of the n joints; empty if there are none.
+    wrench : tuple of Column
+        The six columns of the base's reaction; empty if there are none.
+    mixing : (n, n), optional
+        What the columns of tau are multiplied by from the right, where motors act on several joints.
+    without_torque : tuple of int
+        Indices of the joints whose torque was not recorded; it is read as zero.
     """
 
     t: Column
@@ -89,17 +112,19 @@ def find_columns(
 
     Parameters
     ----------
-    names : the file's columns
+    names : sequence of str
+        The file's columns.
     joints : RecordedJoints
         Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column. With motor
         torques τ (gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
     metadata : RecordingMetadata
-        `columns` and `units` are used.
+        What the user says of the file, of which `columns`, `units`, `permutation`, `signs` and `scale` are used.
 
     Returns
     -------
-    Layout
-    Check
+    layout : Layout
+        The columns of all signals, with their conversion to SI.
+    check : Check
         Says what torque is made from.
 
     Raises
@@ -177,14 +202,17 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
 
     Parameters
     ----------
-    names : the file's columns
+    names : sequence of str
+        The file's columns.
     n : int
         Number of the robot's joints.
     metadata : RecordingMetadata
+        What the user says of the file.
 
     Returns
     -------
     Check or None
+        A warning that names the columns; None if there are no more than the robot's.
     """
     mapped = {name.casefold() for name in metadata.columns.values()}
     unmapped = {name.casefold(): name for name in names if name.casefold() not in mapped}

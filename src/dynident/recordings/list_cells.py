@@ -100,6 +100,7 @@ def make_counted_names(name: str, length: int) -> tuple[str, ...]:
 
 def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
+    # A data set lies in folders of its own: its description is looked for in the nearest ones above the file.
     about = next(
         (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
     )

@@ -39,11 +39,12 @@ def are_poses(q: FloatArray) -> bool:
     Parameters
     ----------
     q : (m, n)
-        rad or m.
+        Positions in rad or m.
 
     Returns
     -------
     bool
+        True for poses.
     """
     if len(q) < FEWEST:
         return False
@@ -62,6 +63,7 @@ def has_poses(recording: Recording) -> bool:
 
 def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | None:
     """Read a file whose rows are poses; None if they are samples of a motion."""
+    # Rows that are close together are samples of a motion, however slow it is.
     if base.typical <= LONGEST_PERIOD or not FEWEST <= base.n_rows <= MOST_ROWS:
         return None
     blocks = list(source.rows(layout))

@@ -59,7 +59,9 @@ class ZeroPhase:
         Parameters
         ----------
         blocks : iterator of (m, n)
+            Samples of one segment, in order.
         length : int
+            Number of all samples of the segment.
 
         Yields
         ------
@@ -144,8 +146,10 @@ def filtered_blocks(
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     preprocessing : Preprocessing
-        `position_cutoff` (None: positions are taken as they are) and `filter_order` are used here.
+        Filters and decimation, of which `position_cutoff` (None: positions are taken as they are) and `filter_order`
+        are used here.
     block_length : int
         Longest block to give; memory is bounded by it and by the filter's memory, not by the recording.
     segments : sequence of int or None
@@ -169,12 +173,14 @@ def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
     Parameters
     ----------
     preprocessing : Preprocessing
+        Filters and decimation.
     rate : float
         Sampling rate in Hz.
 
     Returns
     -------
     int
+        Number of samples.
     """
     if preprocessing.position_cutoff is None:
         return _REACH

@@ -84,6 +84,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     Returns
     -------
     dict
+        Values by field, None for no filter.
 
     Raises
     ------
@@ -106,6 +107,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
             continue
         if value is None and name.endswith("cutoff"):
             values[name] = None
+        # JSON's true would otherwise count as 1, since a bool is an int.
         elif isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
             raise _impossible_value_error(
                 name, f"{name} is {value!r}; give a number" + (" or null." if "cut" in name else ".")

@@ -119,15 +119,18 @@ def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, pe
     Parameters
     ----------
     t : (m,)
+        Times of the samples in s, increasing.
     values : (m, c)
+        Samples of c signals.
     times : (k,)
-        Where to interpolate.
+        Times in s at which to interpolate.
     period : float
         Usual step of t in s.
 
     Returns
     -------
     (k, c)
+        The values at these times.
     """
     m = len(t)
     if m == 1:
@@ -283,6 +286,7 @@ class Segmenter:
         done = segment.length + self._n_held
         grid = segment.start_time + (done + np.arange(len(values), dtype=np.float64)) * self._base.period
         rows = GridRows(grid, segment.label, values)
+        # Whether a stretch is long enough is known only later: until then its first rows wait.
         if done + len(values) < SHORTEST:
             self._held.append(rows)
             self._n_held += len(values)
@@ -301,6 +305,7 @@ class Segmenter:
         if self._last is not None:
             new[0] = t[0] != self._last[0] or label[0] != self._last[1]
         for row in np.flatnonzero(~new):
+            # The row before may have been the last one of the block before.
             other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])
             if not np.array_equal(values[row], other, equal_nan=True):
                 column = int(np.flatnonzero(values[row] != other)[0])

@@ -31,7 +31,15 @@ _TURNS: JointKind = "revolute"
 
 @dataclass(frozen=True, eq=False)
 class StoredSamples:
-    """Samples by column, each (m,), and the unit of each that has one."""
+    """All samples of a recording, column by column.
+
+    Parameters
+    ----------
+    columns : mapping of str to (m,)
+        Samples by name of column.
+    units : mapping of str to str
+        Units of those columns that have one.
+    """
 
     columns: Mapping[str, NDArray[np.generic]]
     units: Mapping[str, str]
@@ -47,12 +55,14 @@ def load_stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -
     Parameters
     ----------
     recording : Recording
-    kinds : "revolute" or "prismatic", one a joint
-        Empty: they are not known, and joints count as revolute.
+        The checked recording.
+    kinds : sequence of str
+        Kinds of the joints, "revolute" or "prismatic". Empty: they are not known, and joints count as revolute.
 
     Returns
     -------
     StoredSamples
+        All samples, and the units of their columns.
     """
     source = recording.source
     if isinstance(source, ParquetSource):
@@ -75,12 +85,14 @@ def list_signal_units(
     columns : mapping
         Names such as t, q_<joint>, dq_<joint>; what they map to does not matter.
     joints : sequence of str
-    kinds : "revolute" or "prismatic", one a joint
-        Empty: joints count as revolute.
+        Names of the n joints, in the robot's order.
+    kinds : sequence of str
+        Kinds of the joints, "revolute" or "prismatic". Empty: joints count as revolute.
 
     Returns
     -------
     dict
+        Units by name of column.
     """
     units = {"t": find_our_unit("t", None)}
     units |= dict.fromkeys(WRENCH_NAMES[:3], find_our_unit("base_force", None))
@@ -136,10 +148,12 @@ def replace_by_command(recording: Recording) -> Recording:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
     Recording
+        The same rows, with the commanded positions in place of the measured ones.
 
     Raises
     ------
@@ -157,7 +171,19 @@ LAYOUT_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class ArraySource:
-    """Rows held in memory: q, tau (m, n); temperature, command (m, n) and the base's wrench (m, 6) or None."""
+    """Rows held in memory.
+
+    Parameters
+    ----------
+    q, tau : (m, n)
+        Positions in rad or m, and torques in N m or forces in N.
+    temperature : (m, n), optional
+        Temperatures of the joints in degC.
+    wrench : (m, 6), optional
+        Force in N, then moment in N m, of the base on the robot.
+    command : (m, n), optional
+        Positions that the robot was told to take, in rad or m.
+    """
 
     q: FloatArray
     tau: FloatArray
@@ -178,7 +204,17 @@ def _cut_values(values: FloatArray | None, part: slice) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class ParquetSource:
-    """Rows of a canonical Parquet file, read row group by row group."""
+    """Rows of a canonical Parquet file, read row group by row group.
+
+    Parameters
+    ----------
+    path : path
+        Where the file lies.
+    joint_names : tuple of str
+        Names of the n joints, in the robot's order.
+    has_temperature, has_wrench, has_command : bool
+        Which of the optional signals the file holds.
+    """
 
     path: Path
     joint_names: tuple[str, ...]
@@ -194,6 +230,8 @@ class ParquetSource:
         command = name_stored_columns("q_command", self.joint_names) if self.has_command else ()
         columns = [*q, *tau, *heat, *wrench, *command]
         with open_parquet_stream(self.path) as file:
+            # Row groups can be read only from their first row on: what stands before the wanted rows is passed over
+            # below.
             groups, skipped = _find_row_groups(file.metadata, first, length)
             skip, n_left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
@@ -265,6 +303,7 @@ def open_recording(path: Path | str) -> Recording:
     Parameters
     ----------
     path : path
+        Where the file lies.
 
     Returns
     -------

@@ -24,10 +24,17 @@ _ROUNDING = 1.01
 
 @dataclass(frozen=True)
 class EvenClock:
-    """All stamps are whole `tick`s, and within one tick of an even clock with this `period`, both in s.
+    """An even clock whose stamps were rounded: they are whole ticks, and within one tick of it.
 
     Nothing in such stamps says that samples came at other times than the even clock's, and taking them at their word
     would shake every moving joint by speed times tick.
+
+    Parameters
+    ----------
+    period : float
+        Step of the clock in s.
+    tick : float
+        Resolution of its stamps in s.
     """
 
     period: float
@@ -133,7 +140,17 @@ _KEPT_GAPS = 20
 
 @dataclass(frozen=True)
 class Gap:
-    """A step of t that is too long: after data row `row` (from 1) at time `start`, `length` s long."""
+    """A step of t that is too long.
+
+    Parameters
+    ----------
+    row : int
+        Data row, counted from 1, after which it begins.
+    start : float
+        Time of that row in s.
+    length : float
+        Seconds to the next row.
+    """
 
     row: int
     start: float
@@ -142,7 +159,37 @@ class Gap:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """What is known of a recording's time after the first pass."""
+    """What is known of a recording's time after the first pass.
+
+    Parameters
+    ----------
+    n_rows : int
+        Number of data rows.
+    first, last : float
+        Earliest and latest time in s.
+    period : float
+        Nominal step in s, of which the sampling rate is the inverse.
+    typical : float
+        Median of the first steps in s.
+    shortest, longest : float
+        Shortest and longest step in s that is no gap.
+    deviation : float
+        Standard deviation of these steps in s.
+    gaps : tuple of Gap
+        The first gaps.
+    n_gaps : int
+        Number of all gaps.
+    missing : float
+        Share of the time that is in gaps.
+    n_repeated : int
+        Number of rows that repeat the stamp before them.
+    first_repeated : int or None
+        The first of these data rows, counted from 1.
+    worst_row : int
+        Data row, counted from 1, whose step is farthest from the typical one.
+    even : EvenClock, optional
+        The clock that was rounded to these stamps, if there is one.
+    """
 
     n_rows: int
     first: float
@@ -211,6 +258,7 @@ class TimeScan:
                 title="Time is not a number",
                 row=row,
             )
+        # The last row of the block before comes in front: the step between two blocks counts like any other.
         if self._previous is not None:
             t = np.concatenate([[self._previous[0]], t])
             segment = np.concatenate([[self._previous[1]], segment])
@@ -253,7 +301,10 @@ class TimeScan:
         period = near_total / n_near if n_near >= REGULAR_SHARE * n else total / n
         even = self._even.result()
         if even is not None:
+            # All stamps together bound the period of an even clock much closer than the mean of their rounded steps
+            # does.
             period = even.period
+        # Where all steps are equal the difference of these sums may round to less than zero.
         variance = max(0.0, squares / n - (total / n) ** 2)
         return TimeBase(
             n_rows=self._n_rows,
@@ -297,6 +348,8 @@ class TimeScan:
             return
         if not self._typical:
             self._typical = float(np.median(steps))
+        # A gap begins a new run of the even clock, too: how many samples are missing in it cannot be told from rounded
+        # stamps.
         for t, begins in self._stamps:
             self._even.feed(t, begins | (np.diff(t, prepend=t[0]) > GAP_PERIODS * self._typical))
         self._stamps = []
@@ -312,6 +365,7 @@ class TimeScan:
         near = ordinary[np.abs(ordinary - self._typical) <= 0.05 * self._typical]
         self._near += (near.sum(), len(near))
         self._range = min(self._range[0], float(ordinary.min())), max(self._range[1], float(ordinary.max()))
+        # Gaps are reported by themselves: here they count as 0.
         off = np.abs(steps - self._typical) * ~wide
         if off.max() > self._worst[0]:
             self._worst = float(off.max()), int(ends[off.argmax()])

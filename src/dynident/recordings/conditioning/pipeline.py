@@ -46,10 +46,13 @@ class Conditioning:
     Parameters
     ----------
     layout : Layout
+        The columns of the file, matched with the joints.
     limits : tuple of JointLimits
-        One a joint.
+        Limits of the n joints, as far as they are known.
     base : TimeBase
-    skip : names of steps that are not taken
+        What is known of the time column.
+    skip : collection of str
+        Names of steps that are not taken.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class Conditioning:
         Parameters
         ----------
         blocks : iterable of RawRows
+            The rows of the file, in order.
 
         Yields
         ------

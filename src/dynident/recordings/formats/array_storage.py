@@ -69,6 +69,7 @@ class BoundedFile:
     Parameters
     ----------
     file : binary file
+        The open file.
     """
 
     def __init__(self, file: IO[bytes]) -> None:

@@ -68,6 +68,7 @@ class JoinedFiles(FileSource):
         self._parts = _make_parts(files)
         self._places = {name: part for part in self._parts for name in part.columns}
         timed = [part for part in self._parts if part.time is not None]
+        # Files are joined by time only if all of them have one: a file without would not know where to belong.
         self._by_time = len(timed) == len(self._parts)
         # A file of nothing but times is the clock of all others.
         self._main = min(timed, key=lambda part: part.step) if self._by_time else next(iter(timed), self._parts[0])
@@ -206,6 +207,7 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     Parameters
     ----------
     path : path
+        Where the file, or the first of several, lies.
     paths : sequence of path
         The files that `path` names.
     open_text : function
@@ -214,6 +216,7 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     Returns
     -------
     FileSource
+        The columns of all of them.
 
     Raises
     ------

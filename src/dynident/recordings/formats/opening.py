@@ -57,6 +57,7 @@ def format_of(path: Path) -> str:
     Returns
     -------
     str
+        One of `FORMATS`; "zip" is an archive of text files.
 
     Raises
     ------
@@ -77,6 +78,7 @@ def format_of(path: Path) -> str:
             "way: unpack the file first.",
             title="Unreadable file",
         )
+    # Both are archives of ZIP: their members tell NumPy's from one with text files.
     if detected == "npz":
         return "npz" if has_arrays(path) else "zip"
     if detected is not None:
@@ -109,6 +111,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
     Returns
     -------
     FileSource
+        Its columns, with times joined and rows of several series brought together.
 
     Raises
     ------

@@ -119,6 +119,7 @@ class CsvFileSource(FileSource):
 
     def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
+        # Arrow stops at the first cell that is no number: columns with words are read as text.
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         with pacsv.open_csv(
