@@ -94,7 +94,8 @@ class RecordingMetadata:
     permutation : mapping of str to tuple of int
         By "q" or "tau": at place k the number, from 1, of the column that is joint k's, such as {"tau": (2, 1, 3)}.
     signs : mapping of str to float
-        Sign, 1 or -1, by which positions or torques are multiplied; "q2" or "q_<joint>" means one joint and "q" all of them.
+        Sign, 1 or -1, by which positions or torques are multiplied; "q2" or "q_<joint>" means one joint and "q" all of
+        them.
     scale : mapping of str to float
         Positive factors of positions or torques, by the same keys.
     exclude : pairs (from, to)
