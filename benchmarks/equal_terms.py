@@ -125,7 +125,7 @@ def listening(case: Case) -> Iterator[list[Contest]]:
             heard.append(found)
         return fight(model, pool, state, choice, judged, products)
 
-    with patch.object(forward_selection, "settled", settled):
+    with patch.object(forward_selection, "compare_names", settled):
         yield heard
 
 

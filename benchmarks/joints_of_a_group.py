@@ -218,7 +218,7 @@ def listening(case: str, effect: str, having: set[str]) -> Iterator[list[Weighed
         )
         return kept
 
-    with patch.object(pruning, "_gains", gains), patch.object(refine, "trimmed", trimmed):
+    with patch.object(pruning, "_has_gain", gains), patch.object(refine, "trim_joints", trimmed):
         yield heard
 
 

@@ -128,7 +128,7 @@ CASES: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {
         EssentialChoices,
         lambda choices: essential_parameters(model().identification, choices.ratio),
     ),
-    "load": (KnownLoad, lambda load: parse_payload("run", load.over({"mass": 1.0}))),
+    "load": (KnownLoad, lambda load: parse_payload("run", load.override_payload({"mass": 1.0}))),
     "limits": (
         lambda: dy.Limits(position=(-1.0, 1.0)),
         lambda limits: dy.design(_read(limits={"axis": limits}), DESIGN),

@@ -70,7 +70,7 @@ def test_a_burst_no_longer_than_what_a_filter_makes_of_a_step_is_no_contact(monk
         tried.append(candidate)
         return SimpleNamespace(candidate=candidate, drop=0.0, t=0.0), 1.0
 
-    monkeypatch.setattr(contacts, "_tried", try_one)
+    monkeypatch.setattr(contacts, "_test_contact", try_one)
     burst = Candidate("external_contact", (), (("t0", 1.0), ("t1", 1.0 + seconds)), (3, 4, 5))
     data = SimpleNamespace(beside=lambda columns, signs: None)
     pool = SimpleNamespace(candidates=(burst, FRICTION))

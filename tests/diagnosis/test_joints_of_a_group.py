@@ -45,8 +45,8 @@ def left_of(monkeypatch):
             return Gain(asked, gains[asked.joints[0]])
 
         monkeypatch.setattr(pruning, "score_one", judge)
-        monkeypatch.setattr(pruning, "gain_over_floor", lambda *asked: 1.0)
-        monkeypatch.setattr(pruning, "plausible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
+        monkeypatch.setattr(pruning, "compute_gain_over_floor", lambda *asked: 1.0)
+        monkeypatch.setattr(pruning, "is_physically_possible", lambda *asked: asked[-1].candidate.joints[0] not in impossible)
         robot = SimpleNamespace(joint_names=ARM, movers=lambda name: (ARM.index(name),))
         columns = [SimpleNamespace(link=name) for name in gains]
         observation = SimpleNamespace(robot=robot, columns=columns)
@@ -85,9 +85,9 @@ def test_a_change_of_one_joint_that_is_impossible_beside_what_was_found_since_is
     change = Candidate("load_dependent_friction", (ARM[1],), (), (1,), ("friday",))
     lasting = Candidate("presliding", (ARM[1],), (), (2,))
     picks = tuple(Finding(cast(Any, SimpleNamespace(candidate=one)), (), 0.001) for one in (change, lasting))
-    monkeypatch.setattr(pruning, "_again", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0))
-    monkeypatch.setattr(pruning, "shadowed", lambda *asked: False)
-    monkeypatch.setattr(pruning, "plausible", lambda data, pool, base, noise, item: base != (0, 2))
+    monkeypatch.setattr(pruning, "_rescore_finding", lambda data, pool, state, finding: Gain(finding.judged.candidate, 5.0))
+    monkeypatch.setattr(pruning, "is_shadowed", lambda *asked: False)
+    monkeypatch.setattr(pruning, "is_physically_possible", lambda data, pool, base, noise, item: base != (0, 2))
     pool = SimpleNamespace(is_change=lambda candidate: bool(candidate.runs))
     state = State((0, 1, 2), np.ones(6), np.ones(6), picks)
     left = pruning.prune_findings(cast(Any, None), cast(Any, pool), state)

@@ -212,7 +212,7 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
     monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger)
     # Beside the one, nothing of the other is left.
-    monkeypatch.setattr(selection, "judge_all", lambda *_: [judged(0.0 * gains, name=rival)])
+    monkeypatch.setattr(selection, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
     data = rows_of(turns=False)
     found = selection.select_candidate(data, None, state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
@@ -229,7 +229,7 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: item is not carried)
     monkeypatch.setattr(selection, "is_too_small_for_runs", lambda state, data, item: item is carried)
     monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    monkeypatch.setattr(selection, "judge_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
+    monkeypatch.setattr(selection, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
     found = selection.select_candidate(rows_of(turns=False), None, state, [carried, spring])
     assert (found and found[0].candidate.effect) == named
 
@@ -268,7 +268,7 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     def nothing_left(data, pool, base, others, noise):
         return [judged(0.0 * gains, name=one.effect) for one in others]
 
-    monkeypatch.setattr(selection, "judge_all", nothing_left)
+    monkeypatch.setattr(selection, "score_all", nothing_left)
     for share, name, other, named in (
         (0.95, "temperature_friction", (6, 7), "temperature_friction"),
         (0.5, "temperature_friction", (6, 7), "coulomb"),
@@ -294,7 +294,7 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
 
     monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
     monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    monkeypatch.setattr(selection, "judge_all", where_it_moves)
+    monkeypatch.setattr(selection, "score_all", where_it_moves)
     state = State((), np.ones(1), np.ones(1), ())
     found = selection.select_candidate(rows_of(turns=True), None, state, [sliding])
     assert (found and found[0].candidate.effect) == named

@@ -106,5 +106,5 @@ def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypa
     """Friction hurts as long as the torque that it is judged on is late."""
     monkeypatch.setattr(harm_check, "_is_harmless", lambda data, base, own, noise: own != (2,) or 3 in base)
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
-    monkeypatch.setattr(harm_check, "_helps", lambda data, base, own, noise: own != (2,))
+    monkeypatch.setattr(harm_check, "_is_harmless", lambda data, base, own, noise: own != (2,))
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]

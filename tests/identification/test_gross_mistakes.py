@@ -377,7 +377,7 @@ def test_a_joint_that_is_explained_as_well_apart_from_the_others_is_not_said_to_
         worst, best = usual(judge, given), usual(judge, ColumnFault("joint turned", (2,)).mend(given))
         return replace(found, blocks=worst.blocks + apart * (best.blocks - worst.blocks), inside=best.inside)
 
-    monkeypatch.setattr(HeldOutFit, "unexplained", left)
+    monkeypatch.setattr(HeldOutFit, "measure_unexplained", left)
     found, _ = find_motion_faults(ROBOT, given) or ((), 1.0)
     assert [one.mistake for one in found] == named
 

@@ -33,8 +33,8 @@ SIZES = [1.0] * len(ITEMS)
 def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the size, and the machine."""
     monkeypatch.setattr(threads, "MIN_PARALLEL_SIZE", 0)
-    monkeypatch.setattr(threads, "processors", lambda: 1)
-    monkeypatch.setattr(threads, "_ASK_AGAIN", 0.01)
+    monkeypatch.setattr(threads, "count_processors", lambda: 1)
+    monkeypatch.setattr(threads, "_RETRY_INTERVAL", 0.01)
 
 
 Place = Callable[[Any, Progress], Any]

@@ -31,7 +31,7 @@ ROBOT = arm("scara")
 def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the size, and the machine."""
     monkeypatch.setattr(threads, "MIN_PARALLEL_SIZE", 0)
-    monkeypatch.setattr(threads, "processors", lambda: 3)
+    monkeypatch.setattr(threads, "count_processors", lambda: 3)
 
 
 def run(seed: int, seconds: float) -> Recording:
@@ -49,7 +49,7 @@ def test_the_factors_are_those_of_one_recording_after_the_other(monkeypatch: pyt
         return reduce_recordings(model.observation, runs, Preprocessing(10.0, 10.0, 4), reference, progress)
 
     at_once = reduced(lambda fraction, _: told.append(fraction))
-    monkeypatch.setattr(threads, "processors", lambda: 1)
+    monkeypatch.setattr(threads, "count_processors", lambda: 1)
     for one, other in zip(at_once.equations, reduced().equations, strict=True):
         np.testing.assert_array_equal(one.factors, other.factors)
     # The filters leave out the ends.
@@ -86,7 +86,7 @@ def test_a_single_large_recording_is_evaluated_while_the_rows_before_are_folded(
     monkeypatch.setattr(SampleFunction, "fill", fill)
     at_once, elsewhere = reduced(), set(makers)
     makers.clear()
-    monkeypatch.setattr(threads, "processors", lambda: 1)
+    monkeypatch.setattr(threads, "count_processors", lambda: 1)
     in_turn = reduced()
     assert threading.get_ident() not in elsewhere
     assert makers == {threading.get_ident()}

@@ -278,7 +278,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(thread_map, "processors", lambda: 1)
+    monkeypatch.setattr(thread_map, "count_processors", lambda: 1)
     peaks = []
     for length in (60_000, 600_000):
         run = Recording("long", ROBOT.joint_names, RATE, (Segment(0, length, 0.0),), Endless())

@@ -245,7 +245,7 @@ class Endless:
 @pytest.mark.slow
 def test_ten_times_the_data_takes_no_more_memory_in_any_model(monkeypatch: pytest.MonkeyPatch):
     # How many of the few blocks that another thread makes ahead are there at a time is chance.
-    monkeypatch.setattr(thread_map, "processors", lambda: 1)
+    monkeypatch.setattr(thread_map, "count_processors", lambda: 1)
     source = Endless()
     robot = source.robot
     model = build_model(robot, EFFECTS)
