@@ -66,6 +66,7 @@ def _render_operations(paths: Mapping[str, Any]) -> Iterator[str]:
     by_tag: dict[str, list[str]] = {}
     for path, operations in paths.items():
         for verb, operation in operations.items():
+            # An operation stands in the section of its first tag.
             tag = (operation.get("tags") or ["other"])[0]
             by_tag.setdefault(tag, []).append(_render_operation(path, verb, operation))
     for tag, parts in by_tag.items():

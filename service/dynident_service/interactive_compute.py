@@ -68,7 +68,7 @@ class InteractiveCompute:
             Type of the value.
         arguments : mapping
             Keyword arguments, plain values.
-        limits : Limits, optional
+        limits : ComputationLimits, optional
             Limits of the computation.
         is_long : bool
             Whether the function reads a file, which may take long.
@@ -86,12 +86,14 @@ class InteractiveCompute:
                 "may, of which some stay free for others; try again."
             )
             raise ProblemError(429, detail, title="Too busy")
+        # From here on the request waits for a child: its place among those that compute here is free for another.
         mark_long(request.scope)
         over = threading.Event()
         answer: Answer | None = None
         ticket = Ticket(party, is_long)
         self._waiting.take(party)
         try:
+            # In this order: a client that leaves while its request is in the queue frees its place there, too.
             async with _while_client_waits(request, over), self._queue.wait_for_turn(ticket):
                 answer = await to_thread.run_sync(
                     self._compute,
@@ -118,6 +120,7 @@ class InteractiveCompute:
         watch = _ProgressWatch(child)
         try:
             child.send(call)
+            # Short waits: between two of them the client may leave, the time may be over, or the child may be stuck.
             while (answer := child.receive(0.1)) is None:
                 if over.is_set():
                     self._pool.replace(child)
@@ -133,6 +136,7 @@ class InteractiveCompute:
             self._pool.replace(child)
             raise
         assert isinstance(answer, Answer)
+        # Only a child that answered is used again; all others are replaced by new ones.
         self._pool.put_back(child, answer)
         return answer
 

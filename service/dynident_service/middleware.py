@@ -120,6 +120,7 @@ class AccessControl:
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
             assert holder is not None
+            # Until now the request counted for its address: the key was not known yet.
             charge_key(scope, holder.name)
             set_account(Account(holder.name, holder.limits.fill_from(self._limits)))
         elif not is_loopback(_parse_host(headers.get("host", ""))):
@@ -134,6 +135,7 @@ class AccessControl:
         origin = headers.get("origin")
         if origin is None or method in SAFE_METHODS or origin in self._settings.allowed_origins:
             return True
+        # A page of this service has its own address as origin; every other page has another one.
         return urlsplit(origin).netloc == headers.get("host")
 
 

@@ -91,6 +91,7 @@ def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Fu
         Optional members.
     """
     title = title or HTTPStatus(status).phrase
+    # The type is made from the title alone: it stays the same whatever the detail says.
     slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
     return Problem(type=f"urn:dynident:problem:{slug}", title=title, status=status, detail=detail, **more)
 

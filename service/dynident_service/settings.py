@@ -139,6 +139,7 @@ def load_settings(**given: object) -> Settings:
         if isinstance(error, SettingsError):
             raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
         first = error.errors()[0]
+        # The first error is enough: the user mends one variable at a time.
         name = f"DYNIDENT_{first['loc'][0]}".upper()
         value = "" if is_secret(name) else f" (it is {first['input']!r})"
         raise DynidentError(f"{first['msg']}{value}", pointer=name, title="Unusable setting") from error

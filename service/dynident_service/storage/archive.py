@@ -164,6 +164,7 @@ class _AtomicFile:
             self._file.flush()
             os.fsync(self._file.fileno())
         if kind is None:
+            # Renaming is atomic: the file has its name with all its content, or not at all.
             self._unfinished.replace(self._path)
             _flush_folder(self._path.parent)
         else:
@@ -200,7 +201,7 @@ def write_rows(files: ArchiveFiles, table: str, rows: Iterable[Mapping[str, obje
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     table : str
         Name of the table.
@@ -225,7 +226,7 @@ def read_rows(files: ArchiveFiles, table: Table) -> Iterator[Row]:
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     table : Table
         Table as this version has it; columns that it does not have are left out.
@@ -305,6 +306,7 @@ def read_object(files: ArchiveFiles, key: str, target: IO[bytes]) -> int:
 def _read_chunks(files: ArchiveFiles, key: str) -> Iterator[bytes]:
     try:
         with files.read(f"objects/{key}") as file:
+            # In pieces: a recording may be larger than the memory.
             while chunk := file.read(CHUNK):
                 yield chunk
     except (*_BROKEN, KeyError) as error:
@@ -330,7 +332,7 @@ def write_manifest(
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     content : {"everything", "robot"}
         Kind of archive.
@@ -371,7 +373,7 @@ def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     content : {"everything", "robot"}
         Kind of archive that is expected.

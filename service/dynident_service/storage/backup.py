@@ -141,7 +141,7 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> ArchiveSi
 
     Returns
     -------
-    Amount
+    ArchiveSize
         What the archive contains.
     """
     with open_archive_for_writing(target) as files:
@@ -197,6 +197,7 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
                 detail = "there is data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
         owned: Iterable[dict[str, Any]] = read_rows(files, OBJECTS)
+        # Several resources may own one object, which is copied once.
         keys = sorted({(row["key"], row["size"]) for row in owned})
         # Objects before rows: a restoration that is cut off leaves a database that is still empty, and can be repeated.
         size = sum(put_object(files, objects, key, scratch) for key, _ in keys)
@@ -214,6 +215,7 @@ def _read_tables(database: Database, files: ArchiveFiles, counts: Mapping[str, i
         for table in reversed(list_tables()):
             connection.execute(table.delete())
         read = {table.name: _insert_rows(connection, table, files) for table in list_tables()}
+        # Before the commit: the first new event would otherwise get an id that is taken.
         _advance_event_ids(connection)
         lacking = [name for name, number in read.items() if number != counts.get(name, 0)]
         if lacking:

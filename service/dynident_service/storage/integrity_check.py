@@ -74,7 +74,7 @@ def check_storage(
 
     Yields
     ------
-    Finding
+    Defect
         One for each defect. If the database itself is damaged, nothing else is checked.
     """
     findings = list(check_database(database))
@@ -84,6 +84,7 @@ def check_storage(
     if problem_of is not None:
         yield from _find_unreadable(database, problem_of)
     owners = _load_owners(database)
+    # The list is read after the owners: whatever they owned by then had been put before.
     sizes = dict(objects.list_objects())
     for (key, size), names in owners.items():
         finding = _check_object(key, size, sizes.get(key), names)

@@ -156,6 +156,7 @@ def add_jobs(
     """
     if not several:
         return []
+    # Stored with the arguments, so that the log of the job, in another process, names the request that asked for it.
     origin = {REQUEST: get_current_request(), TRACE: tracing.get_current_span()}
     more = {name: value for name, value in origin.items() if value is not None}
     jobs = [
@@ -200,6 +201,7 @@ def claim_jobs(connection: Connection, most: int, moment: datetime, until: datet
         owner = min(rows, key=lambda row: (row.running, row.oldest)).owner
         statement = _TAKE_OF_NOBODY if owner is None else _TAKE_OF_OWNER
         job = connection.execute(statement, {"moment": moment, "until": until, "of": owner}).one_or_none()
+        # Another service has locked the last queued jobs of this owner: the next owner is tried.
         if job is None:
             passed_over.add(owner)
         else:

@@ -149,7 +149,7 @@ def check_quota(session: Session, account: Account | None, several: Sequence[New
 
     Raises
     ------
-    OverQuota
+    QuotaExceeded
         If a limit would be exceeded.
     """
     if account is None:
@@ -176,14 +176,14 @@ def check_byte_quota(
         Session of the transaction that adds the files.
     account : Account or None
         Account that they belong to.
-    owned : iterable of Owned
+    owned : iterable of OwnedObject
         The files; those that the account has already take no room.
     at_least : int
         Bytes that are needed in any case, for files whose size is not known yet.
 
     Raises
     ------
-    OverQuota
+    QuotaExceeded
         If the limit would be exceeded.
     """
     new = {owned_object.key: owned_object.size for owned_object in owned}
@@ -193,6 +193,8 @@ def check_byte_quota(
     known = session.scalars(_HAS, {_OWNER: account.name, "keys": list(new)}) if new else ()
     for key in known:
         new.pop(key)
+    # The size of a simulated recording is known only at its end: until then it counts as one byte, so that a full
+    # account starts none.
     more = max(at_least, sum(new.values()))
     used = sum_bytes(session, account.name)
     if more and used + more > account.limits.bytes:

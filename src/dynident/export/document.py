@@ -82,7 +82,7 @@ class ParameterFields(TypedDict):
 
 
 class ModelDocument(TypedDict):
-    """The whole document; `model_document` explains its fields."""
+    """The whole document; `model_to_document` explains its fields."""
 
     format: str
     version: str

@@ -181,7 +181,8 @@ class FeasibleLinks:
     ) -> FeasibleLinks:
         """Return the links and joints of a model.
 
-        It raises an error as `complete` does, unless the nearest feasible bodies predict as well or `nearest` is set.
+        It raises an error as `complete_parameters` does, unless the nearest feasible bodies predict as well or
+        `nearest` is set.
         """
         projected = project_model(identification, held)
         try:

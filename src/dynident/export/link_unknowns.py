@@ -151,7 +151,7 @@ class LinkUnknowns:
         return bounds
 
     def compute_margins(self, unknowns: FloatArray) -> FloatArray:
-        """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `matrices` bounds."""
+        """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `build_bounds` bounds."""
         none = np.zeros(len(self.links))
         scaled = unknowns / self.scale
         return np.array([np.linalg.eigvalsh(bound.evaluate(scaled))[0] for bound in self.build_bounds(0, none)])

@@ -118,7 +118,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     Raises
     ------
     DynidentError
-        As `complete` does; or if a link has no inertia in the model, or a spring pushes away from rest.
+        As `complete_parameters` does; or if a link has no inertia in the model, or a spring pushes away from rest.
     """
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest)
     if links.rounding_error > SMALL:

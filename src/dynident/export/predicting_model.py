@@ -72,7 +72,7 @@ class PredictingModel:
             Predict every sample by itself, as if its joints had long moved in the direction of their velocity: the
             steady state of hysteresis.
         further : FurtherSignals, optional
-            Higher derivatives, time, temperature, run; `torque_formula` tells which of them a model needs.
+            Higher derivatives, time, temperature, run; `build_torque_formula` tells which of them a model needs.
 
         Returns
         -------

@@ -49,7 +49,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     Raises
     ------
     DynidentError
-        As `complete` does.
+        As `complete_parameters` does.
     """
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
     robot = links.robot

@@ -131,9 +131,9 @@ def _draw_values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
 _LEAST_VISIBLE, _MOST_UNEXPLAINED, _NEAR_FLOOR = 2.0, 0.5, 1.5
-"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves `_SEEN` times
-as much on the trial arm with the effect as on one without. The model with the effect must then leave at most
-`_EXPLAINED` of that, or `_AS_WITHOUT` times what is left on the arm without the effect."""
+"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves
+`_LEAST_VISIBLE` times as much on the trial arm with the effect as on one without. The model with the effect must then
+leave at most `_MOST_UNEXPLAINED` of that, or `_NEAR_FLOOR` times what is left on the arm without the effect."""
 _LARGER = 8.0
 """Factor by which an effect is enlarged that does not show at its usual size."""
 
