@@ -69,6 +69,7 @@ class RetryKey:
         """Bind the key to a hash of the body, so that another request with the same key is recognised."""
         if self.key is None:
             return None
+        # Sorted, so that the same request written in another order is the same request.
         content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
         return Retry(self.scope, self.key, hashlib.sha256(content.encode()).hexdigest())
 
@@ -144,7 +145,7 @@ def require_succeeded(resource: Resource) -> Resource:
 
 
 def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
-    """What a text in JSON asks for that is no body by itself, or is one beside others; `pointer` says where it stands.
+    """Parse a body in JSON that is no body by itself, or stands beside others; `pointer` says where it stands.
 
     Raises
     ------
@@ -156,6 +157,7 @@ def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> 
     except (ValueError, RecursionError) as error:
         raise make_unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
     try:
+        # Validated as JSON, like every other body: of Python's objects pydantic accepts and refuses other types.
         return kind.model_validate_json(text)
     except ValidationError as error:
         errors: list[ErrorDetails] = [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]

@@ -33,10 +33,26 @@ Arguments = Callable[[Request, Mapping[str, object]], Mapping[str, object]]
 class ResourceRoutes:
     """A kind of resource, and what its routes are called and say in the contract.
 
-    `show` tells how one is shown that no job computes; `of` is the kind that each of them rests on, whose list may be
-    asked for, if there is one. `several` and `one` are in the names of the operations, `listed`, `words`, `shown`,
-    `deleted` and `labelled` in their descriptions: what is not given follows from the kind. Those that may be
-    `labelled` may be archived. `tables` has the figures of one that was computed as tables, if it can be shown so.
+    What is not given follows from the kind. Resources with a `label_description` may be archived.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    view : type of BaseModel
+        Model of the contract that shows a resource.
+    parent_kind : Kind, optional
+        Kind that each of them depends on, by which the list may be narrowed.
+    show : callable, optional
+        Shows a resource that no job computes.
+    plural, singular : str
+        Names in the operations.
+    words : str
+        Name of several of them in descriptions.
+    list_description, show_description, delete_description, label_description : str
+        Descriptions of the operations.
+    tables : callable, optional
+        Returns the figures of a computed resource as tables.
     """
 
     kind: Kind
@@ -102,7 +118,7 @@ def add_create_route(
     ----------
     router : APIRouter
         The router that gets the routes.
-    routes : Kept
+    routes : ResourceRoutes
         The kind of resource.
     job : NewJob
         The job that computes it.

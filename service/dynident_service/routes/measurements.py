@@ -82,6 +82,7 @@ async def upload_measurement(
 
     Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
     """
+    # One path for both, since both make a measurement; FastAPI cannot declare a form and a JSON body in one function.
     if request.headers.get("content-type", "").lower().startswith("application/json"):
         return await _create_from_import(request, services, retry, response)
     if file is None or metadata is None:
@@ -128,6 +129,7 @@ def _receive_import(
         detail = f"there is no import {import_request.import_id!r}; they are kept for a day: upload the file again"
         raise make_unusable(detail, "/import_id", title="Unknown resource")
     original = imported.objects["original"]
+    # The file is copied out of the store, for which there has to be room.
     require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
@@ -289,10 +291,12 @@ async def get_raw_signals(
         arguments = {**sent, "signals": names, "start": start, "end": end, "points": points}
         size = Path(sent["source"]).stat().st_size
         largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
+        # `require_room_for` takes twice the size of a file: half of the answer's stands for the whole answer.
         await to_thread.run_sync(require_room_for, services, largest // 2)
         await services.interactive.call(
             request, RAW, NoneType, arguments, replace(ComputationLimits.from_file_sizes(size), file_bytes=largest)
         )
+    # The folder is removed after the answer was sent, or here, where there is none.
     except BaseException:
         await removal()
         raise
@@ -300,7 +304,7 @@ async def get_raw_signals(
 
 
 def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
-    """What a child is told of the file of a measurement, and where it is to write signals of it."""
+    """Return what a child has to know of the file of a measurement, and where it is to write signals of it."""
     measurement = services.resources.get("measurement", measurement_id)
     metadata = MeasurementMetadata.model_validate(measurement.request)
     robot = services.resources.get("robot", metadata.robot_id)
