@@ -83,6 +83,7 @@ def _sweep_one(database: Database, objects: ObjectStore, key: str, until: dateti
         gone = delete(TombstoneRow).where(TombstoneRow.key == key, TombstoneRow.since <= until)
         if session.scalar(gone.returning(TombstoneRow.key)) is None:
             return False
+        # Somebody owns it again: the tombstone is gone, and the object stays.
         if session.scalar(select(ObjectRow.key).where(ObjectRow.key == key).limit(1)) is not None:
             return False
         objects.delete(key)
