@@ -122,6 +122,8 @@ class InteractiveCompute:
             child.send(call)
             # Short waits: between two of them the client may leave, the time may be over, or the child may be stuck.
             while (answer := child.receive(0.1)) is None:
+                # A computation cannot be interrupted from outside: its process is killed, and another one takes the
+                # place.
                 if over.is_set():
                     self._pool.replace(child)
                     return None
@@ -155,6 +157,7 @@ class _ProgressWatch:
         if self._child.pid is None:
             return False
         moment = time.monotonic()
+        # Each heartbeat begins the measurement anew.
         if self._heartbeats != self._child.heartbeats:
             self._heartbeats, self._since, self._used = (
                 self._child.heartbeats,
@@ -203,6 +206,7 @@ async def _while_client_waits(request: Request, over: threading.Event) -> AsyncI
     async def watch() -> None:
         while not await request.is_disconnected():
             await anyio.sleep(LOOK)
+        # The cancellation does not reach a thread: that one looks at `over`.
         over.set()
         group.cancel_scope.cancel()
 

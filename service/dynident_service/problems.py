@@ -155,8 +155,10 @@ def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str 
         elif error["type"] == "extra_forbidden":
             detail = f"there is no field {location[-1]!r}"
         else:
+            # Pydantic puts these words in front of what our own validators say.
             detail = str(error["msg"]).removeprefix("Value error, ")
         pointer = prefix + to_pointer(location, error["type"], body)
+        # Each member of a union reports an error of its own for the same place.
         details = joined.setdefault(pointer, [])
         if detail not in details:
             details.append(detail)
@@ -165,6 +167,7 @@ def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str 
 
 def make_validation_problem(fields: list[ProblemField]) -> Problem:
     """Return the problem of a request that does not conform to the contract."""
+    # The sentence is for people and names a few; programs read the list.
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
     listed = fields[:MOST_FIELDS]

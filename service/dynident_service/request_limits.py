@@ -131,6 +131,7 @@ class _Meter:
         """Count a piece of the body; raise HTTPException if it is too much or arrives too slowly."""
         body: bytes = message.get("body", b"")
         self._bytes += len(body)
+        # A message of another kind says that the client has left.
         self.is_over = message["type"] != "http.request" or not message.get("more_body", False)
         if self._bytes > self._allowed.bytes:
             raise HTTPException(413, _describe_size_limit(self._allowed), {"connection": "close"})
@@ -141,6 +142,7 @@ class _Meter:
                 detail = f"The body holds more than {self._allowed.values} values; send less at a time."
                 raise HTTPException(413, detail, {"connection": "close"})
         took = time.monotonic() - self._began
+        # A body that is complete is not refused any more, however slow it was.
         if not self.is_over and took > FIRST_GRACE + self._bytes / self._slowest:
             raise _make_slow_error(took)
 
@@ -170,6 +172,7 @@ class RequestSlot:
 
     def release_short_place(self) -> None:
         """Release the place among short requests, as this one only waits for a computation elsewhere."""
+        # Both are forgotten: a place is given back once, and the request does not queue again.
         ticket, queue = self._ticket, self._queue
         self._ticket = self._queue = None
         if ticket is not None and queue is not None:

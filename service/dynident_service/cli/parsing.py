@@ -38,6 +38,7 @@ def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
             parsed |= _parse_json_pairs(text, option)
             continue
         for item in _split_items(text):
+            # At the first equals sign: a value may hold further ones.
             name, sign, value = item.partition("=")
             if not sign or not name.strip() or not value.strip():
                 raise _unreadable_error(option, item, "name=value")

@@ -145,6 +145,7 @@ def add_create_route(
             )
             return SHOW_FUNCTIONS[routes.kind](create_or_replay(services, new, response))
 
+        # FastAPI reads the models of body and answer from the annotations; they differ from kind to kind.
         create_resource.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": routes.view}
         router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(create_resource)
         return needs
@@ -159,9 +160,11 @@ def _add_list_route(router: APIRouter, routes: ResourceRoutes, show: Show) -> No
     def list_all(services: ServicesDep, query: ListQueryDep) -> object:
         return show_page(services, routes.kind, query, show)
 
+    # Two functions, since FastAPI takes every parameter of a function for one of the query.
     route: Callable[..., object] = list_of_parent if routes.parent_kind else list_all
     if routes.parent_kind:
         route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{routes.parent_kind}_id")]
+    # Only kinds that have labels can be narrowed down by them.
     if routes.label_description:
         route.__annotations__["query"] = LabelledQueryDep
     route.__annotations__["return"] = Page.__class_getitem__(routes.view)

@@ -115,6 +115,7 @@ def create_identification(
     with hold_import_lock():
         from dynident_service.adapters.robots import restore_cached_robot
 
+    # All resources that the request names are read by one query.
     ahead = PrefetchedResources(services.resources, list_named_ids(body))
     new = new_identification(ahead, body, lambda robot: restore_cached_robot(robot.request))
     return show_identification(create_or_replay(services, replace(new, retry=retry.bind_to_body(body)), response))
@@ -281,6 +282,7 @@ def new_identification(
 
 def _show_briefly(resource: Resource) -> IdentificationView:
     """Show a stored identification without its parameters."""
+    # Taken out before they are validated: otherwise they would cost nearly as much as if they were sent.
     result = None if resource.result is None else {**resource.result, "parameters": []}
     return show_identification(replace(resource, result=result))
 
@@ -318,6 +320,7 @@ def _build_next_step(
     parent: Resource, stored_request: StoredIdentification, changes: dict[str, object], job: NewJob, retry: Retry | None
 ) -> NewResource:
     """Return what is to be computed from a model: its request with some of it changed."""
+    # The changes come from models that were validated: a copy does not check them again.
     request = stored_request.model_copy(update=changes)
     return NewResource(
         "identification",

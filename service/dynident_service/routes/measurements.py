@@ -142,6 +142,7 @@ def _receive_import(
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded."""
     original = find_original(services.resources.get("measurement", measurement_id))
+    # The key is the hash of the content, and thereby an ETag as it should be.
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
 
@@ -224,6 +225,7 @@ def _receive_upload(
     source = folder / "source"
     receive_files(services, files, source)
     sha256 = hash_file(source)
+    # The file belongs to what was asked: the same key with another file is another request.
     retry = key.bind_to_body(metadata, sha256)
     if (existing := services.resources.find_retried(retry)) is not None:
         return existing
@@ -256,6 +258,7 @@ def _store_measurement(
 
 def _store_objects(services: Services, received: ReceivedFile) -> tuple[OwnedObject, ...]:
     source, canonical, revised = received.source, received.recording, received.parent
+    # Before anything is put into the store. A revision adds its recording only: the original is its parent's.
     services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
     original = (
         services.resources.put_with_role("original", source, detect_media_type(source))
@@ -283,6 +286,7 @@ async def get_raw_signals(
     points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
 ) -> FileResponse:
     """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    # Not in a `with` block: the folder has to outlive this function until the answer was sent.
     folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
     removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
     try:

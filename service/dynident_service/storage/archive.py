@@ -88,6 +88,7 @@ class ArchiveFolder:
             if _TABLES.fullmatch(path.name) and path.name != tables:
                 shutil.rmtree(path)
         for path in (self._path / "objects").glob("*"):
+            # Files of other names are not ours, and stay.
             matched = _OBJECT.fullmatch(path.name)
             if matched and (matched[2] or (keys is not None and matched[1] not in keys)):
                 path.unlink()
@@ -120,6 +121,7 @@ class ArchiveZip:
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
         """Open a file for writing."""
+        # The size is not known before: the header has to have room for more than 4 GB.
         return self._zipped.open(name, "w", force_zip64=True)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:

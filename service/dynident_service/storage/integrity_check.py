@@ -131,6 +131,7 @@ def repair(database: Database, objects: ObjectStore, finding: Defect) -> None:
 def _find_unreadable(database: Database, problem_of: Callable[[Resource], str | None]) -> Iterator[Defect]:
     with database.read() as session:
         ids = list(session.scalars(select(ResourceRow.id).order_by(ResourceRow.id)))
+    # A transaction for each portion: a long reader keeps SQLite's write-ahead log from being cut back.
     for start in range(0, len(ids), AT_ONCE):
         with database.read() as session:
             resources = read_resources(session, ids[start : start + AT_ONCE])
@@ -168,5 +169,6 @@ def _find_orphans(database: Database, suspects: set[str]) -> Iterator[Defect]:
 def _find_leftovers(objects: ObjectStore) -> Iterator[Defect]:
     for path in objects.list_leftovers():
         age = time.time() - path.stat().st_mtime
+        # A younger one may still be written.
         if age > ABANDONED_AFTER:
             yield Defect("leftover", str(path), "a writer that was cut off left the file behind")

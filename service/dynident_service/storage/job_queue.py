@@ -333,6 +333,7 @@ class JobQueue:
         """
         with self._database.read() as session:
             connection = session.connection()
+            # Ids of events only rise: what is new lies beyond the last one that was seen.
             if after:
                 newest = {str(job_id): int(event) for job_id, event in connection.execute(_AFTER, {"after": after})}
                 last = max(newest.values(), default=after)
@@ -353,6 +354,7 @@ class JobQueue:
         """Return how long the oldest queued job has waited, and how often jobs had to be begun again."""
         with self._database.read() as session:
             oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
+            # Over no rows a sum is NULL.
             deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
             waited = 0.0 if oldest is None else max(0.0, (get_database_time(session) - oldest).total_seconds())
         return QueueHealth(waited, int(deaths or 0), int(losses or 0))

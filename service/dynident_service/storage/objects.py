@@ -205,6 +205,7 @@ class ObjectStore:
         """Compare a local file with its hash, once as long as inode, time and size stay the same."""
         try:
             with path.open("rb") as file:
+                # Of the open file, as another one may get the name meanwhile.
                 state = os.fstat(file.fileno())
                 mark = (state.st_ino, state.st_mtime_ns, state.st_size)
                 if self._verified.get(path) == mark:
@@ -282,4 +283,5 @@ def _verify_chunks(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
 
 def _get_object_path(key: str) -> str:
     """Return the path of an object in the store."""
+    # Spread over 256 folders: one with very many files is slow to work with.
     return f"{key[:2]}/{key}"

@@ -85,6 +85,7 @@ def import_measurement(
     try:
         recording, checks = import_file(Path(source), Path(destination), restore_robot(robot), sent_metadata)
     except RecordingError as error:
+        # A problem can cross the pipe, with row or time and with all that was found in the file.
         raise ProblemError.from_problem(describe_file_problem(error)) from error
     return to_plain_json(describe_recording(recording, checks, sha256))
 

@@ -37,6 +37,7 @@ class Column:
 
     def convert(self, values: FloatArray) -> FloatArray:
         """Return the values in SI units (temperature in degC)."""
+        # Most columns are in SI units already: these are not copied.
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
@@ -142,6 +143,7 @@ def find_columns(
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
+        # A torque that the file holds goes before one that is computed from the current.
         if torque is not None:
             tau.append(torque)
             unused += [current.source] if current is not None else []
@@ -217,6 +219,7 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
     mapped = {name.casefold() for name in metadata.columns.values()}
     unmapped = {name.casefold(): name for name in names if name.casefold() not in mapped}
     surplus = [unmapped[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in unmapped]
+    # One such column alone may be anything; two of one number are a joint.
     if len(surplus) < 2:
         return None
     return Check(
@@ -271,6 +274,7 @@ class _ColumnFinder:
         joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
         unit, key = find_unit(self.metadata.units, kind, ours)
         factor, offset = find_conversion(kind, joint_kind, unit, key)
+        # Sign and scale act on the offset of a unit, too: they come after its conversion.
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
         return Column(source, factor * times, offset * times)
 
@@ -278,6 +282,7 @@ class _ColumnFinder:
         """Return whether the user says that the torque of a joint was not recorded."""
         source_joint = self.arrangement.find_source_joint("tau", joint)
         ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
+        # A column of the file may have that word for its name: then the column is meant.
         return self._find_source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
     def find_needed(self, kind: str, joint: int | None) -> Column:
@@ -357,6 +362,7 @@ class _ColumnFinder:
         """Return the advice for a joint without such a column: it stands, or its torque was not recorded."""
         lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
+        # Where no joint has a torque it is the kind of column that is missing, and not this joint's.
         if kind != "tau" or not any(others):
             return lock
         mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
@@ -370,6 +376,7 @@ class _ColumnFinder:
         for name in ours:
             if name in self.names:
                 return name
+        # In reverse: of names that differ in upper and lower case only, the first one is found.
         folded = {name.casefold(): name for name in reversed(self.names)}
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 

@@ -110,6 +110,7 @@ def _read_columns(recording: Recording) -> dict[str, NDArray[np.generic]]:
         for segment in recording.segments
         for rows in recording.source.rows(segment.first_row, segment.length, segment.length)
     ]
+    # Rows in memory carry no times: these follow from the segments.
     every = [(segment, np.arange(segment.length)) for segment in recording.segments]
     columns: dict[str, NDArray[np.generic]] = {
         "t": np.concatenate([segment.start_time + k * recording.period for segment, k in every]),
@@ -124,6 +125,7 @@ def _read_columns(recording: Recording) -> dict[str, NDArray[np.generic]]:
     )
     for kind, blocks in signals:
         measured = [values for values in blocks if values is not None]
+        # A signal that some blocks lack is left out: its column would be shorter than the others.
         if len(measured) == len(blocks):
             whole = np.concatenate(measured)
             columns |= {name: whole[:, k] for k, name in enumerate(name_stored_columns(kind, recording.joint_names))}
@@ -162,6 +164,7 @@ def replace_by_command(recording: Recording) -> Recording:
     """
     if not recording.has_command:
         raise ValueError(f"{recording.name} holds no commanded positions")
+    # Without a path: the file holds the measured positions, and may not stand for this recording.
     return replace(recording, source=_CommandedSource(recording.source), path=None)
 
 
@@ -326,6 +329,7 @@ def open_recording(path: Path | str) -> Recording:
     if content["layout_version"] != LAYOUT_VERSION:
         raise RecordingError(f"{path.name} has layout {content['layout_version']}, not {LAYOUT_VERSION}; import again.")
     joint_names = tuple(content["joint_names"])
+    # Entries that were added later have a default: files that were stored before lack them.
     return Recording(
         name=content["name"],
         joint_names=joint_names,

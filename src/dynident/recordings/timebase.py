@@ -74,6 +74,7 @@ class EvenClockScan:
             part = t[first:last]
             if begins[first]:
                 self._start, self._behind, self._count = float(part[0]), float(part[0]), 0
+            # In whole periods: where samples are lost a step is several of them.
             steps = np.round(np.diff(np.concatenate([[self._behind], part])) / self._usual)
             number = self._count + np.cumsum(steps)
             self._behind, self._count = float(part[-1]), int(number[-1])
@@ -84,12 +85,14 @@ class EvenClockScan:
             if len(elapsed):
                 self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
                 self._highest = min(self._highest, float(((elapsed + room) / number[later]).min()))
+            # No period agrees with all stamps: they are not those of an even clock.
             if self._lowest > self._highest:
                 self._possible = False
                 return
 
     def result(self) -> EvenClock | None:
         """Return the clock; None if the stamps are no rounded ones of an even clock."""
+        # Runs of a single row leave the period without an upper bound.
         if not self._possible or not self._tick or not np.isfinite(self._highest):
             return None
         return EvenClock(0.5 * (self._lowest + self._highest), self._tick)
@@ -101,6 +104,7 @@ def _find_tick(steps: FloatArray) -> float:
     if not len(steps):
         return 0.0
     distinct = np.unique(np.round(steps / _FINEST)) * _FINEST
+    # Steps that are all equal need no clock in their place: they are even as they are.
     if len(distinct) < 2:
         return 0.0
     tick = float(np.diff(distinct).min())
@@ -272,7 +276,9 @@ class TimeScan:
         self._n_rows += len(rows.t)
         self._first, self._last = min(self._first, float(rows.t.min())), max(self._last, float(rows.t.max()))
         self._previous = float(rows.t[-1]), int(rows.segment[-1])
+        # The very first row begins a run; the first one of a later block only where its segment differs.
         self._stamps.append((rows.t, np.concatenate([np.ones(len(rows.t) - len(same), dtype=bool), ~same])))
+        # A repeated stamp is no step of the clock; its row is left out later.
         forward = same & (steps > 0)
         self._waiting.append((ends[forward], t[:-1][forward], steps[forward]))
         self._n_waiting += int(forward.sum())
@@ -347,6 +353,7 @@ class TimeScan:
         if not len(steps):
             return
         if not self._typical:
+            # The median: gaps and lost samples hardly move it.
             self._typical = float(np.median(steps))
         # A gap begins a new run of the even clock, too: how many samples are missing in it cannot be told from rounded
         # stamps.
@@ -362,6 +369,7 @@ class TimeScan:
         if not len(ordinary):
             return
         self._sums += (ordinary.sum(), len(ordinary), (ordinary**2).sum())
+        # Of the steps that agree with the usual one: their mean is the period of a clock that loses samples.
         near = ordinary[np.abs(ordinary - self._typical) <= 0.05 * self._typical]
         self._near += (near.sum(), len(near))
         self._range = min(self._range[0], float(ordinary.min())), max(self._range[1], float(ordinary.max()))
@@ -380,6 +388,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
     rate = 1.0 / base.period
     spread = base.deviation / base.period
     if base.period > LONGEST_PERIOD:
+        # The coarsest of the smaller units in which the rows are close enough for a motion.
         unit = next((name for name, size in _SMALLER_UNITS if base.period * size <= LONGEST_PERIOD), "ms")
         return Check(
             "sampling_jitter",
@@ -427,6 +436,7 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
+    # Long pauses alone do no harm. Too little is left only where the filters' edges take most of what lies between.
     if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
         return Check(
             "gaps",

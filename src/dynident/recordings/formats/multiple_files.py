@@ -136,6 +136,7 @@ class JoinedFiles(FileSource):
             ended = []
             for place, stream in enumerate(streams):
                 if not len(waiting[place][0]):
+                    # At its end a file keeps the empty block, which marks it below.
                     waiting[place] = next(stream, waiting[place])
                 ended.append(not len(waiting[place][0]))
             if any(ended):
@@ -249,6 +250,7 @@ def has_arrays(path: Path) -> bool:
 
 def _list_members(path: Path) -> list[str]:
     with ZipFile(path) as archive:
+        # macOS puts a file of attributes beside each of the user's; empty files hold no columns.
         members = [
             member
             for member in archive.infolist()
@@ -258,6 +260,7 @@ def _list_members(path: Path) -> list[str]:
         raise RecordingError(
             f"The archive holds {len(members)} files; one recording is in one to {MOST_FILES}.", title=TITLE
         )
+    # Before anything is unpacked: a small archive may claim, and hold, gigabytes.
     check_unpacked(sum(member.file_size for member in members), path.stat().st_size, MOST_TEXT)
     for member in members:
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
