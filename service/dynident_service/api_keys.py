@@ -82,6 +82,7 @@ def create_key(
     limits : QuotaLimits, optional
         Quotas of its own.
     """
+    # The prefix tells what it is wherever it turns up, also to programs that search for leaked secrets.
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
         expires_at = None if days is None else get_database_time(session) + timedelta(days=days)

@@ -68,6 +68,7 @@ class SharedPlaces:
     def give_back(self, party: str) -> None:
         """Release a place of a party."""
         self.held[party] -= 1
+        # Parties without a place are forgotten: addresses would otherwise gather for as long as the service runs.
         if not self.held[party]:
             del self.held[party]
 

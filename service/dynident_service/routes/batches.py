@@ -91,6 +91,7 @@ def _accept_items(services: Services, body: BatchRequest) -> list[NewResource]:
     # One query for all that the items name: a thousand items would otherwise ask one by one.
     ahead = PrefetchedResources(services.resources, identifiers)
 
+    # Most batches are of one robot, which is restored once.
     @cache
     def load_robot(identifier: str) -> Robot:
         return restore_robot(ahead.get("robot", identifier).request)
@@ -139,6 +140,7 @@ def member_ids(batch: Resource) -> list[str]:
 def _show_batch(services: Services, batch: Resource) -> BatchView:
     ids = member_ids(batch)
     jobs = services.job_queue.find_jobs_of_resources(ids)
+    # An identification that was deleted since has no job, and is left out.
     items = [
         BatchItem(id=identifier, job_id=jobs[identifier][0], status=jobs[identifier][1])
         for identifier in ids

@@ -82,6 +82,7 @@ async def read_retry_key(
     ] = None,
 ) -> RetryKey:
     """Take the key of a request."""
+    # A key counts for one address: a client may use the same one for different requests.
     return RetryKey(f"{request.method} {request.url.path}", idempotency_key)
 
 
@@ -102,6 +103,7 @@ def create_or_replay(services: Services, new: NewResource, response: Response) -
         return replay_response(existing, response)
     resource = services.resources.create(new)
     if new.job is not None:
+        # The job need not wait for the engine's next look at the queue.
         services.engine.wake()
     response.headers["Location"] = resource_path(resource.kind, resource.id)
     return resource
@@ -153,6 +155,7 @@ def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> 
         Where it is no JSON, or does not say what it has to.
     """
     try:
+        # Also for the pointers of errors, which are told from what the body holds.
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise make_unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error

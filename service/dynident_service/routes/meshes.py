@@ -120,6 +120,7 @@ async def inherit_meshes(
         return ()
     with services.create_scratch_folder() as folder:
         stored_meshes = await _read_and_store(request, services, robot_request, {}, inherited_files, folder)
+    # The role of a mesh is its place in the description, which may be another one in the new robot.
     owned = [
         replace(stored_meshes.files[mesh["name"]], role=get_mesh_role(k))
         for k, mesh in enumerate(stored_meshes.entries)
@@ -134,6 +135,7 @@ def _receive_meshes(services: Services, files: Sequence[UploadFile], folder: Pat
         name = file.filename or f"file {place + 1}"
         if name in received:
             raise make_unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
+        # Not under the name that was sent, which might lead out of the folder.
         received[name] = folder / f"sent-{place}"
         receive_files(services, [file], received[name])
     return received

@@ -110,6 +110,7 @@ def refuse_stopped(identification: Resource) -> None:
 
     result = IdentificationResult.model_validate(identification.result)
     errors = [figures.relative_total for figures in (result.validation, result.residual) if figures is not None]
+    # Of held-out data and of the fit, whichever is worse; a model without either is not refused.
     worst = max((error for error in errors if error is not None), default=0.0)
     if result.copied:
         detail = (

@@ -66,6 +66,7 @@ def open_archive_for_writing(target: Path) -> Iterator[ArchiveFiles]:
         While another process writes the same archive.
     """
     if target.suffix.lower() != ZIP:
+        # All recordings and the hashes of the keys are in it: nobody else may read it.
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
         with _open_locked(target, os.O_RDONLY):
             files = ArchiveFolder(target)
@@ -91,6 +92,7 @@ def _open_locked(path: Path, flags: int) -> Iterator[int]:
     """Open a file or folder under an exclusive lock; the operating system releases it even if the process is killed."""
     handle = os.open(path, flags, 0o600)
     try:
+        # Without waiting for the lock: a backup may take hours.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield handle
     except BlockingIOError as error:

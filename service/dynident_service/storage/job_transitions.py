@@ -233,6 +233,7 @@ def extend_lease(connection: Connection, claim: Claim, until: datetime) -> bool 
 
 def record_progress(connection: Connection, claim: Claim, fraction: float, message: str) -> bool:
     """Record the progress of a job; return False if the claim does not hold or the job is to be cancelled."""
+    # The column holds so many characters; PostgreSQL refuses more.
     shortened = message[:300]
     if connection.execute(_GO_ON, {**claim.key_parameters, "done": fraction, "told": shortened}).scalar() is None:
         return False
@@ -252,10 +253,12 @@ def requeue_or_fail(
 ) -> None:
     """Queue a job again that died or was lost; end it if it was cancelled or that has happened `most` times."""
     connection = session.connection()
+    # Deaths and losses are counted apart, as they have different limits.
     times = row.deaths + deaths if deaths else row.losses + losses
     if not row.cancel_requested and times < most:
         requeue(connection, row, deaths=deaths, losses=losses)
         return
+    # The last one counts, too: the metrics add them up.
     connection.execute(_COUNT_UP, {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses})
     if row.cancel_requested:
         finish_job(session, row.id, "cancelled")
@@ -290,5 +293,6 @@ def _add_event(connection: Connection, job_ids: Sequence[str], data: Mapping[str
 
 def _to_claim(row: Row[Any]) -> Claim:
     arguments = dict(row.arguments)
+    # The function of the job does not take these two.
     request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
     return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)

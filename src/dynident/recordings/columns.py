@@ -188,6 +188,7 @@ def _convert_current(current: Column, joint_name: str, gain: float | None) -> Co
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
         )
+    # The gain acts on the current in A: factor and offset of its unit come before it.
     return Column(current.source, current.factor * gain, current.offset * gain)
 
 

@@ -105,6 +105,7 @@ def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> No
 
 def choose_block_rows(columns: int) -> int:
     """Return how many rows are read at once of a file with so many columns."""
+    # A wide file has shorter blocks: it is the number of values that takes memory.
     return max(1, min(BLOCK_ROWS, BLOCK_VALUES // max(columns, 1)))
 
 

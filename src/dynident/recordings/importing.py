@@ -65,6 +65,7 @@ def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
         # As a rule the first rows show that every torque was recorded.
         if holds_numbers.all():
             return layout
+    # Without any torque nothing is gained by marking: the rows are refused when they are read.
     if not holds_numbers.any():
         return layout
     tau = tuple(
@@ -374,6 +375,7 @@ def _convert_rows(
     blocks = source.rows(layout)
     for rows in blocks if conditioning is None else conditioning.condition(blocks):
         if conditioning is not None:
+            # Only what is conditioned is checked afterwards, for which the sample is taken.
             collector.feed(rows, is_inside_windows(rows.t, metadata.windows))
         for values in segmenter.push(rows):
             sink.write(values)

@@ -37,6 +37,7 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
         first = next(file.iter_batches(1, columns=names, use_threads=False), None)
     if first is None:
         return {}
+    # The first list stands for all: a joint has its place in every row.
     lengths = {name: pc.list_value_length(first.column(name))[0].as_py() or 0 for name in names}
     return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
 

@@ -176,6 +176,7 @@ class RecordingMetadata:
         try:
             check_ranges(self)
         except DynidentError as error:
+            # As an error of recordings, like all others of this class.
             raise _unusable_recording_error(error.detail, error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
             raise _unusable_recording_error(

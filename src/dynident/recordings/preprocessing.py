@@ -60,6 +60,7 @@ class Preprocessing:
                     f"{name} is {value:g} Hz, but the recording is sampled at {rate:.6g} Hz, so only frequencies below "
                     f"{0.5 * rate:.6g} Hz (Nyquist) are in it.",
                 )
+        # What the filter passes has to lie below half of the rate that decimation leaves.
         decimated = rate / self.decimation
         if self.torque_cutoff is not None and self.decimation > 1 and decimated < 2.0 * self.torque_cutoff:
             raise _impossible_value_error(

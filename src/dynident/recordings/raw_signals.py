@@ -101,6 +101,7 @@ class RecordedSignals:
         total = self.count(start, end)
         # Each part gives two extremes of every signal at most: so wide that all parts give about `points` rows.
         width = max(1, -(-2 * len(self.names) * total // points))
+        # Parts of one or two rows would keep every row of a single signal: then all rows are given as they are.
         blocks = self.rows(self.names, start, end)
         parts = list(blocks) if width <= 2 else [_find_extremes(part) for part in _split_rows(blocks, width)]
         if not parts:
@@ -135,6 +136,7 @@ def _split_rows(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
 
 def _find_extremes(part: Rows) -> Rows:
     """Return the rows in which a signal is largest or smallest."""
+    # NumPy takes NaN for the extreme: a missing sample counts as the opposite of what is looked for.
     low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
     at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
     return Rows(part.t[at], part.values[at])

@@ -43,6 +43,7 @@ def compute_digest(path: Path) -> str:
     """
     parts = split_path(path)
     if len(parts) > 1:
+        # Of their digests, and not of all bytes in a row: where one file ends and the next begins counts.
         return hashlib.sha256("".join(compute_digest(part) for part in parts).encode()).hexdigest()
     with parts[0].open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -333,6 +333,7 @@ class Segmenter:
         n = len(self._layout.q)
         if not self._layout.temperature:
             return values
+        # Temperatures are the last of the columns.
         held = values[:, -n:].copy()
         for joint in range(n):
             readings = np.flatnonzero(np.isfinite(held[:, joint]))

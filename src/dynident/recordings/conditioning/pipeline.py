@@ -76,8 +76,11 @@ class Conditioning:
             A needed sample that stays missing is NaN.
         """
         for window in cut_into_windows(blocks, self._base):
+            # Each step sees the rows as the steps before it have left them.
             for step in self._steps:
                 step.apply(window)
+            # A window reaches beyond its own rows, which are repaired with their neighbours in view; only they are
+            # given.
             own = window.own
             yield RawRows(window.first_row + own.start, window.t[own], window.segment[own], window.values[own])
 

@@ -163,6 +163,7 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
     """Return pyarrow's error in the user's terms: the column by name, the row of data."""
     row = re.search(r"Row #(\d+)", message)
     column = re.search(r"CSV column #(\d+)", message)
+    # Arrow counts the lines of the file, and users the rows of data.
     number = int(row.group(1)) - dialect.lines_before_data if row else None
     name = dialect.names[int(column.group(1))] if column else ""
     value = re.search(r"invalid value '(.*)'", message)
