@@ -79,9 +79,10 @@ def create_key(
         Who is responsible for it.
     days : float, optional
         Days until it expires.
-    limits : Limits, optional
+    limits : QuotaLimits, optional
         Quotas of its own.
     """
+    # The prefix tells what it is wherever it turns up, also to programs that search for leaked secrets.
     key = f"dynident_{secrets.token_urlsafe(32)}"
     with database.write() as session:
         expires_at = None if days is None else get_database_time(session) + timedelta(days=days)
@@ -105,6 +106,7 @@ def list_keys(database: Database) -> list[KeyHolder]:
 
 def extract_key(headers: Headers) -> str | None:
     """Return the key in the headers of a request, or None."""
+    # The standard header goes before our own, which programs without bearer tokens use.
     scheme, _, token = headers.get("authorization", "").partition(" ")
     if scheme.lower() == "bearer" and token:
         return token.strip()
@@ -131,6 +133,7 @@ class KeyRing:
     def find_holder(self, key: str) -> KeyHolder | None:
         """Return the holder of a key, or None if it is unknown; record its use from time to time."""
         hashed = hash_key(key)
+        # Looked up again for each request: a key that was revoked is refused from the next one on.
         holder = self._look_up(hashed)
         if holder is not None:
             self._names[hashed] = holder.name
@@ -152,6 +155,7 @@ class KeyRing:
             return None
         holder = _to_holder(row)
         if not holder.is_expired and time.monotonic() - self._noted.get(hashed, -NOTED_EVERY) >= NOTED_EVERY:
+            # Written once a minute at most: a write for every request would make all of them wait for the writer.
             self._noted[hashed] = time.monotonic()
             with self._database.write() as session:
                 session.execute(

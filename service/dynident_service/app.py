@@ -50,7 +50,7 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
     ----------
     settings : Settings, optional
         Settings; those of the environment by default.
-    nursery : Nursery, optional
+    nursery : ForkServer, optional
         Process that child processes are forked from. Several applications of one process may share it; whoever made it
         closes it.
 
@@ -66,6 +66,8 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         set_threads(settings)
         science = nursery or ForkServer()
+        # Opened and closed in a thread: migrations and the end of jobs take seconds, in which the event loop has to
+        # live.
         opening = open_services(settings, science)
         services = await to_thread.run_sync(opening.__enter__)
         if settings.traces:
@@ -148,6 +150,7 @@ def _make_method_lookup(app: FastAPI) -> Callable[[str], list[str]]:
     def find_methods(path: str) -> list[str]:
         methods: set[str] = set()
         for template, operations in app.openapi()["paths"].items():
+            # Starlette knows a path as found or not: the methods of an existing one are those of the contract.
             if compile_path(template)[0].match(path):
                 methods |= {name.upper() for name in operations}
         return sorted(methods) or ["GET"]

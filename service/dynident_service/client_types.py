@@ -110,10 +110,12 @@ def build_answer_types(contract: Contract) -> dict[str, str]:
         for name in schemas_of_it:
             homes[name] = module if name not in homes else _SHARED
     free = {name for name in homes if "properties" not in schemas[name]}
+    # Schemas without properties are open objects: they become mappings, and no class of their own.
     by_module = {
         target: sorted(name for name in homes.keys() - free if homes[name] == target) for target in (*reached, _SHARED)
     }
     texts = {}
+    # Each module imports from the shared one alone, so that none imports another of its kind.
     for module, names in by_module.items():
         shared = {part for name in names for part in _find_references(schemas[name], ())} & set(by_module[_SHARED])
         more = [_write_import(_SHARED, sorted(shared))] if shared and module != _SHARED else []

@@ -35,6 +35,7 @@ def create_protocol(settings: Settings) -> type[asyncio.Protocol]:
                 places.take(self._party)
                 self._wait_for_a_request()
             else:
+                # Written as bytes: the protocol has no request yet that it could answer.
                 transport.write(_build_refusal(settings.max_connections))
                 transport.close()
 

@@ -17,6 +17,7 @@ details { border-top: 1px solid #8884; padding: .35rem 0 } summary { cursor: poi
 table { border-collapse: collapse }
 td, th { text-align: left; vertical-align: top; padding: .15rem .8rem .15rem 0 } h3 { margin-top: 1.6rem }
 """
+# The page has no scripts and loads nothing: browsers are told to refuse both.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
 
@@ -66,6 +67,7 @@ def _render_operations(paths: Mapping[str, Any]) -> Iterator[str]:
     by_tag: dict[str, list[str]] = {}
     for path, operations in paths.items():
         for verb, operation in operations.items():
+            # An operation stands in the section of its first tag.
             tag = (operation.get("tags") or ["other"])[0]
             by_tag.setdefault(tag, []).append(_render_operation(path, verb, operation))
     for tag, parts in by_tag.items():
@@ -133,4 +135,5 @@ def _render_type(schema: Mapping[str, Any]) -> str:
         return f"list of {_render_type(schema.get('items', {}))}"
     if isinstance(schema.get("additionalProperties"), dict):
         return f"map to {_render_type(schema['additionalProperties'])}"
+    # A schema without a type takes any value.
     return escape(str(schema.get("type", "anything")))

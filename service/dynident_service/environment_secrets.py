@@ -45,6 +45,7 @@ def hide_secrets() -> None:
     secrets = {name: value for name, value in os.environ.items() if is_secret(name, value)}
     if not secrets or not hasattr(os, "memfd_create"):
         return
+    # Anonymous memory without the close-on-exec flag: the restarted program inherits it, and no path leads to it.
     file = os.memfd_create("secrets", 0)
     _write(file, secrets)
     os.set_inheritable(file, True)
@@ -77,6 +78,7 @@ def open_child_secrets() -> Iterator[int]:
 def take_secrets() -> None:
     """Read the secrets of a child process from its standard input, and close that."""
     os.environ.update(_read(os.dup(0)))
+    # The place of the standard input is taken by an empty file: another file opened later must not get its number.
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
@@ -92,6 +94,7 @@ def forget_secrets() -> None:
 def _write(handle: int, secrets: Mapping[str, str]) -> None:
     with open(handle, "wb", closefd=False) as file:
         file.write(json.dumps(secrets).encode())
+    # The reader shares the position in the file: it begins where the writer leaves it.
     os.lseek(handle, 0, os.SEEK_SET)
 
 

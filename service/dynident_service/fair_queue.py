@@ -68,6 +68,7 @@ class SharedPlaces:
     def give_back(self, party: str) -> None:
         """Release a place of a party."""
         self.held[party] -= 1
+        # Parties without a place are forgotten: addresses would otherwise gather for as long as the service runs.
         if not self.held[party]:
             del self.held[party]
 
@@ -101,6 +102,7 @@ class FairQueue:
 
     def leave(self, ticket: Ticket) -> None:
         """Give back the place of a ticket, or stop waiting, and admit the next one."""
+        # Whoever leaves while waiting holds no place: its ticket is in the other list.
         (self.under_way if ticket.turn.is_set() else self._waiting).remove(ticket)
         self._admit_next()
 
@@ -141,6 +143,7 @@ class SharedQueue(FairQueue):
         """Return whether the party of a ticket may have another place for a computation of its length."""
         alike = [other for other in self.under_way if other.is_long == ticket.is_long]
         free = self.size - len(self.under_way)
+        # One place of several stays free for short computations, whoever asks for them.
         if ticket.is_long:
             free = min(free, max(1, self.size - 1) - len(alike))
         return is_share_left(sum(other.party == ticket.party for other in alike), free)

@@ -58,6 +58,7 @@ class Housekeeping:
         sweep_folder(self._settings.uploads_dir, max(time.time() - ABANDONED, self._abandoned_before))
         # Temporary files of running processes may be of any age, so only those from before this service are removed.
         sweep_folder(self._settings.processes_dir, self._abandoned_before)
+        # Once, in the first round: later unfinished files are those of this service.
         if self._abandoned_before and self._examined is None:
             self._remove_what_was_being_written()
         delete_unused_imports(self._database, timedelta(seconds=IMPORT_LIFETIME))

@@ -68,7 +68,7 @@ class InteractiveCompute:
             Type of the value.
         arguments : mapping
             Keyword arguments, plain values.
-        limits : Limits, optional
+        limits : ComputationLimits, optional
             Limits of the computation.
         is_long : bool
             Whether the function reads a file, which may take long.
@@ -86,12 +86,14 @@ class InteractiveCompute:
                 "may, of which some stay free for others; try again."
             )
             raise ProblemError(429, detail, title="Too busy")
+        # From here on the request waits for a child: its place among those that compute here is free for another.
         mark_long(request.scope)
         over = threading.Event()
         answer: Answer | None = None
         ticket = Ticket(party, is_long)
         self._waiting.take(party)
         try:
+            # In this order: a client that leaves while its request is in the queue frees its place there, too.
             async with _while_client_waits(request, over), self._queue.wait_for_turn(ticket):
                 answer = await to_thread.run_sync(
                     self._compute,
@@ -118,7 +120,10 @@ class InteractiveCompute:
         watch = _ProgressWatch(child)
         try:
             child.send(call)
+            # Short waits: between two of them the client may leave, the time may be over, or the child may be stuck.
             while (answer := child.receive(0.1)) is None:
+                # A computation cannot be interrupted from outside: its process is killed, and another one takes the
+                # place.
                 if over.is_set():
                     self._pool.replace(child)
                     return None
@@ -133,6 +138,7 @@ class InteractiveCompute:
             self._pool.replace(child)
             raise
         assert isinstance(answer, Answer)
+        # Only a child that answered is used again; all others are replaced by new ones.
         self._pool.put_back(child, answer)
         return answer
 
@@ -151,6 +157,7 @@ class _ProgressWatch:
         if self._child.pid is None:
             return False
         moment = time.monotonic()
+        # Each heartbeat begins the measurement anew.
         if self._heartbeats != self._child.heartbeats:
             self._heartbeats, self._since, self._used = (
                 self._child.heartbeats,
@@ -199,6 +206,7 @@ async def _while_client_waits(request: Request, over: threading.Event) -> AsyncI
     async def watch() -> None:
         while not await request.is_disconnected():
             await anyio.sleep(LOOK)
+        # The cancellation does not reach a thread: that one looks at `over`.
         over.set()
         group.cancel_scope.cancel()
 

@@ -57,10 +57,12 @@ class JobEventNotifier:
         """Wait until a job has events after `last`, or no longer exists."""
         follower = _Follower(job_id, last)
         self._followers.add(follower)
+        # Its last events may be older than the last query, which knew nothing of this follower.
         self._unseen.add(job_id)
         if self._task is None:
             self._loop = asyncio.get_running_loop()
             self._looked_at_all = 0.0
+            # One task asks for all followers, and ends with the last of them: an idle service asks nothing.
             self._task = asyncio.create_task(self._poll())
         try:
             await follower.news.wait()

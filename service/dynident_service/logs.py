@@ -23,6 +23,7 @@ def configure_logging(level: str, form: LogFormat) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines() if form == "json" else TextLines())
     logging.basicConfig(level=level.upper(), handlers=[handler])
+    # At its usual level it reports its own set-up at every start.
     logging.getLogger("alembic").setLevel(logging.WARNING)
 
 

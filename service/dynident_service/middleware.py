@@ -116,10 +116,12 @@ class AccessControl:
             holder = None if key is None else await to_thread.run_sync(self._keys().find_holder, key)
             refused = _find_refusal(holder, scope["method"], scope["path"])
             if refused is not None:
+                # HTTP asks for this header with every 401.
                 challenge = {"www-authenticate": "Bearer"} if refused.status == 401 else None
                 return await respond(refused, challenge)(scope, receive, send)
             scope[HOLDER] = holder
             assert holder is not None
+            # Until now the request counted for its address: the key was not known yet.
             charge_key(scope, holder.name)
             set_account(Account(holder.name, holder.limits.fill_from(self._limits)))
         elif not is_loopback(_parse_host(headers.get("host", ""))):
@@ -132,8 +134,10 @@ class AccessControl:
 
     def _may_come_from(self, headers: Headers, method: str) -> bool:
         origin = headers.get("origin")
+        # Programs send no origin; browsers send it with every request that may change something.
         if origin is None or method in SAFE_METHODS or origin in self._settings.allowed_origins:
             return True
+        # A page of this service has its own address as origin; every other page has another one.
         return urlsplit(origin).netloc == headers.get("host")
 
 
@@ -181,6 +185,7 @@ class AuditLog:
         try:
             await self._app(scope, receive, noted)
         finally:
+            # After the answer: by now the key is known, and what became of the request.
             holder = scope.get(HOLDER)
             by = holder.name if isinstance(holder, KeyHolder) else "nobody known"
             owner = f" of {holder.owner!r}" if isinstance(holder, KeyHolder) and holder.owner else ""

@@ -35,6 +35,8 @@ class ImportLock:
         """Hold the lock; `patiently` lets all others go first."""
         with self._changed:
             self._waiting += not patiently
+            # Who is patient waits while anybody else does: a request never stands behind the preload for longer than
+            # one module.
             self._changed.wait_for(lambda: not self._is_taken and not (patiently and self._waiting))
             self._waiting -= not patiently
             self._is_taken = True

@@ -95,6 +95,7 @@ def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) 
         detail = "The database or the object store does not answer; try again in a moment. Nothing was stored."
         return respond(make_problem(503, detail, title="Storage away"), {"retry-after": "5"})
 
+    # FastAPI chooses handlers by the class of the error: each has to be registered.
     for kind in AWAY:
         app.add_exception_handler(kind, on_infrastructure)
 

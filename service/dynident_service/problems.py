@@ -91,6 +91,7 @@ def make_problem(status: int, detail: str, *, title: str = "", **more: Unpack[Fu
         Optional members.
     """
     title = title or HTTPStatus(status).phrase
+    # The type is made from the title alone: it stays the same whatever the detail says.
     slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
     return Problem(type=f"urn:dynident:problem:{slug}", title=title, status=status, detail=detail, **more)
 
@@ -154,8 +155,10 @@ def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str 
         elif error["type"] == "extra_forbidden":
             detail = f"there is no field {location[-1]!r}"
         else:
+            # Pydantic puts these words in front of what our own validators say.
             detail = str(error["msg"]).removeprefix("Value error, ")
         pointer = prefix + to_pointer(location, error["type"], body)
+        # Each member of a union reports an error of its own for the same place.
         details = joined.setdefault(pointer, [])
         if detail not in details:
             details.append(detail)
@@ -164,6 +167,7 @@ def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str 
 
 def make_validation_problem(fields: list[ProblemField]) -> Problem:
     """Return the problem of a request that does not conform to the contract."""
+    # The sentence is for people and names a few; programs read the list.
     summary = "; ".join(f"{field.pointer or 'body'}: {field.detail}" for field in fields[:5])
     more = f"; and {len(fields) - 5} more" if len(fields) > 5 else ""
     listed = fields[:MOST_FIELDS]

@@ -46,6 +46,7 @@ class ReadinessCheck:
         """Return `ok`, `starting`, or what is wrong, within the longest time."""
         moment = time.monotonic()
         if self._task is None or (self._task.done() and moment - self._began >= FRESH):
+            # A part that hangs is asked once: more checks would take more threads, which requests need.
             self._began, self._task = moment, asyncio.create_task(self._answer())
         # `wait` leaves the task running at the timeout, unlike `wait_for`, which would cancel it.
         await asyncio.wait({self._task}, timeout=max(0.0, self._began + self._longest - time.monotonic()))

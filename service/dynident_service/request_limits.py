@@ -97,6 +97,7 @@ class BodyLimit:
             return await self._app(scope, receive, send)
         allowed = get_allowance(scope, self._settings)
         length = Headers(scope=scope).get("content-length", "")
+        # Refused by its announced length, before any of it is read.
         if length.isdigit() and int(length) > allowed.bytes:
             problem = make_problem(413, _describe_size_limit(allowed))
             return await respond(problem, {"connection": "close"})(scope, receive, send)
@@ -130,6 +131,7 @@ class _Meter:
         """Count a piece of the body; raise HTTPException if it is too much or arrives too slowly."""
         body: bytes = message.get("body", b"")
         self._bytes += len(body)
+        # A message of another kind says that the client has left.
         self.is_over = message["type"] != "http.request" or not message.get("more_body", False)
         if self._bytes > self._allowed.bytes:
             raise HTTPException(413, _describe_size_limit(self._allowed), {"connection": "close"})
@@ -140,6 +142,7 @@ class _Meter:
                 detail = f"The body holds more than {self._allowed.values} values; send less at a time."
                 raise HTTPException(413, detail, {"connection": "close"})
         took = time.monotonic() - self._began
+        # A body that is complete is not refused any more, however slow it was.
         if not self.is_over and took > FIRST_GRACE + self._bytes / self._slowest:
             raise _make_slow_error(took)
 
@@ -169,6 +172,7 @@ class RequestSlot:
 
     def release_short_place(self) -> None:
         """Release the place among short requests, as this one only waits for a computation elsewhere."""
+        # Both are forgotten: a place is given back once, and the request does not queue again.
         ticket, queue = self._ticket, self._queue
         self._ticket = self._queue = None
         if ticket is not None and queue is not None:
@@ -179,6 +183,7 @@ class RequestSlot:
     def charge_party(self, party: str) -> None:
         """Count the request for another party, once its key is known."""
         pools = [self._places]
+        # The request may be in the queue already: its place there goes to the other party, too.
         if self._ticket is not None:
             self._ticket.party = party
             pools += [] if self._short is None else [self._short]
@@ -202,6 +207,7 @@ class RequestSlot:
             await send(message)
 
         headers = Headers(scope=scope)
+        # A request without a body waits for its turn at once; one with a body does so when all of it has come.
         if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
             await self._wait()
         await app(scope, receive_in_turn, send_and_release)
@@ -226,7 +232,7 @@ class RequestSlot:
 class Admission:
     """Middleware that answers 429 if too many requests are under way, instead of letting all of them wait.
 
-    Places are shared by party (`fair_shares`); a key that was not seen before counts by its address.
+    Places are shared by party (`fair_queue`); a key that was not seen before counts by its address.
     """
 
     def __init__(self, app: ASGIApp, settings: Settings, party_of: Callable[[Scope], str] = name_address_party) -> None:
@@ -249,6 +255,7 @@ class Admission:
         if refusal is not None:
             again = {"retry-after": str(random.randint(1, LONGEST_RETRY)), "connection": "close"}
             return await respond(make_problem(429, refusal, title="Too busy"), again)(scope, receive, send)
+        # Followers keep their connection for minutes and compute nothing: they have places of their own.
         places = self._followers if pace == "following" else self._requests
         short = self._short if pace == "short" else None
         with RequestSlot(party, places, short, None if pace == "long" else self._queue) as turn:

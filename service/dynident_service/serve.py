@@ -52,6 +52,7 @@ class DrainingServer(uvicorn.Server):
             self._last_resort = threading.Timer(until, _end_at_once)
             self._last_resort.daemon = True
             self._last_resort.start()
+        # A second signal, or Ctrl-C, ends at once; before the start there is nothing to drain.
         if sig != signal.SIGTERM or self._until is not None or not self.started:
             super().handle_exit(sig, frame)
         else:
@@ -69,6 +70,7 @@ class DrainingServer(uvicorn.Server):
             engine.drain()
         if engine.is_busy and time.monotonic() < self._until:
             return False
+        # With a thread of its own: those of requests may all be taken by requests that hang.
         await to_thread.run_sync(engine.close, limiter=CapacityLimiter(1))
         return True
 
@@ -90,6 +92,7 @@ def serve(settings: Settings | None = None) -> None:
     """
     settings = settings or load_settings()
     forget_keys()
+    # The umask can only be read by setting it: it is set, and then set again with both.
     os.umask(os.umask(PRIVATE) | PRIVATE)
     if settings.database.startswith("postgresql"):
         # Imported here, so that a missing package is reported at once and not by a traceback during the start.

@@ -67,7 +67,7 @@ def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]
     ----------
     settings : Settings
         Settings of the service.
-    nursery : Nursery
+    nursery : ForkServer
         Process that child processes are forked from.
 
     Yields
@@ -80,6 +80,7 @@ def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]
         # If no other service uses the directory, every unfinished file is from before this moment.
         abandoned_before = time.time() if is_alone else 0.0
         migrate(database)
+        # After the migration: no other part may see tables of an older version.
         objects = ObjectStore(settings.objects, settings.cache_dir)
         ledger = JobQueue(database, settings.max_attempts)
         following = JobEventNotifier(ledger)
@@ -95,6 +96,8 @@ def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]
                 settings, database, objects, resources, ledger, engine, housekeeping, awaited, following, readiness
             )
         finally:
+            # In reverse: first what requests wait for, then maintenance, and last the engine, which gives its jobs
+            # back.
             awaited.close()
             housekeeping.close()
             engine.close()

@@ -84,6 +84,7 @@ class Settings(LogSettings):
     @field_validator("database_url")
     @classmethod
     def _name_the_driver(cls, url: str) -> str:
+        # Without a driver in the URL SQLAlchemy takes psycopg2; installed is its successor.
         for short in ("postgresql://", "postgres://"):
             if url.startswith(short):
                 return "postgresql+psycopg://" + url.removeprefix(short)
@@ -139,7 +140,9 @@ def load_settings(**given: object) -> Settings:
         if isinstance(error, SettingsError):
             raise DynidentError(f"{error}; lists are JSON", title="Unusable setting") from error
         first = error.errors()[0]
+        # The first error is enough: the user mends one variable at a time.
         name = f"DYNIDENT_{first['loc'][0]}".upper()
+        # What is printed may get into a log: a secret is not repeated.
         value = "" if is_secret(name) else f" (it is {first['input']!r})"
         raise DynidentError(f"{first['msg']}{value}", pointer=name, title="Unusable setting") from error
 
@@ -154,6 +157,8 @@ def is_loopback(host: str) -> bool:
     if host == "localhost":
         return True
     try:
+        # IPv6 addresses stand in brackets in URLs.
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
+        # Any other name may lead to another machine, today or tomorrow.
         return False

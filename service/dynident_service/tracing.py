@@ -42,6 +42,7 @@ def begin_tracing(exporter: SpanExporter | None = None) -> None:
     from opentelemetry.sdk.trace import TracerProvider
     from opentelemetry.sdk.trace.export import BatchSpanProcessor, SimpleSpanProcessor
 
+    # Only where the user has not said otherwise.
     os.environ.setdefault("OTEL_SERVICE_NAME", "dynident")
     os.environ.setdefault("OTEL_BSP_SCHEDULE_DELAY", SOON)
     _provider = TracerProvider()
@@ -106,6 +107,8 @@ class RequestTracing:
             try:
                 return await self._app(scope, receive, send_with_status)
             finally:
+                # The route is known only after the request was answered: until then the span has the method as its
+                # name.
                 route = getattr(scope.get("route"), "path", None)
                 if route is not None:
                     span.update_name(f"{method} {route}")

@@ -69,6 +69,7 @@ class UploadRoom:
             return await self._app(scope, receive, send)
         length = Headers(scope=scope).get("content-length", "")
         upload = _Upload(get_account(), int(length) if length.isdigit() else 0)
+        # Counted from here on, before a byte has come: uploads that begin at once see each other.
         self._coming[upload] = None
         try:
             await self._pass_on(upload, scope, receive, send)
@@ -111,7 +112,7 @@ class UploadRoom:
 
         Raises
         ------
-        OverQuota
+        QuotaExceeded
             If it may not have another recording.
         """
         account, headers = upload.account, Headers(scope=scope)
@@ -126,12 +127,14 @@ class UploadRoom:
             return account.limits.bytes - sum_bytes(session, account.name) if account.limits.bytes else None
 
     def _check_quota(self, upload: _Upload, remaining: int | None) -> None:
-        """Raise OverQuota if an upload, with earlier ones of the account under way, exceeds what remains."""
+        """Raise QuotaExceeded if an upload, with earlier ones of the account under way, exceeds what remains."""
         account = upload.account
         if account is None or remaining is None:
             return
+        # Only earlier uploads count: of two that together do not fit, the first one goes on.
         others = takewhile(lambda other: other is not upload, self._coming)
         size = upload.size + sum(other.size for other in others if other.account and other.account.name == account.name)
+        # The announced length is that of the whole form, with some fields beside the file.
         if size > remaining + FORM:
             allowed = account.limits.bytes or 0
             raise make_bytes_error(account, allowed, allowed - remaining, size)

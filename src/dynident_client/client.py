@@ -29,8 +29,9 @@ class Client:
     Parameters
     ----------
     base_url : str
+        Address of the service, such as http://127.0.0.1:8000.
     api_key : str, optional
-        Not needed on the service's own machine.
+        Key of the user; not needed on the service's own machine.
     timeout : float
         Seconds to wait for an answer; computations may take as long as they like, see `wait`.
     transport : httpx2.BaseTransport, optional
@@ -51,6 +52,7 @@ class Client:
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         self._transport = Transport(base_url, api_key, timeout, transport)
+        # All collections share the connection.
         self.robots = Robots(self._transport)
         self.imports = Imports(self._transport)
         self.measurements = Measurements(self._transport)

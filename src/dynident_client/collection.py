@@ -33,6 +33,7 @@ class Collection(Generic[RecordT]):
         Returns
         -------
         Record
+            The resource as it is now.
         """
         return self._record(self._transport.get(f"{self.path}/{get_identifier(resource)}", dict))
 
@@ -44,13 +45,14 @@ class Collection(Generic[RecordT]):
         limit : int, optional
             Most resources in the part.
         cursor : str, optional
-            Of the part before; None for the first part.
-        narrow
+            Cursor of the part before; None for the first part.
+        **narrow : str, int, float or bool
             Filters of this kind of resource.
 
         Returns
         -------
         Page
+            The resources of the part, and where the next one begins.
         """
         data = self._transport.get(self.path, ListPart, limit=limit, cursor=cursor, **narrow)
         return Page([self._record(record) for record in data["items"]], data["cursor"])
@@ -62,13 +64,15 @@ class Collection(Generic[RecordT]):
         ----------
         limit : int, optional
             How many are read at a time.
-        narrow
+        **narrow : str, int, float or bool
             Filters of this kind of resource.
 
         Yields
         ------
         Record
+            One resource after the other; the next part is read when it is needed.
         """
+        # Part by part: a list may be longer than what fits into one answer, and few callers read all of it.
         cursor = None
         while True:
             part = self.page(limit, cursor, **narrow)
@@ -82,6 +86,7 @@ class Collection(Generic[RecordT]):
         Parameters
         ----------
         resource : Record or str
+            The resource or its identifier.
 
         Raises
         ------
@@ -107,6 +112,7 @@ def _replace_resource(value: object) -> object:
         return value.id
     if isinstance(value, Mapping):
         return replace_resources(value)
+    # Resources may stand in lists and in objects inside a request.
     if isinstance(value, list | tuple):
         return [_replace_resource(element) for element in value]
     return value
@@ -123,6 +129,24 @@ class LabelledCollection(Collection[RecordT]):
         tags: Sequence[str] | None = None,
         archived: bool | None = None,
     ) -> RecordT:
-        """Change name, tags (all of them) or archive; what is not given stays."""
+        """Change name, tags (all of them) or archive; what is not given stays.
+
+        Parameters
+        ----------
+        resource : Record or str
+            The resource or its identifier.
+        name : str, optional
+            What it is called from now on.
+        tags : sequence of str, optional
+            All its tags from now on.
+        archived : bool, optional
+            Whether it is left out of lists.
+
+        Returns
+        -------
+        Record
+            The resource as it is now.
+        """
+        # None means as before: the transport leaves it out.
         body = {"name": name, "tags": None if tags is None else list(tags), "archived": archived}
         return self._record(self._transport.patch(f"{self.path}/{get_identifier(resource)}", dict, body))

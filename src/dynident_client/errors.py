@@ -8,7 +8,7 @@ from dynident_client.answers import Problem, ProblemField
 class ProblemError(Exception):
     """Raised where the service refuses a request (RFC 9457).
 
-    Attributes
+    Parameters
     ----------
     problem : Problem
         The body of the answer; `status`, `title` and `detail` are taken from it.
@@ -16,6 +16,7 @@ class ProblemError(Exception):
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        # A problem need not state all of them: RFC 9457 leaves every member open.
         self.status = int(problem.get("status", 0))
         self.title = str(problem.get("title", ""))
         self.detail = str(problem.get("detail", ""))
@@ -28,7 +29,13 @@ class ProblemError(Exception):
 
 
 class JobFailed(ProblemError):
-    """Raised where a computation has failed."""
+    """Raised where a computation has failed.
+
+    Parameters
+    ----------
+    problem : Problem
+        Why it has failed, as the service states it.
+    """
 
 
 class JobCancelled(Exception):

@@ -40,22 +40,26 @@ class Robots(LabelledCollection[Robot]):
         Parameters
         ----------
         name : str
-        urdf, mjcf : Path or str
-            A path, or the text of the description.
-        modified_dh : mapping or str
+            What the robot is called.
+        urdf, mjcf : Path or str, optional
+            Path of a description, or its text.
+        modified_dh : mapping or str, optional
             A modified Denavit-Hartenberg table. Just one of the three descriptions is given.
-        more
-            As `RobotOptions` has it.
+        **more : object
+            Other fields of the robot, as `RobotOptions` has them.
 
         Returns
         -------
         Robot
+            The stored robot.
         """
         descriptions = {"urdf": urdf, "mjcf": mjcf, "modified_dh": modified_dh}
         stated = {form: content for form, content in descriptions.items() if content is not None}
+        # Refused here already: the service would say the same, one request later.
         if len(stated) != 1:
             raise ValueError("give one of urdf, mjcf and modified_dh")
         [(form, content)] = stated.items()
+        # A string is the description itself, since a path and a URDF are both text.
         text = content.read_text() if isinstance(content, Path) else content
         return self._post({"name": name, "description": {"format": form, "content": text}, **more})
 
@@ -69,8 +73,9 @@ class Robots(LabelledCollection[Robot]):
         Parameters
         ----------
         robot : Robot or str
-        positions : sequence of postures
-            [posture][joint], rad or m.
+            The robot or its identifier.
+        positions : sequence of sequence of float
+            Positions of all joints in rad or m, posture by posture.
 
         Returns
         -------
@@ -86,22 +91,46 @@ class Robots(LabelledCollection[Robot]):
         Parameters
         ----------
         robot : Robot or str
+            The robot or its identifier.
         folder : Path or str
+            Where to look, in all folders below it, too.
 
-        Returns ------- answers.MeshesView
+        Returns
+        -------
+        answers.MeshesView
             The meshes that the description names, each with what was stored for it, and the files that are none of
             them.
+
+        Raises
+        ------
+        ValueError
+            If no file has the name of a mesh.
         """
         # By the last part of the name, in small letters: descriptions often come from systems that ignore case.
         needed = {PurePosixPath(mesh["name"]).name.casefold() for mesh in self.get(robot)["meshes"]}
         below = Path(folder)
+        # In a fixed order: the same folder gives the same request everywhere.
         mesh_files = [path for path in sorted(below.rglob("*")) if path.is_file() and path.name.casefold() in needed]
         if not mesh_files:
             raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
         return self.put_meshes(robot, {path.relative_to(below.parent).as_posix(): path for path in mesh_files})
 
     def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> answers.MeshesView:
-        """Send files of meshes by their names, as `send_meshes` does those of a folder."""
+        """Send files of meshes by their names, as `send_meshes` does those of a folder.
+
+        Parameters
+        ----------
+        robot : Robot or str
+            The robot or its identifier.
+        files : mapping of str to Path
+            Files by the names under which they are sent.
+
+        Returns
+        -------
+        answers.MeshesView
+            The meshes that the description names, each with what was stored for it, and the files that are none of
+            them.
+        """
         return self._transport.put_files(f"{self.path}/{get_identifier(robot)}/meshes", answers.MeshesView, files)
 
     def bundle(self, robot: Robot | str) -> Iterator[bytes]:
@@ -122,16 +151,18 @@ class Imports(Collection[Import]):
         Parameters
         ----------
         robot : Record or str
+            The robot or its identifier.
         file : path, or several
-            In any format that can be read.
+            A file in any format that can be read, or several that are one recording.
         name : str, optional
-            The file's name without the ending by default.
-        more
+            What the recording is called; the file's name without the ending by default.
+        **more : object
             Role, windows, columns, units, rate, as far as they are known.
 
         Returns
         -------
         Import
+            What was found in the file, with proposed metadata and questions.
         """
         paths = _list_paths(file)
         metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
@@ -151,16 +182,18 @@ class Measurements(LabelledCollection[Measurement]):
         Parameters
         ----------
         robot : Record or str
+            The robot or its identifier.
         file : path, or several
-            In any format that can be read; several files that are one recording.
+            A file in any format that can be read, or several that are one recording.
         name : str, optional
-            The file's name without the ending by default.
-        more
-            As `MeasurementOptions` has it.
+            What the recording is called; the file's name without the ending by default.
+        **more : object
+            What is known of the file, as `MeasurementOptions` has it.
 
         Returns
         -------
         Measurement
+            The stored recording, with its checks.
         """
         paths = _list_paths(file)
         metadata = {"robot_id": get_identifier(robot), "name": name or paths[0].stem, **more}
@@ -172,12 +205,14 @@ class Measurements(LabelledCollection[Measurement]):
         Parameters
         ----------
         measurement : Record or str
-        changes
-            As `RevisionOptions` has it; also the `apply` of a check.
+            The measurement or its identifier.
+        **changes : object
+            What is to be said of it, as `RevisionOptions` has it; also the `apply` of a check.
 
         Returns
         -------
         Measurement
+            The new measurement.
         """
         return self._post(changes, f"/{get_identifier(measurement)}/revisions")
 
@@ -195,10 +230,11 @@ class Measurements(LabelledCollection[Measurement]):
         Parameters
         ----------
         measurement : Record or str
+            The measurement or its identifier.
         signals : sequence of str
-            All q and tau where none is named.
+            Names of signals; all q and tau where none is named.
         start, end : float, optional
-            Seconds of t.
+            Seconds of t from which and to which samples are read.
         points : int, optional
             The signals are thinned to about so many points, with their extremes; None: all samples.
 
@@ -208,6 +244,7 @@ class Measurements(LabelledCollection[Measurement]):
             t, signals, units, n_samples.
         """
         path = f"{self.path}/{get_identifier(measurement)}/raw"
+        # The service reads the list from one parameter of the query.
         narrow = {"signals": ",".join(signals) or None, "from": start, "to": end, "points": points}
         return self._transport.get(path, answers.RawSignals, **narrow)
 
@@ -216,7 +253,20 @@ class Measurements(LabelledCollection[Measurement]):
         return self._transport.get(f"{self.path}/{get_identifier(measurement)}/standstills", answers.Standstills)
 
     def of_import(self, looked_at: Import, metadata: Mapping[str, object] | None = None) -> Measurement:
-        """Store a file that was imported, with the given metadata or the proposed ones."""
+        """Store a file that was imported, with the given metadata or the proposed ones.
+
+        Parameters
+        ----------
+        looked_at : Import
+            The import whose file is used.
+        metadata : mapping, optional
+            What is said of the file; the proposed metadata where not given.
+
+        Returns
+        -------
+        Measurement
+            The stored recording, with its checks.
+        """
         return self._post({"import_id": looked_at.id, "metadata": dict(metadata or looked_at.proposed)})
 
     def content(self, measurement: Record | str) -> Iterator[bytes]:
@@ -230,15 +280,56 @@ class Designs(Collection[Design]):
     kind = Design
 
     def create(self, robot: Record | str, *, kind: DesignKind = "optimized", **more: Unpack[DesignOptions]) -> Design:
-        """Design an experiment."""
+        """Design an experiment.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        kind : str
+            How the motion is found.
+        **more : object
+            Other fields of the request, as `DesignOptions` has them.
+
+        Returns
+        -------
+        Design
+            The design, whose job is queued; see `wait`.
+        """
         return self._post({"robot_id": get_identifier(robot), "kind": kind, **more})
 
     def trajectory(self, design: Record | str, format: Literal["csv", "parquet", "json", "ros2"] = "csv") -> bytes:
-        """Read the trajectory: t, q…, dq…, ddq… at the sampling rate."""
+        """Read the trajectory: t, q…, dq…, ddq… at the sampling rate.
+
+        Parameters
+        ----------
+        design : Record or str
+            The design or its identifier.
+        format : {"csv", "parquet", "json", "ros2"}
+            Format of the file.
+
+        Returns
+        -------
+        bytes
+            The file.
+        """
         return self._transport.get_bytes(f"{self.path}/{get_identifier(design)}/trajectory", format=format)
 
     def clearances(self, design: Record | str, points: int = 200) -> answers.DesignClearances:
-        """Read what every link is nearest to along the motion, at about so many samples."""
+        """Read what every link is nearest to along the motion.
+
+        Parameters
+        ----------
+        design : Record or str
+            The design or its identifier.
+        points : int
+            About how many samples of the motion are looked at.
+
+        Returns
+        -------
+        answers.DesignClearances
+            Distances over time, link by link.
+        """
         return self._transport.get(
             f"{self.path}/{get_identifier(design)}/clearances", answers.DesignClearances, points=points
         )
@@ -258,7 +349,26 @@ class Simulations(Collection[Simulation]):
         effects: Sequence[Mapping[str, object]] | None = None,
         **more: Unpack[SimulationOptions],
     ) -> Simulation:
-        """Let a virtual robot follow the motion of a design, or a trajectory; the result names the measurement."""
+        """Let a virtual robot follow the motion of a design, or a trajectory.
+
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        design : Record or str, optional
+            The design whose motion is followed, or its identifier.
+        trajectory : mapping, optional
+            Another motion, as the contract has it.
+        effects : sequence of mapping, optional
+            Effects that the virtual robot has.
+        **more : object
+            Other fields of the request, as `SimulationOptions` has them.
+
+        Returns
+        -------
+        Simulation
+            The simulation, whose job is queued; its result names the measurement.
+        """
         motion: dict[str, object] = {
             "design_id": None if design is None else get_identifier(design),
             "trajectory": trajectory,

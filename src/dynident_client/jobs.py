@@ -26,7 +26,24 @@ class Jobs:
         state: str | None = None,
         kind: str | None = None,
     ) -> Page[Job]:
-        """Read a part of the list, newest first; `state` and `kind` narrow it."""
+        """Read a part of the list, newest first.
+
+        Parameters
+        ----------
+        limit : int, optional
+            Most jobs in the part.
+        cursor : str, optional
+            Cursor of the part before; None for the first part.
+        state : str, optional
+            State of the jobs that are listed; all where not given.
+        kind : str, optional
+            Kind of the jobs that are listed; all where not given.
+
+        Returns
+        -------
+        Page
+            The jobs of the part, and where the next one begins.
+        """
         data = self._transport.get(Job.path, ListPart, limit=limit, cursor=cursor, state=state, kind=kind)
         return Page([Job(self._transport, job) for job in data["items"]], data["cursor"])
 

@@ -51,20 +51,23 @@ class Identifications(LabelledCollection[Identification]):
         Parameters
         ----------
         robot : Record or str
+            The robot or its identifier.
         measurements, validation : sequence of Record or str
+            Measurements to identify from, and to try the model on, or their identifiers.
         effects : sequence, optional
-            Ids, or {"effect", "joints"}.
-        more
-            As `IdentificationOptions` has it.
+            Effects of the model: ids, or mappings with effect, joints and so on; the usual ones where not given.
+        **more : object
+            Other fields of the request, as `IdentificationOptions` has them.
 
         Returns
         -------
         Identification
-            Of a job that is queued; see `wait`.
+            The model, whose job is queued; see `wait`.
         """
         body: dict[str, object] = {
             "robot_id": get_identifier(robot),
             "measurement_ids": [get_identifier(measurement) for measurement in measurements],
+            # Held-out measurements: no parameter is fitted to them.
             "validation_ids": [get_identifier(measurement) for measurement in validation],
             "effects": None if effects is None else _list_effects(effects),
             **more,
@@ -76,13 +79,15 @@ class Identifications(LabelledCollection[Identification]):
 
         Parameters
         ----------
-        bodies : sequence of mappings
-            Each {"robot_id", "measurement_ids", …} as the contract has it; resources may stand for ids.
+        bodies : sequence of mapping
+            Requests {"robot_id", "measurement_ids", …} as the contract has them; resources may stand for ids.
 
         Returns
         -------
         Batch
+            The batch, with all its identifications.
         """
+        # Resources may stand anywhere in these requests, which are given as the contract has them.
         items = [replace_resources(body) for body in bodies]
         return Batch(self._transport, self._transport.post(Batch.path, dict, {"items": items}))
 
@@ -99,13 +104,43 @@ class Identifications(LabelledCollection[Identification]):
         self._transport.delete(f"{Batch.path}/{get_identifier(batch)}")
 
     def extend(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
-        """Add effects: a new identification, whose parent is this one, with a rung of the ladder for each of them."""
+        """Add effects: a new identification, whose parent is this one, with a step of the ladder for each of them.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        effects : sequence
+            Ids of effects, or mappings with effect, joints and so on.
+        name : str, optional
+            What the new model is called.
+
+        Returns
+        -------
+        Identification
+            The new model, whose job is queued; see `wait`.
+        """
         return self._post(
             {"effects": _list_effects(effects), "name": name}, f"/{get_identifier(identification)}/extend"
         )
 
     def remove(self, identification: Record | str, effects: Effects, *, name: str | None = None) -> Identification:
-        """Take effects out, off some joints or off all: a new identification, whose parent is this one."""
+        """Take effects out, off some joints or off all: a new identification, whose parent is this one.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        effects : sequence
+            Ids of effects, or mappings with effect, joints and so on.
+        name : str, optional
+            What the new model is called.
+
+        Returns
+        -------
+        Identification
+            The new model, whose job is queued; see `wait`.
+        """
         return self._post(
             {"effects": _list_effects(effects), "name": name}, f"/{get_identifier(identification)}/remove"
         )
@@ -132,12 +167,33 @@ class Identifications(LabelledCollection[Identification]):
         """Read the ladder of models that led to this one, the first one first.
 
         What an extension by several effects made on its way has the id "{id}/1", … and says what it is `part_of`.
-        `best` marks the smallest validation error, `rises` the rungs above it whose error is larger.
+        `best` marks the smallest validation error, `rises` the steps above it whose error is larger.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+
+        Returns
+        -------
+        list of answers.Rung
+            The steps of the ladder.
         """
         return self._transport.get(f"{self.path}/{get_identifier(identification)}/lineage", answers.Lineage)["items"]
 
     def compare_lineages(self, identification: Record | str, against: Record | str) -> answers.Lineage:
-        """Read two ladders beside each other: items, against, common_ancestor, and the differences rung by rung."""
+        """Read two ladders beside each other.
+
+        Parameters
+        ----------
+        identification, against : Record or str
+            The two models or their identifiers.
+
+        Returns
+        -------
+        answers.Lineage
+            Items, against, common_ancestor, and the differences step by step.
+        """
         path = f"{self.path}/{get_identifier(identification)}/lineage"
         return self._transport.get(path, answers.Lineage, against=get_identifier(against))
 
@@ -151,8 +207,22 @@ class Identifications(LabelledCollection[Identification]):
     ) -> bytes:
         """Read the model in a format that other programs read; what the format leaves out stands in the file.
 
-        `nearest`: as "urdf" or "mjcf", where no bodies that can exist have the identified parameters, take the nearest
-        that have. `anyway`: also a model whose error says that it is not to be used, which is refused otherwise.
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        format : {"json", "urdf", "mjcf", "c", "casadi"}
+            Format of the file.
+        nearest : bool, optional
+            For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that
+            can.
+        anyway : bool, optional
+            Whether a model whose error says that it is not to be used is written, too; it is refused otherwise.
+
+        Returns
+        -------
+        bytes
+            The file.
         """
         path = f"{self.path}/{get_identifier(identification)}/export"
         return self._transport.get_bytes(path, format=format, nearest=nearest, anyway=anyway)
@@ -168,6 +238,20 @@ class Comparisons(Collection[Comparison]):
 
         The result has errors on all rows (at rest the distance to what static friction may hold), on `moving` rows, and
         `raw`: on all rows against the predicted torque itself.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        measurement : Record or str
+            The measurement or its identifier.
+        name : str, optional
+            What the comparison is called.
+
+        Returns
+        -------
+        Comparison
+            The comparison, whose job is queued; see `wait`.
         """
         ids = {"identification_id": get_identifier(identification), "measurement_id": get_identifier(measurement)}
         return self._post({**ids, "name": name})
@@ -184,6 +268,22 @@ class Comparisons(Collection[Comparison]):
         """Read a joint's measured and predicted torque over time, thinned for plotting.
 
         Where the joint stands (`standing`) the prediction is a band from `lower` to `upper`.
+
+        Parameters
+        ----------
+        comparison : Record or str
+            The comparison or its identifier.
+        joint : str
+            Name of the joint.
+        start, end : float, optional
+            Seconds of t from which and to which samples are read.
+        points : int, optional
+            About how many points are left of each signal.
+
+        Returns
+        -------
+        answers.Series
+            The signals over time.
         """
         path = f"{self.path}/{get_identifier(comparison)}/series"
         return self._transport.get(path, answers.Series, joint=joint, from_=start, to=end, points=points)
@@ -191,21 +291,70 @@ class Comparisons(Collection[Comparison]):
     def residual_map(
         self, comparison: Record | str, joint: str, x: str, y: str | None = None, *, bins: int | None = None
     ) -> answers.ResidualMap:
-        """Read mean, spread and count of a joint's residual over any two signals."""
+        """Read mean, spread and count of a joint's residual over any two signals.
+
+        Parameters
+        ----------
+        comparison : Record or str
+            The comparison or its identifier.
+        joint : str
+            Name of the joint.
+        x : str
+            Name of the signal along the first axis.
+        y : str, optional
+            Name of the signal along the second axis; one axis alone where not given.
+        bins : int, optional
+            Number of parts of each axis.
+
+        Returns
+        -------
+        answers.ResidualMap
+            The residual, part by part.
+        """
         path = f"{self.path}/{get_identifier(comparison)}/residual_map"
         return self._transport.get(path, answers.ResidualMap, joint=joint, x=x, y=y, bins=bins)
 
     def spectrum(
         self, comparison: Record | str, joint: str, over: Literal["angle", "time"] | None = None
     ) -> answers.Spectrum:
-        """Read the amplitude spectrum of a joint's residual, over time or over its own angle."""
+        """Read the amplitude spectrum of a joint's residual, over time or over its own angle.
+
+        Parameters
+        ----------
+        comparison : Record or str
+            The comparison or its identifier.
+        joint : str
+            Name of the joint.
+        over : "angle" or "time", optional
+            What frequencies are counted over.
+
+        Returns
+        -------
+        answers.Spectrum
+            Amplitudes by frequency, with the highest peaks.
+        """
         path = f"{self.path}/{get_identifier(comparison)}/spectrum"
         return self._transport.get(path, answers.Spectrum, joint=joint, over=over)
 
     def autocorrelation(
         self, comparison: Record | str, joint: str, *, longest: float | None = None
     ) -> answers.AutocorrelationView:
-        """Read the autocorrelation of a joint's residual up to a lag in s, and its effective number of samples."""
+        """Read the autocorrelation of a joint's residual, and its effective number of samples.
+
+        Parameters
+        ----------
+        comparison : Record or str
+            The comparison or its identifier.
+        joint : str
+            Name of the joint.
+        longest : float, optional
+            Longest lag in s.
+
+        Returns
+        -------
+        answers.AutocorrelationView
+            Correlations by lag.
+        """
         path = f"{self.path}/{get_identifier(comparison)}/autocorrelation"
         return self._transport.get(path, answers.AutocorrelationView, joint=joint, longest=longest)
 
@@ -223,9 +372,25 @@ class Diagnoses(Collection[Diagnosis]):
         baseline: Sequence[Record | str] = (),
         **more: Unpack[DiagnosisOptions],
     ) -> Diagnosis:
-        """Find what is missing in a model, on the data it was identified from if no other is given.
+        """Find what is missing in a model.
 
         With earlier measurements of the same robot as the baseline, its result says what has changed since (`changes`).
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        measurements : sequence of Record or str, optional
+            Measurements to look at; those that the model was identified from where none is given.
+        baseline : sequence of Record or str
+            Earlier measurements of the same robot.
+        **more : object
+            Other fields of the request, as `DiagnosisOptions` has them.
+
+        Returns
+        -------
+        Diagnosis
+            The diagnosis, whose job is queued; see `wait`.
         """
         body: dict[str, object] = {
             "identification_id": get_identifier(identification),
@@ -238,7 +403,22 @@ class Diagnoses(Collection[Diagnosis]):
         return self._post(body)
 
     def evidence(self, diagnosis: Record | str, rank: int, joint: str | None = None) -> answers.Evidence:
-        """Read the figure behind a ranked candidate: the residual over what it depends on, with the fitted effect."""
+        """Read the figure behind a ranked candidate: the residual over what it depends on, with the fitted effect.
+
+        Parameters
+        ----------
+        diagnosis : Record or str
+            The diagnosis or its identifier.
+        rank : int
+            Rank of the candidate, from 1.
+        joint : str, optional
+            Name of the joint, where the candidate is on several.
+
+        Returns
+        -------
+        answers.Evidence
+            The curves of the figure.
+        """
         return self._transport.get(
             f"{self.path}/{get_identifier(diagnosis)}/evidence", answers.Evidence, rank=rank, joint=joint
         )
@@ -263,21 +443,25 @@ class SeriesOfDays(Collection[Series]):
         Parameters
         ----------
         identification : Record or str
-        days : sequence
-            The measurements of each day, in their order.
+            The model or its identifier.
+        days : sequence of sequence of Record or str
+            The measurements of each day, in their order, or their identifiers.
         names : sequence of str, optional
-            Of the days.
+            Names of the days.
         continues : Record or str, optional
             A series of the same model whose days come first and are not read again.
         name : str, optional
+            What the series is called.
 
         Returns
         -------
         Series
+            The series, whose job is queued; see `wait`.
         """
         day_requests: list[dict[str, object]] = [
             {"measurement_ids": [get_identifier(measurement) for measurement in day]} for day in days
         ]
+        # Days without a name are named by the service.
         for day, day_name in zip(day_requests, names or (), strict=False):
             day["name"] = day_name
         body = {
@@ -306,7 +490,24 @@ class Validations(Collection[Validation]):
         measurements: Sequence[Record | str] | None = None,
         **more: Unpack[ValidationOptions],
     ) -> Validation:
-        """Validate a model."""
+        """Validate a model.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        kind : str
+            How the model is tried.
+        measurements : sequence of Record or str, optional
+            Measurements to try it on, or their identifiers.
+        **more : object
+            Other fields of the request, as `ValidationOptions` has them.
+
+        Returns
+        -------
+        Validation
+            The validation, whose job is queued; see `wait`.
+        """
         measurement_ids = (
             None if measurements is None else [get_identifier(measurement) for measurement in measurements]
         )
@@ -336,8 +537,23 @@ class DriveGainSets(Collection[DriveGains]):
     ) -> DriveGains:
         """Identify the drive gains from the same motion without and with a load of known mass.
 
-        `weigh`: measurements of other loads, weighed with the gains against `weigh_unloaded` (`unloaded` where not
-        given).
+        Parameters
+        ----------
+        robot : Record or str
+            The robot or its identifier.
+        unloaded, loaded : sequence of Record or str
+            Measurements without and with the load, or their identifiers.
+        weigh : sequence of Record or str, optional
+            Measurements of other loads, which are weighed with the gains.
+        weigh_unloaded : sequence of Record or str, optional
+            Measurements of the same motion as `weigh` without a load; `unloaded` where not given.
+        **more : object
+            Other fields of the request, as `DriveGainsOptions` has them.
+
+        Returns
+        -------
+        DriveGains
+            The gains, whose job is queued; see `wait`.
         """
         body: dict[str, object] = {
             "robot_id": get_identifier(robot),
@@ -371,15 +587,18 @@ class CurrentModelSets(Collection[CurrentModels]):
         Parameters
         ----------
         robot : Record or str
-            With a drive gain for every joint, 1 where it is unknown.
+            The robot or its identifier; it has a drive gain for every joint, 1 where it is unknown.
         measurements, validation : sequence of Record or str
+            Measurements to identify from, and to try the model on, or their identifiers.
         effects : sequence, optional
-            Ids, or {"effect", "joints"}.
+            Effects of the model: ids, or mappings with effect, joints and so on; the usual ones where not given.
         name : str, optional
+            What the models are called.
 
         Returns
         -------
         CurrentModels
+            The models, whose job is queued; see `wait`.
         """
         body: dict[str, object] = {
             "robot_id": get_identifier(robot),
@@ -406,7 +625,28 @@ class Reports(Collection[Report]):
         measurements: Sequence[Record | str] | None = None,
         **more: Unpack[ReportOptions],
     ) -> Report:
-        """Write a report of a model."""
+        """Write a report of a model.
+
+        Parameters
+        ----------
+        identification : Record or str
+            The model or its identifier.
+        diagnosis : Record or str, optional
+            The diagnosis that is reported, or its identifier.
+        design : Record or str, optional
+            The design that the data come from, or its identifier.
+        validations : sequence of Record or str
+            Validations that are reported, or their identifiers.
+        measurements : sequence of Record or str, optional
+            Measurements that are shown; those of the model where none is given.
+        **more : object
+            Other fields of the request, as `ReportOptions` has them.
+
+        Returns
+        -------
+        Report
+            The report, whose job is queued; see `wait`.
+        """
         body: dict[str, object] = {
             "identification_id": get_identifier(identification),
             "diagnosis_id": None if diagnosis is None else get_identifier(diagnosis),

@@ -17,7 +17,15 @@ OnProgress = Callable[[float, str], None]
 
 
 class Record:
-    """A resource: `data` is the service's answer, whose fields can also be read by index."""
+    """A resource of the service.
+
+    Parameters
+    ----------
+    transport : Transport
+        The connection to the service.
+    data : mapping
+        The service's answer, whose fields can also be read by index.
+    """
 
     path = ""
 
@@ -31,6 +39,7 @@ class Record:
 
     def __repr__(self) -> str:
         """Return class, identifier and name of the resource."""
+        # Short: the answer itself may have thousands of numbers.
         return f"<{type(self).__name__} {self.id} {self.name or ''}>"
 
     @property
@@ -50,7 +59,15 @@ class Record:
 
 
 class Computed(Record, Generic[ResultT]):
-    """A resource that a job computes."""
+    """A resource that a job computes.
+
+    Parameters
+    ----------
+    transport : Transport
+        The connection to the service.
+    data : mapping
+        The service's answer, whose fields can also be read by index.
+    """
 
     @property
     def status(self) -> str:
@@ -61,6 +78,7 @@ class Computed(Record, Generic[ResultT]):
     def result(self) -> ResultT:
         """The result, once the status is succeeded."""
         result: ResultT | None = self.data.get("result")
+        # A missing result is a mistake of the caller, who did not wait: say so instead of returning None.
         if result is None:
             raise LookupError(f"{self.id} is {self.status}: there is no result; wait() for it")
         return result
@@ -76,7 +94,7 @@ class Computed(Record, Generic[ResultT]):
         Parameters
         ----------
         on_progress : function, optional
-            Called with fraction and message.
+            Called with the share that is done, from 0 to 1, and a message.
 
         Returns
         -------
@@ -86,12 +104,14 @@ class Computed(Record, Generic[ResultT]):
         Raises
         ------
         JobFailed
-            With the problem that the service states.
+            If the computation has failed, with the problem that the service states.
         JobCancelled
+            If it was cancelled.
         """
         for event in self.events():
             if event.event == "progress" and on_progress is not None:
                 on_progress(float(event.data["fraction"]), str(event.data["message"]))
+        # The events tell that the job has ended; what came of it is in the resource.
         self.refresh()
         if self.status == "failed":
             raise JobFailed(self.data["error"])
@@ -144,7 +164,15 @@ class Import(Record):
 
 
 class Measurement(Record):
-    """A recording."""
+    """A recording.
+
+    Parameters
+    ----------
+    transport : Transport
+        The connection to the service.
+    data : mapping
+        The service's answer, whose fields can also be read by index.
+    """
 
     path = "/v1/measurements"
 
@@ -230,7 +258,15 @@ class CurrentModels(Computed[answers.CurrentModelsResult]):
 
 
 class Report(Computed[answers.ReportResult]):
-    """A report."""
+    """A report.
+
+    Parameters
+    ----------
+    transport : Transport
+        The connection to the service.
+    data : mapping
+        The service's answer, whose fields can also be read by index.
+    """
 
     path = "/v1/reports"
 
@@ -239,14 +275,33 @@ class Report(Computed[answers.ReportResult]):
         return self._transport.get_bytes(f"{self.path}/{self.id}/content")
 
     def save(self, path: Path | str) -> Path:
-        """Write the document to a file."""
+        """Write the document to a file.
+
+        Parameters
+        ----------
+        path : Path or str
+            Where the file is to lie; one that is there is replaced.
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
         target = Path(path)
         target.write_bytes(self.content())
         return target
 
 
 class Job(Record):
-    """A computation."""
+    """A computation.
+
+    Parameters
+    ----------
+    transport : Transport
+        The connection to the service.
+    data : mapping
+        The service's answer, whose fields can also be read by index.
+    """
 
     path = "/v1/jobs"
 
@@ -257,7 +312,15 @@ class Job(Record):
 
 
 class Page(Generic[RecordT]):
-    """A part of a list, newest first; `cursor` gives the next part."""
+    """A part of a list, newest first.
+
+    Parameters
+    ----------
+    items : list of Record
+        The resources of this part.
+    cursor : str or None
+        Gives the next part; None for the last one.
+    """
 
     def __init__(self, items: list[RecordT], cursor: str | None) -> None:
         self.items = items
@@ -273,5 +336,16 @@ class Page(Generic[RecordT]):
 
 
 def get_identifier(resource: Record | str) -> str:
-    """Return the identifier of a resource, which may be given as such."""
+    """Return the identifier of a resource, which may be given as such.
+
+    Parameters
+    ----------
+    resource : Record or str
+        The resource or its identifier.
+
+    Returns
+    -------
+    str
+        The identifier.
+    """
     return resource if isinstance(resource, str) else resource.id

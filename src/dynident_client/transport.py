@@ -29,7 +29,17 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Event:
-    """One event of a job: "progress" with fraction and message, or "state"."""
+    """One event of a job.
+
+    Parameters
+    ----------
+    id : str
+        Number of the event, from which a lost stream continues.
+    event : str
+        Kind of the event: "progress" or "state".
+    data : mapping
+        Fraction and message of a progress, or the state.
+    """
 
     id: str
     event: str
@@ -44,12 +54,26 @@ class ListPart(TypedDict):
 
 
 class Transport:
-    """A connection to one service."""
+    """A connection to one service.
+
+    Parameters
+    ----------
+    base_url : str
+        Address of the service.
+    api_key : str or None
+        Key of the user.
+    timeout : float
+        Seconds to wait for an answer.
+    transport : httpx2.BaseTransport or None
+        Another way to reach the service, for tests.
+    """
 
     def __init__(
         self, base_url: str, api_key: str | None, timeout: float, transport: httpx2.BaseTransport | None
     ) -> None:
+        # Without a key the service answers on its own machine alone.
         headers = {} if api_key is None else {"Authorization": f"Bearer {api_key}"}
+        # One client for all requests: it keeps connections open, and may be used by several threads.
         self._http = httpx2.Client(base_url=base_url, headers=headers, timeout=timeout, transport=transport)
 
     def get(self, path: str, answer: type[T], **params: Param) -> T:
@@ -58,10 +82,16 @@ class Transport:
         Parameters
         ----------
         path : str
+            Path of the resource.
         answer : type
-            Of the answer, by the contract; for type checkers alone.
-        params
-            Of the query; None is left out.
+            Type of the answer, by the contract; for type checkers alone.
+        **params : str, int, float, bool or None
+            Values of the query; None is left out.
+
+        Returns
+        -------
+        object
+            The answer.
         """
         content: T = self._send("GET", path, params=params).json()
         return content
@@ -74,6 +104,7 @@ class Transport:
         """Yield bytes in pieces."""
         with self._http.stream("GET", path, params=_drop_missing(params)) as answer:
             if answer.is_error:
+                # A stream has no body yet: the problem has to be read before it can be raised.
                 answer.read()
                 _raise_problem(answer)
             yield from answer.iter_bytes()
@@ -91,6 +122,7 @@ class Transport:
     def upload(self, path: str, answer: type[T], files: Sequence[Path], fields: Mapping[str, str]) -> T:
         """Send a file, or several that belong together, and fields as a form."""
         with ExitStack() as stack:
+            # Files are streamed from disk, so that a recording of any size needs little memory.
             opened = [stack.enter_context(file.open("rb")) for file in files]
             parts = [
                 ("further" if place else "file", (files[place].name, stream)) for place, stream in enumerate(opened)
@@ -127,6 +159,7 @@ class Transport:
                         time.sleep(pause)
                         continue
                     for event in httpx2.EventSource(answer):
+                        # Every event that arrives shows that the connection works again: the tries begin anew.
                         last, tries = event.id or last, 0
                         data = event.json()
                         assert isinstance(data, dict)
@@ -148,6 +181,7 @@ class Transport:
         headers = {"Idempotency-Key": uuid.uuid4().hex} if method == "POST" else {}
         if "params" in content:
             content["params"] = _drop_missing(content["params"])
+        # The patience is that of the whole request, however often it is sent.
         until = time.monotonic() + PATIENCE
         attempt = 0
         while True:
@@ -161,10 +195,12 @@ class Transport:
             else:
                 if not answer.is_error:
                     return answer
+                # A request is sent again only if the answer says when: all others would be refused again.
                 pause = _get_retry_delay(answer)
                 if pause is None or time.monotonic() + pause > until:
                     _raise_problem(answer)
             time.sleep(pause)
+            # A try that was broken off has read part of the files.
             for file in rewind:
                 file.seek(0)
 
@@ -185,5 +221,6 @@ def _raise_problem(answer: httpx2.Response) -> NoReturn:
     problem: Problem = {}
     if "problem+json" in answer.headers.get("content-type", ""):
         problem = answer.json()
+    # A proxy between client and service answers with pages of its own: what HTTP states is then all that is known.
     stated: Problem = {"status": answer.status_code, "title": answer.reason_phrase, "detail": answer.text[:500]}
     raise ProblemError({**stated, **problem})

@@ -81,6 +81,7 @@ def _select_rows(points: int, standing: BoolArray, *signals: FloatArray) -> Inde
     from tsdownsample import MinMaxLTTBDownsampler
 
     picked = [MinMaxLTTBDownsampler().downsample(np.ascontiguousarray(signal), n_out=share) for signal in signals]
+    # Signals share their times, so every row that one of them needs is kept for all.
     return np.unique(np.concatenate([edges, *picked])).astype(np.intp)
 
 

@@ -96,6 +96,7 @@ def write_trajectory(design: Design, path: Path) -> Path:
 def trajectory_as_csv(path: Path) -> Iterator[bytes]:
     """Yield a stored trajectory as CSV, some rows at a time, so that it is never in memory as a whole."""
     file = pq.ParquetFile(path)
+    # Only the first batch has the line of names above it.
     for index, batch in enumerate(file.iter_batches(ROWS)):
         yield to_csv(pa.Table.from_batches([batch]), header=index == 0)
 
@@ -146,6 +147,7 @@ def compute_clearances(
         Distances per link and sample, and the surroundings to draw.
     """
     motion = read_reference(trajectory, list(robot.joint_names))
+    # Evenly spread, ends included. Rounding may give a row twice.
     rows = np.unique(np.linspace(0, len(motion.t) - 1, min(points, len(motion.t))).astype(np.intp))
     nearest = find_nearest_along(robot, to_design_request(wire_request), motion.q[rows], mesh_folders)
     around = to_design_request(wire_request).surroundings

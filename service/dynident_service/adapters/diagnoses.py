@@ -55,6 +55,7 @@ def show_next_experiment(
     advice: NextExperiment, robot_id: str, measurement_ids: Sequence[str] = ()
 ) -> wire.NextExperiment:
     """Build the view of a proposed experiment, whose design can be posted and complements the data at hand."""
+    # Only what differs from the defaults is stated: the proposal stays readable, and can be posted as it is.
     body = show_request(advice.design, robot_id).model_dump(mode="json", exclude_defaults=True)
     if measurement_ids:
         body["earlier_ids"] = list(measurement_ids)

@@ -78,6 +78,7 @@ def build_gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
 def _value_cells(value: float, ends: tuple[float | None, float | None]) -> tuple[Cell, Cell]:
     """Return the cells of a value and of half its interval; the interval decides the digits."""
     low, high = ends
+    # An end that is null is infinite: then there is no half to show.
     half = None if low is None or high is None else (high - low) / 2.0
     texts = format_estimate(value, inf if half is None else half)
     return Cell(texts[0], value), Cell(texts[1], half)

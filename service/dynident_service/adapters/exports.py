@@ -46,6 +46,7 @@ def export_file(model: Identification, format: ExportFormat, nearest: bool, show
         raise DynidentError(error.detail, pointer=error.pointer.removeprefix("/"), title=error.title) from error
     if format != "json":
         return file
+    # What the service shows stands beside the model, so that `model_from_json` reads the file, too.
     content = json.dumps({**shown, "model": model_to_document(model)}, indent=1, allow_nan=False)
     return ExportedFile(file.name, file.media_type, content.encode(), file.notes)
 
@@ -60,6 +61,7 @@ def build_file_response(file: ExportedFile) -> Response:
 
 def _shorten_notes(notes: Sequence[str]) -> str:
     """Return as many notes as a header may hold, as JSON in ASCII."""
+    # Whole sentences: as many from the front as fit.
     for count in range(len(notes), 0, -1):
         shortened = list(notes[:count])
         if count < len(notes):

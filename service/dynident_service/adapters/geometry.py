@@ -121,6 +121,7 @@ def describe_geometry(robot: Robot, mesh_folders: Sequence[Path] = ()) -> wire.G
         Frames, capsules, surfaces and closed loops.
     """
     collision = collision_geometry(robot.tree, mesh_folders=mesh_folders)
+    # Counted first: how much each mesh is thinned depends on all of them.
     number = sum(len(surface.triangles) for body in collision.bodies for surface in body.surfaces)
     closure = robot.linkage.closure if robot.linkage else None
     # All meshes are thinned by the same share, so that a detailed link keeps more triangles than a plain one.

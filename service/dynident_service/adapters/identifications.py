@@ -126,6 +126,7 @@ def _choose_preprocessing(request: wire.IdentificationRequest, recordings: Seque
     """Return the filters that a body states; None where all of them are chosen by the identification."""
     stated_filters = request.preprocessing
     filter_values = {} if isinstance(stated_filters, str) else stated_filters.model_dump()
+    # The identification chooses the filters of its own data, and then also says why.
     if all(value == "auto" for value in filter_values.values()):
         return None
     # Tests of friction at constant velocity say nothing about the bandwidth of the motion.

@@ -39,6 +39,7 @@ def inspect_upload(source: Path, robot: Robot, metadata: wire.ImportMetadata, sh
     assert inspection.proposal is not None
     proposed = replace(
         stated_metadata,
+        # What the user has stated stands: guesses only fill what is left open.
         columns={**inspection.proposal.columns, **stated_metadata.columns},
         units={**inspection.proposal.units, **stated_metadata.units},
         effort_kind=inspection.proposal.effort_kind,

@@ -22,6 +22,7 @@ def build_steps_of_views(views: Sequence[IdentificationView]) -> list[Rung]:
     """Build the steps of a ladder of stored models, the first one first, with the intermediate ones of extensions."""
     rungs: list[Rung] = []
     for view in views:
+        # An extension by several effects has made models on its way, which are steps as well.
         rungs += _build_intermediate_steps(view, rungs[-1] if rungs else None)
         rungs.append(_build_own_step(view, rungs[-1] if rungs else None))
     return mark_best_step(rungs)
@@ -156,7 +157,7 @@ def build_steps(
         Its name; the models before it are called name/1, name/2, ….
     other_ladder : tuple of Identification and str, optional
         Another ladder and its name. Steps at which both have the same model take the other ladder's ids, so that
-        `beside` sees what they share.
+        `compare_ladders` sees what they share.
 
     Returns
     -------

@@ -92,6 +92,7 @@ def describe_standstills(recording: Recording) -> Standstills:
 
 
 def _encode_numbers(values: FloatArray, *, first: bool) -> bytes:
+    # The brackets of a block are left out: all blocks together are one list.
     text = json.dumps(to_json_numbers(values))[1:-1]
     return (text if first else f", {text}").encode()
 

@@ -31,6 +31,7 @@ def _restore_from_text(text: str) -> Robot:
 def build_robot(request: wire.RobotRequest) -> Robot:
     """Build the robot that a request describes; `DynidentError` where the description is unusable."""
     content = request.description.content
+    # A table of Denavit and Hartenberg may come as JSON in the body itself.
     text = content if isinstance(content, str) else json.dumps(content)
     return robot_from_description(
         request.name,

@@ -34,8 +34,8 @@ def to_view(view: type[ViewT], result: object, **more: object) -> ViewT:
     ----------
     view : type
         A model of the contract. Each field is read from the result's attribute of the same name, or from the path that
-        `At` states in its annotation. A field that may be null is null where the number is not finite. Errors get the
-        errors on moving rows as well.
+        `SourcePath` states in its annotation. A field that may be null is null where the number is not finite. Errors
+        get the errors on moving rows as well.
     result : object
         A result of the library; None where all fields are in `more`.
     more

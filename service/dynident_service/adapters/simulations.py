@@ -39,6 +39,7 @@ def to_reference(samples: wire.Samples) -> Reference:
     if len(t) != len(q) or not np.all(np.diff(t) > 0) or len(t) < 4:
         detail = "t has to increase, with one row of q for each, four at least, for dq and ddq to follow from q"
         raise DynidentError(detail, pointer="/trajectory/t", title="Unusable trajectory")
+    # A cubic has a continuous acceleration, which the torque needs.
     spline = CubicSpline(t, q)
     dq = spline(t, 1) if samples.dq is None else _to_matrix(samples.dq, "dq")
     return Reference(t, q, dq, spline(t, 2) if samples.ddq is None else _to_matrix(samples.ddq, "ddq"))

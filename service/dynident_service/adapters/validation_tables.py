@@ -59,6 +59,7 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
         cells = tuple((Cell(name), *_relative_error_cells(errors, len(joints))) for name, errors in rows)
         yield ReportedTable("Relative torque error", ("measurement", *joint_columns), cells)
     if result.worst_posture is not None:
+        # The posture is told so that the user can try it.
         posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
         yield ReportedTable(
             f"The worst posture that was found, of {result.postures_tried}", ("joint", "rad or m"), posture
@@ -96,6 +97,7 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
 def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[str]) -> Iterator[ReportedTable]:
     solved_methods = [(method, method.held_out) for method in methods if method.held_out is not None]
     if solved_methods:
+        # The best method is marked by its own error, and not by its place in the list.
         best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
         columns = ("method", *joint_columns, "σ apart", "most in", "torque", "± of it", "time")
         rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)

@@ -52,6 +52,7 @@ def _problem_document(error: DynidentError) -> dict[str, object]:
     from dynident_service.problems import to_problem
 
     problem = describe_file_problem(error) if isinstance(error, RecordingError) else to_problem(error)
+    # The same document as the service sends: a script need not know which of the two it talks to.
     document: dict[str, object] = problem.model_dump(exclude_none=True)
     return document
 
@@ -106,6 +107,7 @@ def handle_errors(command: Callable[..., None]) -> Callable[..., None]:
             raise typer.Exit(EXIT_MISUSED) from missing
         except (KeyboardInterrupt, Cancelled):
             print("dynident: cancelled", file=sys.stderr)
+            # Without a traceback: the user knows what happened.
             raise typer.Exit(EXIT_CANCELLED) from None
 
     return run_command
@@ -138,14 +140,14 @@ def create_application(typed: str | None = None) -> typer.Typer:
     application.callback()(_root)
     for command_name in command_names:
         module = import_module(f"dynident_service.cli.commands.{_MODULES.get(command_name, command_name)}")
-        # `with_options` gives the command the signature that typer reads; `_guarded`, around it, keeps that.
+        # `spread_options` gives the command the signature that typer reads; `handle_errors`, around it, keeps that.
         application.command()(handle_errors(spread_options(getattr(module, command_name))))
     return application
 
 
 def __getattr__(name: str) -> typer.Typer:
     """Build `app`, the program with all its commands, when it is asked for."""
-    # Lazily: whoever imports `program` from here does not pay for importing every command.
+    # Lazily: whoever imports `create_application` from here does not pay for importing every command.
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return create_application()

@@ -50,6 +50,7 @@ def choose_mesh_folders(robot: Robot, argument: str, folders: Sequence[Path] | N
     if folders:
         return tuple(folders)
     file = Path(argument)
+    # A well-known arm has no file, and no meshes of the user's.
     return find_mesh_folders(robot, file) if file.is_file() else ()
 
 
@@ -75,6 +76,7 @@ def load_surroundings(path: Path | None, mesh_folders: Sequence[Path], *, floor:
         if path is None
         else to_request(_load_validated(_SURROUNDINGS, path, "Unusable surroundings"), Surroundings)
     )
+    # Folders are this machine's: a file of surroundings cannot know them.
     folders = tuple(str(folder) for folder in mesh_folders)
     return replace(surroundings, mesh_folders=folders, assume_floor=surroundings.assume_floor and floor)
 
@@ -136,7 +138,7 @@ def show_design(console: Console, design: Design) -> None:
             )
         )
     for note in design.notes:
-        # Warnings are among the notes, and are printed by `warn_of_unchecked`.
+        # Warnings are among the notes, and are printed by `print_warnings`.
         if note not in design.warnings:
             console.print(f"  {note}", style="dim")
     console.print(

@@ -29,7 +29,7 @@ class InputCheck:
 
 
 def check_inputs(command: Callable[..., None], options: Mapping[str, object]) -> None:
-    """Check all options of a command that are marked with `LookedFor`.
+    """Check all options of a command that are marked with an `InputCheck`.
 
     Parameters
     ----------
@@ -96,6 +96,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as unfinished:
         temporary = Path(unfinished.name)
     try:
+        # Whoever reads the old file meanwhile reads all of it.
         temporary.write_bytes(content)
         # Temporary files are private (0600); this one is the user's and gets the permissions that the umask leaves.
         # The umask can only be read by setting it.

@@ -70,7 +70,7 @@ def load_robot_argument(text: str, additions: RobotAdditions = _NOTHING_BESIDE) 
     ----------
     text : str
         A file, or the name of a well-known arm.
-    additions : Beside
+    additions : RobotAdditions
         Drive gains, locked joints and gravity from options.
 
     Returns
@@ -124,13 +124,15 @@ def load_recordings(
 
     Yields
     ------
-    measurements, others : list of Loaded
+    measurements, others : list of LoadedRecording
         The recordings of `paths` and of `others`, each with its checks.
     """
     everything = [*paths, *others]
+    # Recordings go by the names of their files, by which options name them.
     names = make_unique_names(everything)
     windows = parsing.parse_windows(reading.windows, names, _list_neighbours(everything))
     columns, units = parsing.parse_pairs(reading.columns, "--columns"), parsing.parse_pairs(reading.units, "--units")
+    # Options and metadata files are read before the first recording, which may take minutes.
     metadata_by_name = read_metadata(reading.metadata, names)
     answers = StatedAnswers(columns, units, reading.accept, reading.cure)
     with tempfile.TemporaryDirectory(prefix="dynident-") as folder:
@@ -155,6 +157,7 @@ def load_recordings(
                 accept=tuple(reading.accept),
                 skip=(*base_metadata.skip, *(cast("ConditioningStep", name) for name in reading.skip)),
             )
+            # Each file takes an equal share of the bar, whatever its size: sizes of different formats do not compare.
             share = scale_progress(progress, index / len(everything), (index + 1) / len(everything))
             try:
                 measurements.append(
@@ -206,6 +209,7 @@ def _load_recording(
 
 def _reword_for_options(detail: str, name: str) -> str:
     """Rewrite a sentence about the recording of that name: options in place of fields of the contract."""
+    # Several remedies may stand in one sentence: all patterns are tried.
     for pattern, words in _REWORDED:
         detail = pattern.sub(words.replace("{name}", name), detail)
     return detail
@@ -222,9 +226,9 @@ class CommandInputs:
 
     Attributes
     ----------
-    given : list of Loaded
+    loaded : list of LoadedRecording
         Those that the command is about.
-    others : list of Loaded
+    others : list of LoadedRecording
         Further ones, for example held-out data.
     progress : callable
         Reports progress on the part of the bar that reading has left.
@@ -256,7 +260,7 @@ def read_recordings(
     *,
     share: float = 0.5,
 ) -> Iterator[CommandInputs]:
-    """Read and check measurement files as `loaded` does, with a progress bar.
+    """Read and check measurement files as `load_recordings` does, with a progress bar.
 
     Parameters
     ----------
@@ -267,7 +271,7 @@ def read_recordings(
 
     Yields
     ------
-    Read
+    CommandInputs
         The recordings and the rest of the progress bar.
     """
     with (

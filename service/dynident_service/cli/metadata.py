@@ -82,7 +82,7 @@ def accept_proposal(
         What was found in it.
     has_gains : bool
         Whether the robot states drive gains.
-    answers : Answers, optional
+    answers : StatedAnswers, optional
         Options that answer questions.
 
     Returns
@@ -102,6 +102,7 @@ def accept_proposal(
         for question in inspection.proposal.questions
         if not (has_gains and question.field == NEEDED_FOR_GAINS) and not stated_answers.is_answered(question)
     ]
+    # To go on would be a guess, of which the user would not learn.
     if open_questions:
         question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
         raise DynidentError(
@@ -167,6 +168,7 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
         allowed = ", ".join((*field_names, *_IGNORED_KEYS))
         raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
     questions: Any = document.get("questions") or ()
+    # Drive gains belong to the robot: whether they are missing is found when the currents are read.
     open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
     if open_questions:
         raise DynidentError(

@@ -61,7 +61,7 @@ def run_validation(
     held_out: Sequence[Recording],
     progress: Progress,
 ) -> ValidationResult:
-    """Make the validation that was asked for."""
+    """Make a validation."""
     # Methods are tried on what was held out; what is given first is what they learn from.
     tested, others = (held_out, recordings) if isinstance(trial, Methods) else (recordings, held_out)
     outcome = trial.judge(ValidationData(identification, tested, others, progress))
@@ -69,7 +69,8 @@ def run_validation(
 
 
 def parse_methods(arguments: list[str]) -> tuple[Method, ...] | None:
-    """Methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`, `sequential/ols`, ….
+    """Parse methods as `model/strategy/estimator`, each left out or a word of its kind: `filtered`,
+    `sequential/ols`, ….
 
     Raises
     ------
@@ -93,6 +94,7 @@ def _parse_method(text: str) -> Method:
                 title=_TITLE,
             )
         words_by_kind[kind] = word
+    # Steps have a meaning in the sequential strategy alone.
     if "steps" in words_by_kind:
         words_by_kind.setdefault("strategy", "sequential")
     return Method(**words_by_kind)

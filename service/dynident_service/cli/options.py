@@ -1,6 +1,6 @@
 """Options and arguments that several commands share, alone and in groups.
 
-The dataclasses here are groups of options: a command takes one as a parameter, and `with_options` spreads it.
+The dataclasses here are groups of options: a command takes one as a parameter, and `spread_options` spreads it.
 """
 
 from __future__ import annotations

@@ -26,11 +26,12 @@ Show = Callable[[Console], None]
 def write_result(
     result: OutputOptions, label: str, described: Describe, show: Show, content: Callable[[], bytes] | None = None
 ) -> None:
-    """Write what came out where it was asked for, its document where there is no `content`, and tell of it.
+    """Write what came out where it was asked for, its document where there is no `content`, and print it.
 
     Either is made where it is needed: what describes an answer takes longer to load than a small robot to
     identify.
     """
+    # The document is made once, for the file and for the screen.
     document = _to_document(described()) if result.as_json or (result.out is not None and content is None) else {}
     if result.out is not None:
         write_atomically(result.out, content() if content else json.dumps(document, indent=1, allow_nan=False).encode())
@@ -39,7 +40,7 @@ def write_result(
 
 
 def print_result(as_json: bool, described: Describe, show: Show, *messages: str) -> None:
-    """Tell of what came out: its document for scripts; for people in words, and then what was written where."""
+    """Print what came out: its document for scripts; for people words, and then what was written where."""
     if as_json:
         terminal.print_json(_to_document(described()))
         return
@@ -56,7 +57,7 @@ def write_extended_model(
     parent: Identification,
     verdict: ModelVerdict | None = None,
 ) -> None:
-    """The same of a model that was made from another one, with the verdict on it where there is one."""
+    """Write a model that was made from another one, and print it with the verdict on it where there is one."""
     from dynident.identification import to_bytes
     from dynident_service.cli.result_tables import show_identification, show_ladder, show_verdict
 
@@ -78,7 +79,7 @@ def write_extended_model(
 
 
 def write_unchanged_model(result: OutputOptions, identification: Identification, why: str) -> None:
-    """The same of a model that stays as it is: scripts find it where they asked for it."""
+    """Write a model that stays as it is: scripts find it where they asked for it."""
     from dynident.identification import to_bytes
 
     def describe_model() -> BaseModel:

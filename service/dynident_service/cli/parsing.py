@@ -38,6 +38,7 @@ def parse_pairs(texts: Sequence[str], option: str) -> dict[str, str]:
             parsed |= _parse_json_pairs(text, option)
             continue
         for item in _split_items(text):
+            # At the first equals sign: a value may hold further ones.
             name, sign, value = item.partition("=")
             if not sign or not name.strip() or not value.strip():
                 raise _unreadable_error(option, item, "name=value")
@@ -149,11 +150,13 @@ def parse_windows(
                 raise DynidentError(
                     f"there is no measurement {name!r}; there are: {', '.join(names)}", pointer="--windows"
                 )
+            # A name holds for the windows behind it, too, until another name comes.
             targets = [name] if sign else targets
             for target in targets:
                 windows_by_name[target] = (*windows_by_name.get(target, ()), _parse_window(rest))
     for name, windows in windows_by_name.items():
         _check_no_overlap(name, windows)
+    # Windows of neighbours were read, so that their mistakes are found, and are left out here.
     return {name: windows for name, windows in windows_by_name.items() if name in names}
 
 
@@ -173,6 +176,7 @@ def parse_preprocessing(text: str) -> Mapping[str, object] | str:
     """Parse `auto`, or pairs such as position_cutoff=6,torque_cutoff=6,decimation=3; `none` means no filter."""
     if text.strip() == "auto":
         return "auto"
+    # Both spellings of no filter: that of the command line, and that of JSON.
     words: dict[str, object] = {"auto": "auto", "none": None, "null": None}
     return {
         name: words[value] if value in words else parse_number(value, f"--preprocessing {name}")

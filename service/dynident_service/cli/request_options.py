@@ -1,7 +1,8 @@
 """Options of the command line, derived from the request dataclasses of the library, and the way back.
 
-A request (for example `IdentificationChoices`) states its fields with units, ranges and sentences once. `with_options`
-turns these fields into typer options; `Typed.request` builds the request from what the user typed.
+A request (for example `IdentificationChoices`) states its fields with units, ranges and sentences once.
+`spread_options` turns these fields into typer options; `TypedValues.build_request` builds the request from what the
+user typed.
 """
 
 from __future__ import annotations
@@ -79,6 +80,7 @@ class TypedValues:
             if request_field.name in more or get_description(request_field).option == "-":
                 continue
             hint = _field_type(science, request_field)
+            # A request within a request: its fields are options of the same command.
             if is_dataclass(hint):
                 yield request_field.name, self.build_request(hint)  # type: ignore[arg-type]
             elif _parameter_name(science, request_field) in self.values:
@@ -97,8 +99,8 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     Parameters
     ----------
     command : callable
-        A command. A parameter that is a dataclass stands for one option a field; one that is annotated with `Asks`
-        stands for one option a field of the request.
+        A command. A parameter that is a dataclass stands for one option a field; one that is annotated with
+        `RequestOptions` stands for one option a field of the request.
 
     Returns
     -------
@@ -110,6 +112,7 @@ def spread_options(command: Callable[..., None]) -> Callable[..., None]:
     all_parameters: list[inspect.Parameter] = []
     for name, parameter in inspect.signature(command).parameters.items():
         group_parameters = _make_parameters(name, parameter, hints[name])
+        # Which options belong to which parameter, to gather them again in the call.
         groups[name] = {option.name: option for option in group_parameters}
         all_parameters += group_parameters
     # A signature must not have a parameter without a default after one with a default.
@@ -201,11 +204,12 @@ def _option_type(hint: Any, about: FieldDescription, default: Any) -> tuple[Any,
     """Return the type that click reads, the metavar for the help, and the default."""
     origin, parts = get_origin(hint), get_args(hint)
     if hint in (int, float, bool):
+        # click shows no default for None, which here means that the library chooses.
         return (hint if default is not None else hint | None), None, default
     if hint is str or origin is Literal:
         return str, None, default or ""
     # A pair of numbers is two words on the command line, which click reads by itself. Tuples of any length and
-    # mappings are texts with commas, which `_read` takes apart.
+    # mappings are texts with commas, which `_parse_value` takes apart.
     if origin is tuple and parts == (float, float):
         return (hint if default is not None else hint | None), None, default
     if origin is tuple:

@@ -96,6 +96,7 @@ def show_identification(console: Console, identification: Identification, *, par
     for reason in identification.preprocessing.reasons:
         console.print(f"  {reason}", style="dim")
     console.print(_build_errors_table(identification))
+    # After an extension most parameters are those of the model before, and are not printed again.
     if parameters:
         base_table = build_parameter_table("Base parameters", identification.parameters)
         print_tables(console, [base_table.drop_columns(*_TOO_WIDE)])
@@ -321,6 +322,7 @@ def show_ladders(console: Console, first: tuple[str, Identification], second: tu
         the two has no held-out data.
     """
     ladders = [list(identification.ladder()) for _, identification in (first, second)]
+    # An error of the fit beside a held-out one would flatter its model.
     held_out = all(model.held_out is not None for ladder in ladders for model in ladder)
     rows = []
     for index, pair in enumerate(zip_longest(*ladders)):

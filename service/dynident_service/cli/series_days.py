@@ -54,6 +54,7 @@ def load_continued_days(
         else:
             measure, days = load_days(identification, content)
         all_days = list(days)
+        # A digest of its file is what a day is known by.
         sources = [compute_digest(path) for path in paths]
         for number, (recording, source) in enumerate(zip(recordings, sources, strict=True)):
             # A file that is stored already is known by its hash, whatever it is called now.

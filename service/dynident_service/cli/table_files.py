@@ -44,6 +44,7 @@ def write_table(table: pa.Table, path: Path) -> None:
     """Write a table as CSV or Parquet, by the ending of the file."""
     check_ending(path)
     if path.suffix == ".parquet":
+        # In memory first: the file is to appear complete, or not at all.
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink)
         write_atomically(path, sink.getvalue().to_pybytes())

@@ -25,24 +25,25 @@ _WIDE = 120
 
 
 def result_console() -> Console:
-    """The console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
+    """Return the console for results, names of users in them as they are; into a file or a pipe lines may be longer."""
     return Console(file=sys.stdout, markup=False, highlight=False, width=None if sys.stdout.isatty() else _WIDE)
 
 
 def message_console() -> Console:
-    """The console for everything else."""
+    """Return the console for everything else."""
     return Console(file=sys.stderr, markup=False, highlight=False)
 
 
 def print_json(document: Mapping[str, object]) -> None:
-    """A document on stdout, for scripts."""
+    """Print a document on stdout, for scripts."""
     sys.stdout.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 @contextmanager
 def show_progress_bar(title: str) -> Iterator[Report]:
-    """A progress bar on stderr, where that is a terminal; leaves nothing behind."""
+    """Show a progress bar on stderr, where that is a terminal; it leaves nothing behind."""
     console = message_console()
+    # A log would be filled with control characters.
     if not console.is_terminal:
         yield ignore_progress
         return
@@ -79,7 +80,7 @@ def print_tables(console: Console, tables: Iterable[ReportedTable]) -> None:
 
 
 def build_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, right_from: int = 1) -> Table:
-    """A plain table; columns from the number `right_from` on hold figures."""
+    """Return a plain table; columns from the number `right_from` on hold figures."""
     rich_table = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
     for index, column in enumerate(columns):
         rich_table.add_column(column, justify="right" if index >= right_from else "left", no_wrap=index >= right_from)

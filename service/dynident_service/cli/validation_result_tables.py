@@ -21,6 +21,7 @@ def show_validation(console: Console, result: ValidationResult, robot: Robot) ->
     for reported_table in build_validation_tables(result, names):
         # Where the terminal is too narrow for the joints' names as columns, their numbers stand there.
         short = by_number if _table_width(reported_table) > console.width else {}
+        # Only names of joints are shortened; other heads stay as they are.
         columns = [short.get(column, column) for column in reported_table.columns]
         console.print(
             build_table(reported_table.title, columns, reported_table.texts, right_from=reported_table.numbers_from)

@@ -26,10 +26,11 @@ _RANDOM = TrajectoryRequest(sampling_rate=200.0)
 
 
 def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
-    """Effects of a virtual robot as they were written."""
+    """Parse the effects of a virtual robot."""
     acting = []
     for index, text in enumerate(split_effects(texts)):
         name, joints, values = parse_effect(text, "--effects")
+        # `run` is no constant of the effect: it says in which run the effect acts.
         run = values.pop("run", None)
         shapes = {spec.name for spec in get_effect(name, f"/effects/{index}").shapes}
         acting.append(
@@ -45,7 +46,7 @@ def parse_acting_effects(texts: Sequence[str]) -> tuple[ActingEffect, ...]:
 
 
 def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progress) -> Reference:
-    """The motion in a file, or a random one within the robot's limits."""
+    """Read the motion in a file, or draw a random one within the robot's limits."""
     if path is None:
         request = DesignRequest(kind="random", trajectory=_RANDOM, seed=seed)
         design = design_experiment(robot, request, progress)
@@ -57,6 +58,7 @@ def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progres
     spline = CubicSpline(t, q)
     derivatives = []
     for order, kind in enumerate(("dq", "ddq"), start=1):
+        # Of all joints or of none: a spline for some of them would not fit the others.
         present = all(f"{kind}_{name}" in table.column_names for name in robot.joint_names)
         derivatives.append(_read_signal(table, kind, robot, path) if present else np.asarray(spline(t, order)))
     return Reference(t, q, *derivatives)

@@ -86,6 +86,7 @@ def analyse_recordings(
         held_out_data,
     ):
         recordings, validation = extract_recordings(training_data), extract_recordings(held_out_data)
+        # As any user would, with the usual effects and without a choice.
         first = identify(robot, recordings, validation, progress=scale_progress(progress, 0.1, 0.2))
         comparison = compare(first, validation[0])
         diagnosis = advise(examine(first, recordings, progress=scale_progress(progress, 0.2, 0.7)))

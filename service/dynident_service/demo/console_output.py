@@ -137,6 +137,7 @@ def print_hidden_effect(
     if named_right and rows:
         columns = ("parameter", "unit", "true", "identified", "standard deviation")
         console.print(build_table("", columns, rows, right_from=2))
+    # Where the first model already reaches the noise, nothing was visible: that is no failure of the diagnosis.
     before = max(float(analysis.compute_floor_ratio(analysis.first)[j]) for j in joints)
     if not named_right and before < _VISIBLE_RATIO:
         console.print("On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")

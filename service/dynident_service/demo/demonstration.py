@@ -101,6 +101,7 @@ def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Out
     console_output.print_introduction(console, scenario)
     with show_progress_bar("design and measure") as progress:
         designs = design_runs(scenario, scale_progress(progress, 0.0, 0.5))
+        # Written before anything is analysed: nobody can say later that it was made to fit.
         write_hidden_effect(scenario, folder / "hidden.json")
         runs = record_runs(scenario, designs, folder, scale_progress(progress, 0.5, 1.0))
     console_output.print_experiment(console, runs, time.monotonic() - begun)
@@ -117,6 +118,7 @@ def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Out
 
 def _analyse_files(scenario: Scenario, runs: list[MeasuredRun]) -> Analysis:
     """Analyse the files with nothing but the robot's description: what is hidden is not passed on."""
+    # The last run is the validation: no parameter sees it.
     training, held_out = [run.path for run in runs[:-1]], [runs[-1].path]
     with show_progress_bar("identify and diagnose") as progress:
         return analyse_recordings(scenario.robot, training, held_out, runs[0].design, progress)

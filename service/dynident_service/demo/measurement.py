@@ -95,7 +95,9 @@ def record_runs(scenario: Scenario, designs: Sequence[Design], folder: Path, pro
     runs, done = [], 0.0
     for index, (course, design) in enumerate(zip(scenario.plan.courses, designs, strict=True)):
         share = scale_progress(progress, done / total, (done + design.duration) / total)
+        # The noise of every run of every scenario is another one.
         seed = len(designs) * scenario.seed + index
+        # Effects that drift depend on the time of the session, in which the runs follow each other.
         begins = scenario.start_time(course)
         reference = to_reference(design, begins)
         if scenario.warms_up:

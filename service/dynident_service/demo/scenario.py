@@ -267,6 +267,7 @@ class Scenario:
         if hidden is not None:
             hidden = replace(hidden, runs=_get_runs(get_effect(hidden.effect)))
         plan = SHORT if quick else LONG
+        # Drift needs a third moment, which other effects do without.
         if hidden is not None and _is_drifting(hidden):
             plan = plan.add_third_recording()
         return cls(robot, robot.inertias * links, drive, hidden, plan, seed)

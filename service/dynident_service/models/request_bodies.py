@@ -56,6 +56,7 @@ def derive_body(
             and (only is None or request_field.name in only)
             and not get_description(request_field).local
         }
+        # Built at run time from the library's dataclass, so that library and contract cannot differ.
         model: type[ModelT] = create_model(  # type: ignore[call-overload]
             body.__name__, __base__=body, __module__=body.__module__, __doc__=body.__doc__, **derived
         )
@@ -95,6 +96,7 @@ def _derive_field(science: type, request_field: Field[Any], or_null: bool = Fals
         hint = hint | None if or_null else hint
     else:
         hint = _build_choice_type(about, optional=or_null or "None" in str(request_field.type))
+    # Null stands for the default: the library is not asked what it would be.
     default = None if or_null else get_default(request_field)
     several = any(get_origin(part) is list for part in (hint, *get_args(hint)))
     if several and isinstance(default, tuple):
@@ -136,6 +138,7 @@ def _build_choice_type(about: FieldDescription, optional: bool) -> Any:
     kinds = about.kinds
     assert kinds is not None
     hint: Any = Literal[kinds.names]
+    # A kind with options may be given by its name alone, or as an object with the name and options.
     if isinstance(kinds, Registry):
         for kind in kinds:
             if fields(kind):
@@ -166,6 +169,7 @@ def _to_wire_type(hint: Any, about: FieldDescription) -> Any:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return dict[parts[0], _to_wire_type(parts[1], about)]  # type: ignore[misc,valid-type]
     if hint in (int, float):
+        # The range is part of the contract, so that clients can check it before they send.
         ends = {name: end for name, end in _build_range(about).items() if end is not None}
         return Annotated[hint, wire_field(**ends)] if ends else hint  # type: ignore[call-overload]
     return hint

@@ -56,6 +56,7 @@ def create_identifications(
         _accept_items(services, body),
         lambda ids: NewResource("batch", request, result={IDENTIFICATIONS: ids}, retry=key),
     )
+    # After the transaction: the engine would find nothing before.
     services.engine.wake()
     response.headers["Location"] = resource_path(batch.kind, batch.id)
     return _show_batch(services, batch)
@@ -82,13 +83,15 @@ def delete_batch(batch_id: str, services: ServicesDep) -> None:
 
 
 def _accept_items(services: Services, body: BatchRequest) -> list[NewResource]:
-    """What is to be computed; a problem that names all that is wrong, with the place of each item."""
+    """Return what is to be computed; raise a problem that names all that is wrong, with the place of each item."""
     with hold_import_lock():
         from dynident_service.adapters.robots import restore_robot
 
     identifiers = {identifier for item in body.items for identifier in list_named_ids(item)}
+    # One query for all that the items name: a thousand items would otherwise ask one by one.
     ahead = PrefetchedResources(services.resources, identifiers)
 
+    # Most batches are of one robot, which is restored once.
     @cache
     def load_robot(identifier: str) -> Robot:
         return restore_robot(ahead.get("robot", identifier).request)
@@ -102,6 +105,7 @@ def _accept_items(services: Services, body: BatchRequest) -> list[NewResource]:
                     new_identification(ahead, item, lambda resource: load_robot(resource.id)), f"/items/{number}"
                 )
             )
+        # All items are looked at, so that the user can mend everything at once.
         except (DynidentError, ProblemError) as error:
             problem = to_problem(error)
             wrong.append(problem.model_copy(update={"errors": _prefix_fields(problem, f"/items/{number}")}))
@@ -111,7 +115,7 @@ def _accept_items(services: Services, body: BatchRequest) -> list[NewResource]:
 
 
 def _prefix_pointers(new: NewResource, place: str) -> NewResource:
-    """The same, with the place of what it needs in the request of the whole batch."""
+    """Return the same, with the place of what it needs in the request of the whole batch."""
     return replace(new, rests_on=tuple(replace(need, pointer=place + need.pointer) for need in new.rests_on))
 
 
@@ -136,6 +140,7 @@ def member_ids(batch: Resource) -> list[str]:
 def _show_batch(services: Services, batch: Resource) -> BatchView:
     ids = member_ids(batch)
     jobs = services.job_queue.find_jobs_of_resources(ids)
+    # An identification that was deleted since has no job, and is left out.
     items = [
         BatchItem(id=identifier, job_id=jobs[identifier][0], status=jobs[identifier][1])
         for identifier in ids

@@ -69,6 +69,7 @@ class RetryKey:
         """Bind the key to a hash of the body, so that another request with the same key is recognised."""
         if self.key is None:
             return None
+        # Sorted, so that the same request written in another order is the same request.
         content = json.dumps([body.model_dump(mode="json"), *more], sort_keys=True)
         return Retry(self.scope, self.key, hashlib.sha256(content.encode()).hexdigest())
 
@@ -81,6 +82,7 @@ async def read_retry_key(
     ] = None,
 ) -> RetryKey:
     """Take the key of a request."""
+    # A key counts for one address: a client may use the same one for different requests.
     return RetryKey(f"{request.method} {request.url.path}", idempotency_key)
 
 
@@ -101,6 +103,7 @@ def create_or_replay(services: Services, new: NewResource, response: Response) -
         return replay_response(existing, response)
     resource = services.resources.create(new)
     if new.job is not None:
+        # The job need not wait for the engine's next look at the queue.
         services.engine.wake()
     response.headers["Location"] = resource_path(resource.kind, resource.id)
     return resource
@@ -144,7 +147,7 @@ def require_succeeded(resource: Resource) -> Resource:
 
 
 def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> BodyT:
-    """What a text in JSON asks for that is no body by itself, or is one beside others; `pointer` says where it stands.
+    """Parse a body in JSON that is no body by itself, or stands beside others; `pointer` says where it stands.
 
     Raises
     ------
@@ -152,10 +155,12 @@ def parse_json_body(kind: type[BodyT], text: str | bytes, pointer: str = "") -> 
         Where it is no JSON, or does not say what it has to.
     """
     try:
+        # Also for the pointers of errors, which are told from what the body holds.
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise make_unusable(f"the {pointer[1:] or 'body'} is not JSON: {error}", pointer) from error
     try:
+        # Validated as JSON, like every other body: of Python's objects pydantic accepts and refuses other types.
         return kind.model_validate_json(text)
     except ValidationError as error:
         errors: list[ErrorDetails] = [{**details, "loc": ("body", *details["loc"])} for details in error.errors()]

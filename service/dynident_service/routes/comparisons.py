@@ -39,6 +39,7 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
 def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:
     """Hold a model against a measurement."""
     model = require_model(services, body.identification_id)
+    # A measurement fits if it is of the model's robot, or of one with the same drives.
     robot = services.resources.get("robot", model.get_dependency("robot"))
     (measurement,) = require_measurements(services, robot, [body.measurement_id], "measurement", "/measurement_id")
     return (depend_on(model), measurement)

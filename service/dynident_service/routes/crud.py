@@ -33,10 +33,26 @@ Arguments = Callable[[Request, Mapping[str, object]], Mapping[str, object]]
 class ResourceRoutes:
     """A kind of resource, and what its routes are called and say in the contract.
 
-    `show` tells how one is shown that no job computes; `of` is the kind that each of them rests on, whose list may be
-    asked for, if there is one. `several` and `one` are in the names of the operations, `listed`, `words`, `shown`,
-    `deleted` and `labelled` in their descriptions: what is not given follows from the kind. Those that may be
-    `labelled` may be archived. `tables` has the figures of one that was computed as tables, if it can be shown so.
+    What is not given follows from the kind. Resources with a `label_description` may be archived.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    view : type of BaseModel
+        Model of the contract that shows a resource.
+    parent_kind : Kind, optional
+        Kind that each of them depends on, by which the list may be narrowed.
+    show : callable, optional
+        Shows a resource that no job computes.
+    plural, singular : str
+        Names in the operations.
+    words : str
+        Name of several of them in descriptions.
+    list_description, show_description, delete_description, label_description : str
+        Descriptions of the operations.
+    tables : callable, optional
+        Returns the figures of a computed resource as tables.
     """
 
     kind: Kind
@@ -102,7 +118,7 @@ def add_create_route(
     ----------
     router : APIRouter
         The router that gets the routes.
-    routes : Kept
+    routes : ResourceRoutes
         The kind of resource.
     job : NewJob
         The job that computes it.
@@ -129,6 +145,7 @@ def add_create_route(
             )
             return SHOW_FUNCTIONS[routes.kind](create_or_replay(services, new, response))
 
+        # FastAPI reads the models of body and answer from the annotations; they differ from kind to kind.
         create_resource.__annotations__ |= {"body": get_type_hints(needs)["body"], "return": routes.view}
         router.post("", status_code=202, name=needs.__name__, description=getdoc(needs))(create_resource)
         return needs
@@ -143,9 +160,11 @@ def _add_list_route(router: APIRouter, routes: ResourceRoutes, show: Show) -> No
     def list_all(services: ServicesDep, query: ListQueryDep) -> object:
         return show_page(services, routes.kind, query, show)
 
+    # Two functions, since FastAPI takes every parameter of a function for one of the query.
     route: Callable[..., object] = list_of_parent if routes.parent_kind else list_all
     if routes.parent_kind:
         route.__annotations__["on_id"] = Annotated[str | None, Query(alias=f"{routes.parent_kind}_id")]
+    # Only kinds that have labels can be narrowed down by them.
     if routes.label_description:
         route.__annotations__["query"] = LabelledQueryDep
     route.__annotations__["return"] = Page.__class_getitem__(routes.view)

@@ -53,7 +53,7 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
 
 
 def _check_gains(robot: Resource) -> None:
-    """What the torque of its measurements is in terms of currents has to be stated, be it wrong."""
+    """Refuse a robot that does not state, be it wrongly, what its torques are in terms of currents."""
     joints_without_gain = [
         joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.drive_gain is None
     ]

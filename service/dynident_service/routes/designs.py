@@ -70,6 +70,7 @@ def get_trajectory(
 
     design = require_succeeded(services.resources.get("design", design_id))
     path = services.objects.fetch_file(design.objects["trajectory"].key)
+    # The trajectory is stored as Parquet: all other formats are made of it row by row.
     if format == "parquet":
         return FileResponse(path, media_type=PARQUET, filename=f"{design_id}.parquet")
     ending = "yaml" if format == "ros2" else format

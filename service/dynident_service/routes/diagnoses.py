@@ -39,6 +39,7 @@ def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dep
     model = require_model(services, body.identification_id)
     to_request(body, DiagnosisChoices)
     robot = services.resources.get("robot", model.get_dependency("robot"))
+    # A change between before and after cannot be seen in a recording that is on both sides.
     later = body.measurement_ids or model.request["measurement_ids"]
     for index, identifier in enumerate(body.baseline_ids):
         if identifier in later:

@@ -51,7 +51,7 @@ def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[
 
 
 def _require_measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[Dependency, ...]:
-    """The runs, each without or with its load and not both."""
+    """Find the runs, each without or with its load and not both."""
     if body.weigh is None and body.weigh_unloaded is not None:
         raise make_unusable("nothing is to be weighed: give weigh, or leave weigh_unloaded out", "/weigh_unloaded")
     runs_without = body.unloaded if body.weigh_unloaded is None else body.weigh_unloaded
@@ -72,13 +72,14 @@ def _require_measurements(services: Services, body: DriveGainsRequest, robot: Re
 
 
 def _check_loads(services: Services, body: DriveGainsRequest) -> None:
-    """Somebody must say what the load weighs: the request, or each measurement of itself."""
+    """Refuse loads whose weight neither the request nor the measurement states."""
     with hold_import_lock():
         from dynident.identification.loads.known_load import KnownLoad
         from dynident.identification.loads.payload_data import parse_payload
         from dynident_service.adapters.requests import to_request
 
     load = to_request(body, KnownLoad)
+    # Each is checked now: a job would find out only after minutes.
     for index, identifier in enumerate(body.loaded):
         measurement = services.resources.get("measurement", identifier)
         payload = load.override_payload(measurement.request.get("payload"))

@@ -54,7 +54,7 @@ _LATEST = 5
 
 
 def complete_from_diagnoses(services: Services, model: Resource, effects: Sequence[EffectChoice]) -> list[EffectChoice]:
-    """The choices, with the shape constants and runs that a diagnosis of the model recommended where none are given.
+    """Complete choices by shape constants and runs that a diagnosis of the model recommended, where none are given.
 
     The latest diagnoses count first, those of the model before those of the models that it came from. What was
     recommended more than once (two lines of ripple on a joint) is given out in that order.
@@ -64,6 +64,7 @@ def complete_from_diagnoses(services: Services, model: Resource, effects: Sequen
     for requested in effects:
         match = None if requested.shape_parameters or requested.runs else _find_recommended(requested, recommended)
         if match is not None:
+            # Each recommendation is given once: the next line of ripple on the same joint gets the next one.
             recommended.remove(match)
         completed.append(match or requested)
     return completed
@@ -77,7 +78,7 @@ def _find_recommended(requested: EffectChoice, recommended: Sequence[EffectChoic
 
 
 def _list_diagnoses(services: Services, model: Resource) -> Iterator[DiagnosisResult]:
-    """Results of the latest diagnoses of a model and of its ancestors."""
+    """Yield the results of the latest diagnoses of a model and of its ancestors."""
     ancestor: Resource | None = model
     while ancestor is not None:
         for diagnosis in services.resources.list_page("diagnosis", _LATEST, on_id=ancestor.id).items:
@@ -114,6 +115,7 @@ def create_identification(
     with hold_import_lock():
         from dynident_service.adapters.robots import restore_cached_robot
 
+    # All resources that the request names are read by one query.
     ahead = PrefetchedResources(services.resources, list_named_ids(body))
     new = new_identification(ahead, body, lambda robot: restore_cached_robot(robot.request))
     return show_identification(create_or_replay(services, replace(new, retry=retry.bind_to_body(body)), response))
@@ -160,6 +162,7 @@ def extend_identification(
     robot = require_robot(services, parent.get_dependency("robot"))
     added = complete_from_diagnoses(services, parent, body.effects)
     check_choices(from_wire_choices(added), restore_robot(robot.request))
+    # The request of the new model is the whole model, so that it can be made again without its parents.
     changes = {"effects": [*stored_request.effects, *added], "added": added, "removed": []}
     new = _build_next_step(
         parent,
@@ -216,6 +219,7 @@ def get_lineage(
     if own[-1].robot_id != other[-1].robot_id:
         detail = f"{against} is a model of another robot; compare ladders of one robot"
         raise make_unusable(detail, "against", title="Another robot")
+    # The errors of two ladders can be compared only on the same recordings.
     same_data = len({(*v.request.measurement_ids, "-", *v.request.validation_ids) for v in [*own, *other]}) == 1
     return compare_ladders(build_steps_of_views(own), build_steps_of_views(other), same_data)
 
@@ -253,14 +257,16 @@ async def export_identification(
 
 
 def list_named_ids(body: IdentificationRequest) -> tuple[str, ...]:
-    """Ids of all that a request names."""
+    """Return the ids of all that a request names."""
     return (body.robot_id, *body.measurement_ids, *body.validation_ids)
 
 
 def new_identification(
     services: HasResources, body: IdentificationRequest, robot_of: Callable[[Resource], Robot]
 ) -> NewResource:
-    """What is to be computed where all that the request names is there, and fits; a problem or DynidentError if not."""
+    """Return what is to be computed; raise a problem or DynidentError where what is named is not there, or does not
+    fit.
+    """
     with hold_import_lock():
         from dynident_service.adapters.identifications import to_choices
 
@@ -276,6 +282,7 @@ def new_identification(
 
 def _show_briefly(resource: Resource) -> IdentificationView:
     """Show a stored identification without its parameters."""
+    # Taken out before they are validated: otherwise they would cost nearly as much as if they were sent.
     result = None if resource.result is None else {**resource.result, "parameters": []}
     return show_identification(replace(resource, result=result))
 
@@ -312,7 +319,8 @@ add_resource_routes(
 def _build_next_step(
     parent: Resource, stored_request: StoredIdentification, changes: dict[str, object], job: NewJob, retry: Retry | None
 ) -> NewResource:
-    """What is to be computed from a model: its request with some of it changed."""
+    """Return what is to be computed from a model: its request with some of it changed."""
+    # The changes come from models that were validated: a copy does not check them again.
     request = stored_request.model_copy(update=changes)
     return NewResource(
         "identification",
@@ -330,7 +338,7 @@ def _build_next_step(
 
 
 def _load_ladder(services: Services, identifier: str) -> list[IdentificationView]:
-    """The models that led to one, the first one first."""
+    """Return the models that led to one, the first one first."""
     views = []
     next_id: str | None = identifier
     while next_id is not None:

@@ -43,6 +43,7 @@ async def import_file(
     with services.create_scratch_folder() as folder:
         source = folder / "source"
         sha256 = await to_thread.run_sync(_receive_files, services, [file, *(further or ())], source)
+        # The file belongs to the request: the same metadata with another file are no retry.
         key = retry.bind_to_body(stated_metadata, sha256)
         existing = await to_thread.run_sync(services.resources.find_retried, key)
         if existing is not None:

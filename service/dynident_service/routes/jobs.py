@@ -55,12 +55,14 @@ async def follow_job(
     last_event_id: Annotated[str | None, Header(description="Resume after this event")] = None,
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: events `progress` and `state`, from the first, until it ends."""
+    # Whoever lost the connection continues behind the last event that arrived.
     last = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
     ended = False
     while not ended:
         events, ended = await to_thread.run_sync(services.job_queue.read_events, job.id, last)
         for event in events:
             last = event.id
+            # `retry` has browsers wait a second before they connect again.
             yield ServerSentEvent(event=event.event, id=str(event.id), data=event.data, retry=1000)
         if not ended:
             await services.following.wait_for_news(job.id, last)

@@ -82,6 +82,7 @@ async def upload_measurement(
 
     Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
     """
+    # One path for both, since both make a measurement; FastAPI cannot declare a form and a JSON body in one function.
     if request.headers.get("content-type", "").lower().startswith("application/json"):
         return await _create_from_import(request, services, retry, response)
     if file is None or metadata is None:
@@ -128,6 +129,7 @@ def _receive_import(
         detail = f"there is no import {import_request.import_id!r}; they are kept for a day: upload the file again"
         raise make_unusable(detail, "/import_id", title="Unknown resource")
     original = imported.objects["original"]
+    # The file is copied out of the store, for which there has to be room.
     require_room_for(services, original.size)
     with source.open("wb") as target:
         for part in services.objects.stream(original.key):
@@ -140,6 +142,7 @@ def _receive_import(
 def get_measurement_content(measurement_id: str, services: ServicesDep) -> StreamingResponse:
     """Give the file back as it was uploaded."""
     original = find_original(services.resources.get("measurement", measurement_id))
+    # The key is the hash of the content, and thereby an ETag as it should be.
     headers = {"Content-Length": str(original.size), "ETag": f'"{original.key}"'}
     return StreamingResponse(services.objects.stream(original.key), media_type=original.media_type, headers=headers)
 
@@ -222,6 +225,7 @@ def _receive_upload(
     source = folder / "source"
     receive_files(services, files, source)
     sha256 = hash_file(source)
+    # The file belongs to what was asked: the same key with another file is another request.
     retry = key.bind_to_body(metadata, sha256)
     if (existing := services.resources.find_retried(retry)) is not None:
         return existing
@@ -254,6 +258,7 @@ def _store_measurement(
 
 def _store_objects(services: Services, received: ReceivedFile) -> tuple[OwnedObject, ...]:
     source, canonical, revised = received.source, received.recording, received.parent
+    # Before anything is put into the store. A revision adds its recording only: the original is its parent's.
     services.resources.check_room("measurement", (source, canonical) if revised is None else (canonical,))
     original = (
         services.resources.put_with_role("original", source, detect_media_type(source))
@@ -281,6 +286,7 @@ async def get_raw_signals(
     points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
 ) -> FileResponse:
     """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    # Not in a `with` block: the folder has to outlive this function until the answer was sent.
     folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
     removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
     try:
@@ -289,10 +295,12 @@ async def get_raw_signals(
         arguments = {**sent, "signals": names, "start": start, "end": end, "points": points}
         size = Path(sent["source"]).stat().st_size
         largest = min(max(SMALLEST_ANSWER, DIGITS * size), LARGEST_ANSWER)
+        # `require_room_for` takes twice the size of a file: half of the answer's stands for the whole answer.
         await to_thread.run_sync(require_room_for, services, largest // 2)
         await services.interactive.call(
             request, RAW, NoneType, arguments, replace(ComputationLimits.from_file_sizes(size), file_bytes=largest)
         )
+    # The folder is removed after the answer was sent, or here, where there is none.
     except BaseException:
         await removal()
         raise
@@ -300,7 +308,7 @@ async def get_raw_signals(
 
 
 def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict[str, Any]:
-    """What a child is told of the file of a measurement, and where it is to write signals of it."""
+    """Return what a child has to know of the file of a measurement, and where it is to write signals of it."""
     measurement = services.resources.get("measurement", measurement_id)
     metadata = MeasurementMetadata.model_validate(measurement.request)
     robot = services.resources.get("robot", metadata.robot_id)

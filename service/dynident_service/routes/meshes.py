@@ -58,6 +58,8 @@ async def put_meshes(
         await to_thread.run_sync(services.resources.check_room, "robot", files_sent, robot_id)
         stored_meshes = await _read_and_store(request, services, robot.request, sent, find_mesh_files(robot), folder)
         unused = stored_meshes.unused
+        # Two uploads at once must not lose files of each other: the geometry is made again until it fits what the robot
+        # has.
         while True:
             changes = {"meshes": stored_meshes.entries}
             robot = await to_thread.run_sync(
@@ -76,6 +78,7 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
     Meshes are there once their files have been sent to the robot's `meshes`.
     """
     robot = services.resources.get("robot", robot_id)
+    # With meshes it was computed when they came; without, it follows from the description at once.
     if (geometry := robot.objects.get(GEOMETRY)) is not None:
         return Response(services.objects.get(geometry.key), media_type="application/json")
     with hold_import_lock():
@@ -108,7 +111,7 @@ async def inherit_meshes(
     mesh_names: Set[str],
     robot_request: Mapping[str, object],
 ) -> tuple[OwnedObject, ...]:
-    """What a new robot, whose description names these meshes, has of another one's."""
+    """Return the meshes that a new robot, whose description names these, has of another one."""
     if source_id is None:
         return ()
     source = await to_thread.run_sync(require_resource, services, "robot", source_id, "/meshes_of")
@@ -117,6 +120,7 @@ async def inherit_meshes(
         return ()
     with services.create_scratch_folder() as folder:
         stored_meshes = await _read_and_store(request, services, robot_request, {}, inherited_files, folder)
+    # The role of a mesh is its place in the description, which may be another one in the new robot.
     owned = [
         replace(stored_meshes.files[mesh["name"]], role=get_mesh_role(k))
         for k, mesh in enumerate(stored_meshes.entries)
@@ -131,6 +135,7 @@ def _receive_meshes(services: Services, files: Sequence[UploadFile], folder: Pat
         name = file.filename or f"file {place + 1}"
         if name in received:
             raise make_unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
+        # Not under the name that was sent, which might lead out of the folder.
         received[name] = folder / f"sent-{place}"
         receive_files(services, [file], received[name])
     return received

@@ -120,6 +120,7 @@ def require_same_drives(services: HasResources, robot: Resource, measurement: Re
     if own == robot.id:
         return
     other = services.resources.get("robot", own)
+    # Measurements are stored as torques: they rest on the gains of the robot that they were uploaded for.
     if _list_drives(robot) != _list_drives(other):
         detail = (
             f"the measurement {measurement.id!r} is of the robot {other.name!r} ({own}), which has other joints or "

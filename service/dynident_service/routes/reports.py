@@ -26,7 +26,7 @@ router = APIRouter(prefix="/v1/reports", tags=["reports"])
 
 
 def _build_address(request: Request, body: Mapping[str, object]) -> dict[str, object]:
-    """Where a report that is sent on leads back to: what the settings say, or where this request was received.
+    """Return where a report leads back to: what the settings say, or where this request was received.
 
     Never what its `Host` header says, which whoever sends the request makes up.
     """
@@ -87,7 +87,7 @@ def get_report_content(report_id: str, services: ServicesDep) -> StreamingRespon
 
 
 def _require_validation(services: Services, identifier: str, index: int, model: Resource) -> Dependency:
-    """The validation must be of this model, and have ended."""
+    """Find a validation; it must be of this model, and have ended."""
     pointer = f"/validation_ids/{index}"
     validation = require_result(services, "validation", identifier, pointer)
     if validation.get_dependency("identification") != model.id:
@@ -96,10 +96,11 @@ def _require_validation(services: Services, identifier: str, index: int, model: 
 
 
 def _require_diagnosis(services: Services, identifier: str, model: Resource) -> Dependency:
-    """The diagnosis must be of this model or of one that it was extended from."""
+    """Find a diagnosis; it must be of this model or of one that it was extended from."""
     diagnosis = require_result(services, "diagnosis", identifier, "/diagnosis_id")
     diagnosed = diagnosis.get_dependency("identification")
     ancestor: Resource | None = model
+    # A diagnosis is usually of the model before: what it recommended is in this one.
     while ancestor is not None and ancestor.id != diagnosed:
         parents = ancestor.get_dependencies("parent")
         ancestor = services.resources.get("identification", parents[0]) if parents else None

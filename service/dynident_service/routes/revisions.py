@@ -59,7 +59,7 @@ def _prepare_revision(
 
 
 def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[MeasurementMetadata, list[dict[str, Any]]]:
-    """What is said of the file from now on, and all that was said anew since it was uploaded."""
+    """Return what is said of the file from now on, and all that was said anew since it was uploaded."""
     with hold_import_lock():
         from dynident_service.adapters.measurements import apply_revision
 
@@ -67,6 +67,7 @@ def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[Measuremen
     if not change:
         raise make_unusable("give at least one field that is to change", "/", title="Nothing to revise")
     edits = [*(parent.result or {}).get("edits", []), change]
+    # The number counts all revisions of the file: a revision of "run1 r2" is "run1 r3".
     own_name = f"{_NUMBERED.sub('', parent.name or 'measurement')[:190]} r{len(edits)}"
     return apply_revision(
         MeasurementMetadata.model_validate(parent.request), body.model_copy(update={"name": body.name or own_name})
@@ -74,7 +75,7 @@ def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[Measuremen
 
 
 def _repoint_to_body(problem: Problem) -> ProblemError:
-    """What is wrong with a file, told by the fields of a revision: there is no form around them."""
+    """Return what is wrong with a file, told by the fields of a revision: there is no form around them."""
     fields = [
         field.model_copy(update={"pointer": field.pointer.removeprefix("/metadata")}) for field in problem.errors or []
     ]

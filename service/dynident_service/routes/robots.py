@@ -30,6 +30,7 @@ async def create_robot(
 ) -> RobotView:
     """Store a robot; the answer has its joints and its base parameters."""
     arguments = {"request": to_plain_json(body)}
+    # In a child process: reading a description takes time, and libraries that read a stranger's file may crash.
     result = await services.interactive.call(
         request, "dynident_service.work.interactive:describe_requested_robot", dict, arguments
     )
@@ -62,6 +63,7 @@ add_resource_routes(
 @router.get("/{robot_id}/bundle", response_class=StreamingResponse, responses=FILE)
 def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> StreamingResponse:
     """Give a robot with its recordings, models, diagnoses and reports as one ZIP, but for what is still computed."""
+    # It is sent as fast as the client reads, which may take minutes.
     mark_long(request.scope)
     services.resources.get("robot", robot_id)
     bundle = RobotBundle(services.database, services.objects, robot_id)

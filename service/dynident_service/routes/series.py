@@ -45,6 +45,7 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[D
             detail = f"{body.continues} is of another model; continue a series of {model.id}, or begin a new one."
             raise make_unusable(detail, "/continues")
         needs.append(Dependency(earlier.id, "series", "continues", "/continues"))
+    # A measurement on two days would make these days look more alike than they are.
     used_ids: set[str] = set()
     for number, day in enumerate(body.days):
         pointer = f"/days/{number}/measurement_ids"

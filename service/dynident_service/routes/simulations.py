@@ -49,6 +49,7 @@ def _check_request(body: SimulationRequest, robot_resource: Resource) -> None:
 
     robot = restore_robot(robot_resource.request)
     check_acting_effects(to_request(body, Simulated), robot)
+    # Building it is the check: samples must increase in time, and a family of motions must fit the limits.
     if isinstance(body.trajectory, Samples):
         to_reference(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):

@@ -88,10 +88,11 @@ async def get_verdict(identification_id: str, request: Request, services: Servic
 
 
 def _newest_outcomes(services: Services, identification_id: str) -> list[dict[str, Any]]:
-    """How the newest validation of every kind ended."""
+    """Return how the newest validation of every kind ended."""
     page = services.resources.list_page("validation", MOST_OUTCOMES, on_id=identification_id)
     newest = {
         validation.request["kind"]: validation.result
+        # The list has the newest first: reversed, the newest of each kind is the one that stays.
         for validation in reversed(page.items)
         if validation.result is not None
     }
@@ -109,6 +110,7 @@ def refuse_stopped(identification: Resource) -> None:
 
     result = IdentificationResult.model_validate(identification.result)
     errors = [figures.relative_total for figures in (result.validation, result.residual) if figures is not None]
+    # Of held-out data and of the fit, whichever is worse; a model without either is not refused.
     worst = max((error for error in errors if error is not None), default=0.0)
     if result.copied:
         detail = (

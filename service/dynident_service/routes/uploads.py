@@ -44,6 +44,7 @@ class _RequestWithFiles(Request):
     async def _get_form(self, **limits: Any) -> FormData:
         if self._form is None:
             parser = _FormParser(self.headers, self.stream(), **limits)
+            # The parser's own temporary files may lie on another disk, from where they would have to be copied.
             parser.folder = self._folder
             try:
                 self._form = await parser.parse()
@@ -106,8 +107,10 @@ def receive_files(services: Services, files: Sequence[UploadFile], target: Path)
     require_room_for(services, sum(file.size or 0 for file in files))
     sent = [Path(file.file.name) for file in files]
     if len(sent) == 1:
+        # On the same disk renaming is all: nothing is copied.
         sent[0].replace(target)
         return
+    # Only the last part of a name counts: some clients send the whole path.
     names = [PurePath(file.filename or f"file{number}").name for number, file in enumerate(files, start=1)]
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated is not None:

@@ -31,6 +31,7 @@ def _show_all_keys(services: Services) -> UsageView:
     limits: dict[str | None, QuotaLimits] = {
         key.name: key.limits.fill_from(defaults) for key in list_keys(services.database)
     }
+    # Resources without an owner are from a time without keys, and have no limit.
     limits[None] = QuotaLimits()
     if (account := get_account()) is not None:
         limits[account.name] = account.limits

@@ -58,12 +58,14 @@ def _require_measurements(services: Services, body: ValidationRequest, model: Re
     model_request = StoredIdentification.model_validate(model.request)
     robot = services.resources.get("robot", model.get_dependency("robot"))
     chosen_ids = _select_measurements(body, model_request, _select_motions(services, model_request.measurement_ids))
+    # Both tell how a model does on data that no parameter saw.
     if body.kind in ("cross", "methods"):
         for index, identifier in enumerate(chosen_ids):
             if identifier in model_request.measurement_ids:
                 detail = f"the model was identified from {identifier!r}; give data that it has not seen"
                 raise make_unusable(detail, f"/measurement_ids/{index}")
     needs = require_measurements(services, robot, chosen_ids, "measurement", "/measurement_ids")
+    # The load is weighed against the runs without it, which are those of the identification.
     if body.kind == "payload":
         _check_loads(services, body, chosen_ids, model_request)
         needs += require_measurements(
@@ -77,7 +79,7 @@ def _require_measurements(services: Services, body: ValidationRequest, model: Re
 def _check_loads(
     services: Services, body: ValidationRequest, loaded: list[str], model_request: StoredIdentification
 ) -> None:
-    """The runs with the load must not be those without it, and somebody must say what it weighs."""
+    """Refuse runs with the load that are those without it, or whose load has no stated mass."""
     mass = body.model_dump(include={"mass"})["mass"]
     for index, identifier in enumerate(loaded):
         if identifier in model_request.measurement_ids:
@@ -89,7 +91,7 @@ def _check_loads(
 
 
 def _select_motions(services: Services, identifiers: list[str]) -> list[str]:
-    """Measurements of motions, without the tests of single joints' friction among them."""
+    """Return the measurements of motions, without the tests of single joints' friction among them."""
     roles = {
         identifier: services.resources.get("measurement", identifier).request.get("role") for identifier in identifiers
     }
@@ -97,7 +99,7 @@ def _select_motions(services: Services, identifiers: list[str]) -> list[str]:
 
 
 def _select_measurements(body: ValidationRequest, model_request: StoredIdentification, motions: list[str]) -> list[str]:
-    """The measurements that the test is made on; `motions` of those that the model was identified from."""
+    """Return the measurements that the test is made on; `motions` are of those that the model was identified from."""
     stated_ids = body.measurement_ids
     match body.kind:
         case "direct":

@@ -88,6 +88,7 @@ class ArchiveFolder:
             if _TABLES.fullmatch(path.name) and path.name != tables:
                 shutil.rmtree(path)
         for path in (self._path / "objects").glob("*"):
+            # Files of other names are not ours, and stay.
             matched = _OBJECT.fullmatch(path.name)
             if matched and (matched[2] or (keys is not None and matched[1] not in keys)):
                 path.unlink()
@@ -120,6 +121,7 @@ class ArchiveZip:
 
     def write(self, name: str) -> AbstractContextManager[IO[bytes]]:
         """Open a file for writing."""
+        # The size is not known before: the header has to have room for more than 4 GB.
         return self._zipped.open(name, "w", force_zip64=True)
 
     def read(self, name: str) -> AbstractContextManager[IO[bytes]]:
@@ -164,6 +166,7 @@ class _AtomicFile:
             self._file.flush()
             os.fsync(self._file.fileno())
         if kind is None:
+            # Renaming is atomic: the file has its name with all its content, or not at all.
             self._unfinished.replace(self._path)
             _flush_folder(self._path.parent)
         else:
@@ -200,7 +203,7 @@ def write_rows(files: ArchiveFiles, table: str, rows: Iterable[Mapping[str, obje
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     table : str
         Name of the table.
@@ -225,7 +228,7 @@ def read_rows(files: ArchiveFiles, table: Table) -> Iterator[Row]:
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     table : Table
         Table as this version has it; columns that it does not have are left out.
@@ -305,6 +308,7 @@ def read_object(files: ArchiveFiles, key: str, target: IO[bytes]) -> int:
 def _read_chunks(files: ArchiveFiles, key: str) -> Iterator[bytes]:
     try:
         with files.read(f"objects/{key}") as file:
+            # In pieces: a recording may be larger than the memory.
             while chunk := file.read(CHUNK):
                 yield chunk
     except (*_BROKEN, KeyError) as error:
@@ -330,7 +334,7 @@ def write_manifest(
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     content : {"everything", "robot"}
         Kind of archive.
@@ -371,7 +375,7 @@ def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -
 
     Parameters
     ----------
-    files : Folder or Zipped
+    files : ArchiveFolder or ArchiveZip
         Archive.
     content : {"everything", "robot"}
         Kind of archive that is expected.

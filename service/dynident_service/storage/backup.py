@@ -66,6 +66,7 @@ def open_archive_for_writing(target: Path) -> Iterator[ArchiveFiles]:
         While another process writes the same archive.
     """
     if target.suffix.lower() != ZIP:
+        # All recordings and the hashes of the keys are in it: nobody else may read it.
         target.mkdir(parents=True, exist_ok=True, mode=0o700)
         with _open_locked(target, os.O_RDONLY):
             files = ArchiveFolder(target)
@@ -91,6 +92,7 @@ def _open_locked(path: Path, flags: int) -> Iterator[int]:
     """Open a file or folder under an exclusive lock; the operating system releases it even if the process is killed."""
     handle = os.open(path, flags, 0o600)
     try:
+        # Without waiting for the lock: a backup may take hours.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield handle
     except BlockingIOError as error:
@@ -141,7 +143,7 @@ def back_up(database: Database, objects: ObjectStore, target: Path) -> ArchiveSi
 
     Returns
     -------
-    Amount
+    ArchiveSize
         What the archive contains.
     """
     with open_archive_for_writing(target) as files:
@@ -197,6 +199,7 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
                 detail = "there is data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
         owned: Iterable[dict[str, Any]] = read_rows(files, OBJECTS)
+        # Several resources may own one object, which is copied once.
         keys = sorted({(row["key"], row["size"]) for row in owned})
         # Objects before rows: a restoration that is cut off leaves a database that is still empty, and can be repeated.
         size = sum(put_object(files, objects, key, scratch) for key, _ in keys)
@@ -214,6 +217,7 @@ def _read_tables(database: Database, files: ArchiveFiles, counts: Mapping[str, i
         for table in reversed(list_tables()):
             connection.execute(table.delete())
         read = {table.name: _insert_rows(connection, table, files) for table in list_tables()}
+        # Before the commit: the first new event would otherwise get an id that is taken.
         _advance_event_ids(connection)
         lacking = [name for name, number in read.items() if number != counts.get(name, 0)]
         if lacking:

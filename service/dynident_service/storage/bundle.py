@@ -250,7 +250,7 @@ def import_robot(
 
     Returns
     -------
-    tuple of str and Amount
+    tuple of str and ArchiveSize
         Id of the robot, and what was imported.
 
     Raises
@@ -270,6 +270,8 @@ def import_robot(
         new = {row["id"] for row in rows[ResourceRow]} - known
         keys = {row["key"] for row in rows[ObjectRow] if row["resource_id"] in new}
         with database.write() as session:
+            # Before the objects are put: a process that is cut off in between leaves none without an owner or a
+            # tombstone.
             raise_tombstones(session, keys)
         size = sum(put_object(files, objects, key, scratch) for key in sorted(keys))
         owned = [OwnedObject(row["role"], row["key"], row["size"], "") for row in rows[ObjectRow] if row["key"] in keys]

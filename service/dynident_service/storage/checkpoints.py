@@ -30,6 +30,7 @@ class JobCheckpoints:
 
     def load_last(self) -> bytes | None:
         """Return the last checkpoint of earlier attempts, or None."""
+        # A first attempt has nothing to continue from, and need not ask.
         return self._storage.find(self._claim.job_id) if self._claim.attempt > 1 else None
 
     def save(self, make: Callable[[], bytes]) -> None:

@@ -74,7 +74,7 @@ def check_storage(
 
     Yields
     ------
-    Finding
+    Defect
         One for each defect. If the database itself is damaged, nothing else is checked.
     """
     findings = list(check_database(database))
@@ -84,6 +84,7 @@ def check_storage(
     if problem_of is not None:
         yield from _find_unreadable(database, problem_of)
     owners = _load_owners(database)
+    # The list is read after the owners: whatever they owned by then had been put before.
     sizes = dict(objects.list_objects())
     for (key, size), names in owners.items():
         finding = _check_object(key, size, sizes.get(key), names)
@@ -130,6 +131,7 @@ def repair(database: Database, objects: ObjectStore, finding: Defect) -> None:
 def _find_unreadable(database: Database, problem_of: Callable[[Resource], str | None]) -> Iterator[Defect]:
     with database.read() as session:
         ids = list(session.scalars(select(ResourceRow.id).order_by(ResourceRow.id)))
+    # A transaction for each portion: a long reader keeps SQLite's write-ahead log from being cut back.
     for start in range(0, len(ids), AT_ONCE):
         with database.read() as session:
             resources = read_resources(session, ids[start : start + AT_ONCE])
@@ -167,5 +169,6 @@ def _find_orphans(database: Database, suspects: set[str]) -> Iterator[Defect]:
 def _find_leftovers(objects: ObjectStore) -> Iterator[Defect]:
     for path in objects.list_leftovers():
         age = time.time() - path.stat().st_mtime
+        # A younger one may still be written.
         if age > ABANDONED_AFTER:
             yield Defect("leftover", str(path), "a writer that was cut off left the file behind")

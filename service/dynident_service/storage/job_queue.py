@@ -139,7 +139,7 @@ class JobQueue:
             return "cancel" if row.cancel_requested else "held"
 
     def renew(self, claim: Claim) -> Standing:
-        """Renew the lease of a claim, and return its standing as `standing` does."""
+        """Renew the lease of a claim, and return its standing as `get_standing` does."""
         with self._database.write() as session:
             cancelled = job_transitions.extend_lease(session.connection(), claim, get_database_time(session) + LEASE)
         return "lost" if cancelled is None else "cancel" if cancelled else "held"
@@ -232,6 +232,7 @@ class JobQueue:
             row = session.get(JobRow, job_id, with_for_update=True)
             if row is None:
                 raise make_not_found("job", job_id)
+            # The row is locked: no worker claims the job while it is decided what to do with it.
             if row.state == "queued":
                 job_transitions.finish_job(session, job_id, "cancelled")
                 session.refresh(row)
@@ -332,6 +333,7 @@ class JobQueue:
         """
         with self._database.read() as session:
             connection = session.connection()
+            # Ids of events only rise: what is new lies beyond the last one that was seen.
             if after:
                 newest = {str(job_id): int(event) for job_id, event in connection.execute(_AFTER, {"after": after})}
                 last = max(newest.values(), default=after)
@@ -352,6 +354,7 @@ class JobQueue:
         """Return how long the oldest queued job has waited, and how often jobs had to be begun again."""
         with self._database.read() as session:
             oldest = session.scalar(select(func.min(JobRow.created_at)).where(JobRow.state == "queued"))
+            # Over no rows a sum is NULL.
             deaths, losses = session.execute(select(func.sum(JobRow.deaths), func.sum(JobRow.losses))).one()
             waited = 0.0 if oldest is None else max(0.0, (get_database_time(session) - oldest).total_seconds())
         return QueueHealth(waited, int(deaths or 0), int(losses or 0))
@@ -365,6 +368,7 @@ class JobQueue:
     def _confirm_expired(self, rows: Sequence[Row[Any]]) -> list[Row[Any]]:
         """Return the rows whose leases had already expired at a look some time ago."""
         moment = time.monotonic()
+        # Only leases that are still expired are remembered: one that was renewed begins anew.
         before, self._expired = self._expired, {}
         confirmed = []
         for row in rows:

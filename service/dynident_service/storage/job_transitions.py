@@ -156,6 +156,7 @@ def add_jobs(
     """
     if not several:
         return []
+    # Stored with the arguments, so that the log of the job, in another process, names the request that asked for it.
     origin = {REQUEST: get_current_request(), TRACE: tracing.get_current_span()}
     more = {name: value for name, value in origin.items() if value is not None}
     jobs = [
@@ -200,6 +201,7 @@ def claim_jobs(connection: Connection, most: int, moment: datetime, until: datet
         owner = min(rows, key=lambda row: (row.running, row.oldest)).owner
         statement = _TAKE_OF_NOBODY if owner is None else _TAKE_OF_OWNER
         job = connection.execute(statement, {"moment": moment, "until": until, "of": owner}).one_or_none()
+        # Another service has locked the last queued jobs of this owner: the next owner is tried.
         if job is None:
             passed_over.add(owner)
         else:
@@ -231,6 +233,7 @@ def extend_lease(connection: Connection, claim: Claim, until: datetime) -> bool 
 
 def record_progress(connection: Connection, claim: Claim, fraction: float, message: str) -> bool:
     """Record the progress of a job; return False if the claim does not hold or the job is to be cancelled."""
+    # The column holds so many characters; PostgreSQL refuses more.
     shortened = message[:300]
     if connection.execute(_GO_ON, {**claim.key_parameters, "done": fraction, "told": shortened}).scalar() is None:
         return False
@@ -250,10 +253,12 @@ def requeue_or_fail(
 ) -> None:
     """Queue a job again that died or was lost; end it if it was cancelled or that has happened `most` times."""
     connection = session.connection()
+    # Deaths and losses are counted apart, as they have different limits.
     times = row.deaths + deaths if deaths else row.losses + losses
     if not row.cancel_requested and times < most:
         requeue(connection, row, deaths=deaths, losses=losses)
         return
+    # The last one counts, too: the metrics add them up.
     connection.execute(_COUNT_UP, {"job": row.id, "died": row.deaths + deaths, "lost": row.losses + losses})
     if row.cancel_requested:
         finish_job(session, row.id, "cancelled")
@@ -288,5 +293,6 @@ def _add_event(connection: Connection, job_ids: Sequence[str], data: Mapping[str
 
 def _to_claim(row: Row[Any]) -> Claim:
     arguments = dict(row.arguments)
+    # The function of the job does not take these two.
     request_id, trace = arguments.pop(REQUEST, None), arguments.pop(TRACE, None)
     return Claim(row.id, row.attempt, row.function, arguments, row.resource_id, request_id, trace)

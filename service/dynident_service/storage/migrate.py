@@ -21,6 +21,7 @@ def migrate(database: Database) -> None:
         # On SQLite the transaction is the only writer from its beginning; PostgreSQL needs a lock of its own.
         if not database.is_sqlite:
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": POSTGRESQL_LOCK})
+        # All migrations are one transaction: if one fails, the database stays as it was.
         command.upgrade(build_alembic_config(connection), "head")
 
 

@@ -135,11 +135,11 @@ class ObjectStore:
 
     @property
     def local_folder(self) -> Path:
-        """Folder that holds all files that `path` returns."""
+        """Folder that holds all files that `fetch_file` returns."""
         return (self._cache_dir if self._folder is None else self._folder).resolve()
 
     def find_key(self, path: Path) -> str | None:
-        """Return the key of the object that a path from `path` belongs to, or None for any other path."""
+        """Return the key of the object that a path from `fetch_file` belongs to, or None for any other path."""
         key = path.name
         place = self._cache_dir / key if self._folder is None else self._folder / _get_object_path(key)
         return key if path == place and _KEY.fullmatch(key) else None
@@ -159,6 +159,7 @@ class ObjectStore:
         for batch in obstore.list(self._store):
             for entry in batch:
                 key = str(entry["path"]).rpartition("/")[2]
+                # A folder may hold other files, which are none of ours.
                 if _KEY.fullmatch(key):
                     yield key, int(entry["size"])
 
@@ -204,6 +205,7 @@ class ObjectStore:
         """Compare a local file with its hash, once as long as inode, time and size stay the same."""
         try:
             with path.open("rb") as file:
+                # Of the open file, as another one may get the name meanwhile.
                 state = os.fstat(file.fileno())
                 mark = (state.st_ino, state.st_mtime_ns, state.st_size)
                 if self._verified.get(path) == mark:
@@ -281,4 +283,5 @@ def _verify_chunks(chunks: Iterable[Any], key: str) -> Iterator[bytes]:
 
 def _get_object_path(key: str) -> str:
     """Return the path of an object in the store."""
+    # Spread over 256 folders: one with very many files is slow to work with.
     return f"{key[:2]}/{key}"

@@ -38,6 +38,7 @@ class QuotaLimits:
     def fill_from(self, others: QuotaLimits) -> QuotaLimits:
         """Return these limits, with those of `others` where none is set here."""
         pairs = zip(astuple(self), astuple(others), strict=True)
+        # Only what is not set gives way: 0 says that there is no limit, and stands.
         return QuotaLimits(*(theirs if mine is None else mine for mine, theirs in pairs))
 
 
@@ -128,6 +129,7 @@ def compute_all_usage(session: Session) -> dict[str | None, Usage]:
 
 def lock_account(session: Session, account: Account | None) -> None:
     """Lock an account until the end of the transaction, if it has a limit, so that no other one adds to it."""
+    # SQLite has one writer at a time: its transactions wait for one another anyway.
     if account is None or not any(astuple(account.limits)) or session.get_bind().dialect.name == "sqlite":
         return
     # PostgreSQL numbers advisory locks by 64 bits; the hash spreads the names over them.
@@ -149,11 +151,12 @@ def check_quota(session: Session, account: Account | None, several: Sequence[New
 
     Raises
     ------
-    OverQuota
+    QuotaExceeded
         If a limit would be exceeded.
     """
     if account is None:
         return
+    # Each count is a query: only limits that are set, and that these resources touch, are looked at.
     jobs = sum(new.job is not None for new in several)
     if account.limits.jobs and jobs:
         _check_jobs(account, _run_count(session, _JOBS, account.name), jobs)
@@ -176,14 +179,14 @@ def check_byte_quota(
         Session of the transaction that adds the files.
     account : Account or None
         Account that they belong to.
-    owned : iterable of Owned
+    owned : iterable of OwnedObject
         The files; those that the account has already take no room.
     at_least : int
         Bytes that are needed in any case, for files whose size is not known yet.
 
     Raises
     ------
-    OverQuota
+    QuotaExceeded
         If the limit would be exceeded.
     """
     new = {owned_object.key: owned_object.size for owned_object in owned}
@@ -193,6 +196,8 @@ def check_byte_quota(
     known = session.scalars(_HAS, {_OWNER: account.name, "keys": list(new)}) if new else ()
     for key in known:
         new.pop(key)
+    # The size of a simulated recording is known only at its end: until then it counts as one byte, so that a full
+    # account starts none.
     more = max(at_least, sum(new.values()))
     used = sum_bytes(session, account.name)
     if more and used + more > account.limits.bytes:
@@ -220,11 +225,13 @@ def _check_jobs(account: Account, used: int, more: int) -> None:
     allowed = account.limits.jobs or 0
     if used + more <= allowed:
         return
+    # More than the limit at once is never accepted, however long one waits.
     help_ = "wait until some have ended, or cancel some" if more <= allowed else "send fewer at a time"
     detail = (
         f"The key {account.name!r} has {used} jobs queued or running and may have {allowed} at a time "
         f"(DYNIDENT_QUOTA_JOBS, or its own); this asks for {more} more: {help_}. Nothing was accepted."
     )
+    # 429: the same request succeeds once jobs have ended. For storage it is 507, as room has to be made first.
     raise QuotaExceeded(429, detail, title="Quota of jobs used up")
 
 

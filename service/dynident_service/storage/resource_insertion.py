@@ -91,6 +91,7 @@ def insert_resources(
     moment = get_database_time(session)
     resources = [_build_resource(new, moment) for new in several]
     pairs = list(zip(resources, several, strict=True))
+    # Resources first: the rows of all other tables refer to them.
     _insert_rows(connection, RESOURCES, [{**_to_row(resource), "owner": owner} for resource in resources])
     insert_dependencies(
         session, [(resource.id, on_id, role) for resource in resources for role, on_id in resource.rests_on]
@@ -148,6 +149,7 @@ def _to_retry_row(resource: Resource, retry: Retry) -> Row:
 
 
 def _insert_rows(connection: Connection, table: Table, rows: Sequence[Row]) -> None:
+    # SQLAlchemy would take an empty list for one row of default values.
     if rows:
         connection.execute(_INSERTING[table], rows)
 

@@ -49,7 +49,7 @@ class Resources:
         Database with the rows.
     objects : ObjectStore
         Store with the files.
-    limits : Limits, optional
+    limits : QuotaLimits, optional
         Limits of accounts that have none of their own.
     """
 
@@ -68,7 +68,7 @@ class Resources:
         ------
         ObjectGone
             If an object was swept away since it was put.
-        OverQuota
+        QuotaExceeded
             If the account would exceed a limit.
         """
         return self._create(
@@ -112,6 +112,7 @@ class Resources:
             row = session.get(RetryRow, (retry.scope, retry.key))
             if row is None:
                 return None
+            # The same key with another request is a mistake of the client: neither answer would be right.
             if row.fingerprint != retry.fingerprint:
                 detail = f"The Idempotency-Key {retry.key!r} was used with another request; use a new key for this one."
                 raise ProblemError(422, detail, title="Idempotency-Key used twice")
@@ -176,7 +177,7 @@ class Resources:
             Its id.
         result : mapping
             Values that are added to the result, or replace those of the same names.
-        objects : sequence of Owned
+        objects : sequence of OwnedObject
             New objects.
 
         Raises
@@ -185,7 +186,7 @@ class Resources:
             404 if there is no such resource.
         ObjectGone
             If an object was swept away since it was put.
-        OverQuota
+        QuotaExceeded
             If the owner of the resource would exceed a limit.
         """
         with self._database.write() as session:
@@ -195,6 +196,7 @@ class Resources:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise make_not_found(kind, identifier)
+            # A new mapping: SQLAlchemy sees a change only where the value is another object.
             row.result = {**(row.result or {}), **result}
             roles = [owned.role for owned in objects]
             before = select(ObjectRow).where(ObjectRow.resource_id == identifier, ObjectRow.role.in_(roles))
@@ -202,6 +204,7 @@ class Resources:
             raise_tombstones(session, [row.key for row in gone])
             for former in gone:
                 session.delete(former)
+            # The new objects have the same roles: the rows of the former ones have to be gone before.
             session.flush()
             check_byte_quota(session, payer, objects)
             insert_objects(session, self._objects, [(identifier, owned) for owned in objects])
@@ -232,12 +235,14 @@ class Resources:
         if not archived:
             query = query.where(columns.archived.is_(False))
         if on_id is not None:
+            # In the query, so that a page is full although most resources rest on others.
             resting = select(DependencyRow.dependent_id).where(DependencyRow.on_id == on_id)
             query = query.where(columns.id.in_(resting))
         with self._database.read() as session:
             connection = session.connection()
             rows = connection.execute(query).all()
             items = complete_resources(connection, rows[:limit])
+        # One row more than asked for was read: it tells whether there is a next page.
         return Page(items, items[-1].id if len(rows) > limit else None)
 
     def delete(self, kind: Kind, identifier: str) -> None:
@@ -252,6 +257,7 @@ class Resources:
             row = session.get(ResourceRow, identifier, with_for_update=True)
             if row is None or row.kind != kind:
                 raise make_not_found(kind, identifier)
+            # The row is locked: nobody comes to depend on the resource between this check and its end.
             _refuse_while_needed(session, row)
             raise_tombstones(session, session.scalars(select(ObjectRow.key).where(ObjectRow.resource_id == identifier)))
             session.delete(row)
@@ -270,7 +276,7 @@ class Resources:
 
         Raises
         ------
-        OverQuota
+        QuotaExceeded
             If the account would exceed a limit.
         """
         account = get_account()
@@ -282,6 +288,7 @@ class Resources:
             owned = []
             for file in files:
                 with file.open("rb") as opened:
+                    # By their hashes: a file that the account has already takes no room.
                     owned.append(OwnedObject(file.name, *compute_digest(opened), ""))
             if attached_to is None:
                 check_quota(session, account, [NewResource(kind, {}, objects=tuple(owned))])
@@ -296,6 +303,7 @@ class Resources:
         owner = session.scalar(select(ResourceRow.owner).where(ResourceRow.id == identifier))
         if owner is None or (account is not None and account.name == owner):
             return None if owner is None else account
+        # Files of another key's resource count for that key, with the limits of the settings.
         return Account(owner, self._limits)
 
     def _create(
@@ -304,6 +312,7 @@ class Resources:
         account = get_account()
         try:
             with self._database.write() as session:
+                # What the account uses is counted under the lock: two requests cannot both take the last room.
                 lock_account(session, account)
                 check_quota(session, account, several)
                 return inserted(session, None if account is None else account.name)
@@ -319,6 +328,7 @@ class Resources:
         with io.BytesIO(content) if isinstance(content, bytes) else content.open("rb") as file:
             key, size = compute_digest(file)
             with self._database.write() as session:
+                # Before the object is put, in a transaction of its own: see `tombstones`.
                 raise_tombstones(session, (key,))
             return self._objects.put_hashed(file, key, size)
 

@@ -29,6 +29,7 @@ def delete_expired(database: Database, age: timedelta) -> int:
     with database.write() as session:
         session.execute(delete(RetryRow).where(RetryRow.created_at < get_database_time(session) - age))
     forgotten = 0
+    # Transaction by transaction: others can write in between.
     while number := _delete_events(database, age):
         forgotten += number
     return forgotten

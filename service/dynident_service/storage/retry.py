@@ -50,5 +50,6 @@ def retry_while_away(action: Callable[[], T], patience: float) -> T:
 def describe_error(error: BaseException) -> str:
     """Return an exception in one line, without SQL statements and parameters, which may hold user data."""
     inner = getattr(error, "orig", None) or error
+    # The lines behind it are the statement and its parameters.
     first_line = (str(inner).splitlines() or [""])[0]
     return f"{type(inner).__name__}: {first_line}"[:200]

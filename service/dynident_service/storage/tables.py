@@ -53,6 +53,7 @@ class UtcDateTime(TypeDecorator[datetime]):
         """Convert to UTC from the database."""
         if value is None:
             return None
+        # SQLite gives times without a zone, as it stores none: they are in UTC, as they were written.
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
@@ -95,6 +96,7 @@ class Table(DeclarativeBase):
     """Base of all tables."""
 
     metadata = MetaData(naming_convention=NAMING)
+    # None is stored as SQL's NULL, and not as the JSON text `null`, which no query for NULL would find.
     type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON(none_as_null=True)}  # noqa: RUF012
 
 
@@ -113,6 +115,7 @@ class ResourceRow(Table):
     archived: Mapped[bool] = mapped_column(default=False, server_default=false())
     owner: Mapped[str | None] = mapped_column(Text(200))
 
+    # Lists are of one kind, in the order of ids.
     __table_args__ = (Index("ix_resources_kind_id", "kind", "id"), _index_by_owner("kind", "resources"))
 
 
@@ -191,6 +194,7 @@ class JobEventRow(Table):
 
     __tablename__ = "job_events"
 
+    # SQLite numbers rows by itself only where the type of the column is exactly INTEGER.
     id: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True, autoincrement=True)
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id", ondelete="CASCADE"), index=True)
     event: Mapped[str] = mapped_column(Text(10))

@@ -3,9 +3,10 @@
 Objects are stored under the hash of their bytes, so two resources may own the same one, and one resource may be deleted
 in the moment in which the other is created. Three rules protect owned objects:
 
-1. Before an object is put, its tombstone is raised (`announce`); a resource that gives up an object raises it in the
-   same transaction. Wherever a process is cut off, every object has an owner or a tombstone.
-2. Who comes to own an object checks that it is there, and holds its lock until the ownership is committed (`hold`).
+1. Before an object is put, its tombstone is raised (`raise_tombstones`); a resource that gives up an object raises it
+   in the same transaction. Wherever a process is cut off, every object has an owner or a tombstone.
+2. Who comes to own an object checks that it is there, and holds its lock until the ownership is committed
+   (`lock_objects`).
 3. The sweep deletes an object only if its tombstone is old, the sweep has the lock for itself, and nobody owns it.
 
 By 2 and 3, either the sweep sees the owner and spares the object, or the owner sees that the object is gone and puts it
@@ -82,6 +83,7 @@ def _sweep_one(database: Database, objects: ObjectStore, key: str, until: dateti
         gone = delete(TombstoneRow).where(TombstoneRow.key == key, TombstoneRow.since <= until)
         if session.scalar(gone.returning(TombstoneRow.key)) is None:
             return False
+        # Somebody owns it again: the tombstone is gone, and the object stays.
         if session.scalar(select(ObjectRow.key).where(ObjectRow.key == key).limit(1)) is not None:
             return False
         objects.delete(key)

@@ -30,6 +30,7 @@ def compare_model(task: Task) -> Outcome:
     assessment = judge(
         comparison, recording, model.preprocessing, open_stored_recordings(task, training_ids) if held_out else ()
     )
+    # Written as a file: the routes read single signals of it, and never all.
     with tempfile.TemporaryDirectory() as folder:
         path = write_comparison(comparison, Path(folder) / "signals.parquet")
         signals = task.store_file("signals", path, "application/vnd.apache.parquet")

@@ -66,6 +66,7 @@ def _open_recordings(
     """Open measurements without and with the load; equal names are made distinct by their ids."""
     identifiers = [*unloaded, *loaded]
     recordings = [open_recording_by_id(task, identifier) for identifier in identifiers]
+    # The library names runs by their recordings: equal names would be one run.
     names = Counter(recording.name for recording in recordings)
     distinct = [
         replace(recording, name=f"{recording.name} ({identifier})") if names[recording.name] > 1 else recording

@@ -19,6 +19,7 @@ def identify_model(task: Task) -> Outcome:
     robot = load_stored_robot(task, request.robot_id)
     training = open_stored_recordings(task, request.measurement_ids)
     validation = open_stored_recordings(task, request.validation_ids)
+    # Filters that the user left open are chosen from these recordings.
     choices = to_choices(request, robot, training)
     return _build_outcome(task, identify(robot, training, validation, choices, task.progress))
 

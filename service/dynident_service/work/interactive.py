@@ -67,6 +67,7 @@ def read_meshes(
     """
     robot = restore_robot(request)
     file_names = assign_mesh_files(robot, {name: Path(path) for name, path in sent.items()}) if sent else {}
+    # What was sent now replaces what the robot had.
     files = {**kept, **{name: sent[file] for name, file in file_names.items()}}
     geometry = describe_geometry_with_meshes(robot, {name: Path(path) for name, path in files.items()})
     Path(destination).write_text(geometry.model_dump_json(), encoding="utf-8")
@@ -84,6 +85,7 @@ def import_measurement(
     try:
         recording, checks = import_file(Path(source), Path(destination), restore_robot(robot), sent_metadata)
     except RecordingError as error:
+        # A problem can cross the pipe, with row or time and with all that was found in the file.
         raise ProblemError.from_problem(describe_file_problem(error)) from error
     return to_plain_json(describe_recording(recording, checks, sha256))
 
@@ -127,6 +129,7 @@ def write_raw_signals(
     """
     opened = open_raw_signals(Path(source), restore_robot(robot), MeasurementMetadata.model_validate(metadata), signals)
     with Path(destination).open("wb") as file:
+        # All samples are written as they are read: they may be larger than the memory.
         if points is None:
             file.writelines(stream_raw_signals(opened, start, end))
         else:

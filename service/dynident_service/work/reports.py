@@ -38,6 +38,7 @@ def write_report(task: Task) -> Outcome:
     runs = _load_runs(task, request, identification)
     task.progress(0.8, "writing")
     choices = to_request(request, ReportChoices)
+    # For programs: the stored results as they are, without figures.
     if choices.format == "json":
         content = json.dumps(_build_document(task, request, diagnosis, runs), indent=1).encode()
     else:
@@ -72,6 +73,7 @@ def _load_runs(task: Task, request: ReportRequest, identification: Resource) -> 
             task.progress, 0.8 * index / len(measurement_ids), 0.8 * (index + 1) / len(measurement_ids)
         )
         recording = open_recording_by_id(task, identifier)
+        # A recording that the user adds was not fitted to, either.
         held_out = identifier not in model_request.measurement_ids
         stored = task.resources.get("measurement", identifier)
         measurement_result = MeasurementResult.model_validate(stored.result)

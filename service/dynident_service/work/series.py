@@ -51,6 +51,7 @@ def _begin_series(task: Task, request: SeriesRequest) -> tuple[Measure, list[Day
         return build_measure(model, with_temperature=all(recording.has_temperature for recording in first)), []
     earlier = task.resources.get("series", request.continues)
     content = task.objects.get(earlier.objects["days"].key)
+    # The days of the earlier series come reduced: their recordings are not read again.
     measure, days = load_days(model, content)
     return measure, list(days)
 

@@ -55,6 +55,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
 
 def _plan_motion(task: Task, sent_request: SimulationRequest, robot: Robot, seed: int) -> tuple[Reference, float]:
     """Return the motion to simulate, and its sampling rate in Hz."""
+    # Three sources of a motion: samples as they are, a random motion of a family, or a stored design.
     if isinstance(sent_request.trajectory, Samples):
         return simulations.to_reference(sent_request.trajectory), simulations.RATE_OF_SAMPLES
     if sent_request.trajectory is not None:

@@ -33,6 +33,7 @@ def mount_workbench(app: FastAPI) -> None:
     ----------
     app : FastAPI
     """
+    # Read once: the files do not change while the service runs.
     page = PageFiles.read(FOLDER, PREFIX)
 
     @app.api_route("/", methods=["GET", "HEAD"], include_in_schema=False)

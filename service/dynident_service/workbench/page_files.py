@@ -75,6 +75,7 @@ class PageFiles:
             # Name and length are hashed, too, so that no content can pass for another split of files.
             hashed.update(f"{name}\0{len(content)}\0".encode() + content)
         version = hashed.hexdigest()[:_DIGITS]
+        # Only the index names versions: all other files refer to each other by relative paths.
         index = contents[INDEX].decode().replace(f"{prefix}/", f"{prefix}/{version}/")
         # The browser loads all modules at once instead of finding them one import after the other.
         links = (

@@ -82,6 +82,7 @@ def format_c_number(value: float) -> str:
     if not math.isfinite(value):
         raise DynidentError(f"the model holds the number {value}, which C code cannot", title="Not expressible in C")
     text = repr(float(value))
+    # In brackets: after an operator a minus sign would make two of them, and C reads -- as one of its own.
     return f"({text})" if text.startswith("-") else text
 
 
@@ -93,8 +94,16 @@ def write_c_statements(
     Parameters
     ----------
     function : casadi.Function
-    inputs, outputs : a C expression for every entry of every input, and of every (dense) output
-        `q[0]`, `q[1]`, …
+        Function of SX, expanded to scalar operations.
+    inputs, outputs : sequence of sequence of str
+        C expressions such as `q[0]`, one for every entry of every input, and of every (dense) output.
+
+    Returns
+    -------
+    statements : list of str
+        C statements, in the order in which they are to run.
+    read : set of str
+        C expressions of the inputs that they read.
 
     Raises
     ------
@@ -112,6 +121,7 @@ def write_c_statements(
             function.instruction_output(k),
             function.instruction_input(k),
         )
+        # Inputs, constants and outputs need no variable of their own: their C expressions are put where they are used.
         if operation == ca.OP_INPUT:
             holds[target[0]] = inputs[source[0]][source[1]]
             read.add(holds[target[0]])
@@ -147,10 +157,12 @@ def to_c(identification: Identification) -> str:
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
     str
+        The text of one file.
 
     Raises
     ------
@@ -158,6 +170,7 @@ def to_c(identification: Identification) -> str:
         For an effect of another distribution whose columns use an operation that C code is not written for.
     """
     formula, name = build_torque_formula(identification.estimate), make_c_name(identification)
+    # One file serves as header and as source: the guard lets others include its declarations alone.
     guard = name.upper()
     parts = [
         _write_comment(_write_header(identification, formula, name)),
@@ -254,6 +267,7 @@ def _write_definitions(formula: TorqueFormula, name: str) -> str:
     ]
     body += statements
     if formula.memory:
+        # The state is kept last: until then the statements read the position before.
         body.append(f"for (j = 0; j < {formula.robot.n}; j++) state->q_before[j] = q[j];")
         body.append("state->started = 1;")
     functions = [SIGN_FUNCTION] if any("sign_of(" in line for line in statements) else []

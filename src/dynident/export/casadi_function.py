@@ -18,6 +18,7 @@ def to_casadi(identification: Identification) -> ca.Function:
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
@@ -41,11 +42,13 @@ def build_function(formula: TorqueFormula) -> ca.Function:
     # makes a forgotten state visible.
     defaults = [math.nan if name in ("z", "q_before") else 0.0 for name in formula.names]
     options = {"default_in": defaults}
+    # Columns share many terms, which are computed once (cse).
     return ca.Function("inverse_dynamics", symbols, ca.cse(outputs), list(formula.names), names, options)
 
 
 def to_casadi_bytes(identification: Identification) -> bytes:
     """Return the content of a file that `casadi.Function.load` reads."""
+    # CasADi writes its functions to files only.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.casadi"
         to_casadi(identification).save(str(path))

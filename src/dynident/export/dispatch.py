@@ -25,15 +25,17 @@ def export_model(identification: Identification, format: ExportFormat | str, *, 
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     format : {"json", "urdf", "mjcf", "c", "casadi"}
-        json, c and casadi hold every effect; urdf and mjcf links, rotors, Coulomb and viscous friction (mjcf also
-        springs), and what they leave out is in the file's `notes`.
+        Format of the file. The formats json, c and casadi hold every effect; urdf and mjcf hold links, rotors, Coulomb
+        and viscous friction (mjcf also springs), and what they leave out is in the file's `notes`.
     nearest : bool
         For urdf and mjcf: if no bodies that can exist have the identified parameters, write the nearest that can.
 
     Returns
     -------
     ExportedFile
+        The file, with notes on what it could not hold.
 
     Raises
     ------

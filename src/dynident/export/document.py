@@ -82,7 +82,7 @@ class ParameterFields(TypedDict):
 
 
 class ModelDocument(TypedDict):
-    """The whole document; `model_document` explains its fields."""
+    """The whole document; `model_to_document` explains its fields."""
 
     format: str
     version: str
@@ -110,6 +110,16 @@ def model_to_document(identification: Identification) -> ModelDocument:
     `columns` are all standard parameters with their units; `grouping` has the weight of each in every base parameter
     (base parameter = Σ weight x standard parameter), zeros left out; `standard_parameters` are a feasible full
     set that gives the same base parameters, where there is one.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+
+    Returns
+    -------
+    ModelDocument
+        Values of which JSON consists, by the names of the fields.
     """
     model, base = identification.model, identification.model.base
     formula = build_torque_formula(identification.estimate)
@@ -167,7 +177,18 @@ def model_to_document(identification: Identification) -> ModelDocument:
 
 
 def to_json(identification: Identification) -> str:
-    """Return the document of the identified model as JSON text; `model_from_json` reads it."""
+    """Return the document of the identified model as JSON text; `model_from_json` reads it.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model, with the data of its fit.
+
+    Returns
+    -------
+    str
+        JSON, with an indentation of one blank.
+    """
     return json.dumps(model_to_document(identification), indent=1)
 
 
@@ -182,6 +203,7 @@ def model_from_json(text: str) -> PredictingModel:
     Returns
     -------
     PredictingModel
+        The model, which predicts the same torque.
 
     Raises
     ------
@@ -197,6 +219,7 @@ def model_from_json(text: str) -> PredictingModel:
         return _model_from_document(document)
     except DynidentError:
         raise
+    # A document from elsewhere may lack anything at any place: all of that is one error for the user.
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise DynidentError(f"the model cannot be read: {type(error).__name__} {error}", title=TITLE) from error
 
@@ -220,6 +243,8 @@ def _model_from_document(document: Mapping[str, Any]) -> PredictingModel:
         for column, weight in parameter["grouping"].items():
             grouping[k, int(column)] = float(weight)
         written[k, parameter["written"]] = True
+    # The grouping is stored rather than computed again: it depends on rounding, and the values only mean something
+    # together with the grouping that they were identified with.
     base = BaseParameters(
         names=names,
         kept=tuple(int(parameter["column"]) for parameter in parameters),

@@ -40,12 +40,20 @@ def project_model(identification: Identification, held: Collection[Role]) -> Ide
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     held : collection of Role
         Roles of the parameters that the format has words for.
+
+    Returns
+    -------
+    Identification
+        The fitted model.
     """
     held_effects, choices = select_held_effects(identification, held), identification.choices
     if not held_effects or held_effects == choices.effects:
         return identification
+    # Estimators that go over the rows themselves would read all recordings again: weighted least squares works on the
+    # factors.
     estimator = choices.estimator if choices.solver.from_reduced else "wls"
     return reidentify(identification, replace(choices, effects=held_effects, strategy="global", estimator=estimator))
 
@@ -62,7 +70,16 @@ def predicts_as_well(identification: Identification, values: FloatArray) -> bool
 class ProjectionError:
     """Errors of a model and of an exported file where joints move, on the same data.
 
-    `is_held_out`: on held-out data; otherwise on those of the fit.
+    Parameters
+    ----------
+    joints : tuple of str
+        Names of the n joints, in the robot's order.
+    model : Errors
+        Errors of the model.
+    file : Errors
+        Errors of what the file holds of it.
+    is_held_out : bool
+        Whether the data are held-out ones; otherwise they are those of the fit.
     """
 
     joints: tuple[str, ...]
@@ -77,6 +94,8 @@ class ProjectionError:
         """Return the comparison of a model with base parameters (b,) of its projection."""
         own_data, projected_data = identification.data.held_out, projected.data.held_out
         is_held_out = own_data is not None and projected_data is not None
+        # Errors can only be compared on the same data: where one model lacks held-out data, both are judged on those of
+        # the fit.
         if own_data is None or projected_data is None:
             own_data, projected_data = identification.data.training, projected.data.training
         joints = identification.model.robot.joint_names
@@ -117,12 +136,16 @@ _STATES = 25
 class ExportedFile:
     """A file of an exported model.
 
-    Attributes
+    Parameters
     ----------
-    name, media_type : str
+    name : str
+        Name of the file, made from the robot's.
+    media_type : str
+        Media type as HTTP states it, such as "application/xml".
     content : bytes
+        What stands in the file.
     notes : tuple of str
-        What the format could not hold.
+        What the format could not hold, a sentence each.
     """
 
     name: str
@@ -138,6 +161,7 @@ class FeasibleLinks:
     Attributes
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     projected : Identification
         The model with only those effects that the format can hold, fitted to the data again.
     standard : Completion
@@ -157,13 +181,15 @@ class FeasibleLinks:
     ) -> FeasibleLinks:
         """Return the links and joints of a model.
 
-        It raises an error as `complete` does, unless the nearest feasible bodies predict as well or `nearest` is set.
+        It raises an error as `complete_parameters` does, unless the nearest feasible bodies predict as well or
+        `nearest` is set.
         """
         projected = project_model(identification, held)
         try:
             standard = complete_parameters(projected, rotors_in_links=rotors_in_links)
         except DynidentError:
             standard = complete_parameters(projected, nearest=True, rotors_in_links=rotors_in_links)
+            # Bodies that predict held-out data as well are no loss: the user need not ask for them.
             if not nearest and not predicts_as_well(projected, standard.values):
                 raise
         return cls(identification, projected, standard, held)
@@ -210,6 +236,7 @@ class FeasibleLinks:
         memory = np.zeros((_STATES, observation.n_memory))
         entries = observation.evaluate(q, dq, ddq, reference=nothing, memory=memory)
         inertial = np.array([get_effect(column.effect).is_inertia for column in observation.columns])
+        # Friction and springs are left out: only links and rotors are in question here.
         expected = observation.compute_torque(entries, np.where(inertial, self.standard.values, 0.0))
         torque = compute_rigid_torque(robot, self.standard.inertias, q, dq, ddq, self.standard.rotors)
         size = float(np.abs(expected).max(initial=0.0)) or 1.0

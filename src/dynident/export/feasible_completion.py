@@ -42,17 +42,23 @@ _FRICTION: tuple[Role, ...] = ("dry", "damping")
 class Completion:
     """Standard parameters of a whole robot.
 
-    Attributes
+    Parameters
     ----------
-    inertias : ndarray (n, 10)
-        In the order of `INERTIAL_NAMES`.
-    rotors, coulomb, viscous : ndarray (n,)
-    values : ndarray (b,)
-        The base parameters that they give.
+    inertias : (n, 10)
+        Inertial parameters of every link, in the order of `INERTIAL_NAMES`: moments about the joint's origin in kg m²,
+        first moments in kg m, mass in kg.
+    rotors : (n,)
+        Rotor inertias seen at the joints, in kg m², or kg.
+    coulomb : (n,)
+        Coulomb friction of the joints, in N m, or N.
+    viscous : (n,)
+        Viscous friction of the joints, in N m s/rad, or N s/m.
+    values : (b,)
+        Base parameters that these standard parameters give.
     exact : bool
-        Whether these are the identified ones.
+        Whether those are the identified ones.
     notes : tuple of str
-        What a user must know of them.
+        What a user must know of them, a sentence each.
     """
 
     inertias: FloatArray
@@ -72,6 +78,7 @@ def complete_parameters(
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     nearest : bool
         If there are none, return those with the nearest torque along the identification's data instead, and a note.
     rotors_in_links : bool
@@ -80,6 +87,7 @@ def complete_parameters(
     Returns
     -------
     Completion
+        Standard parameters of all links, rotors and friction.
 
     Raises
     ------
@@ -122,6 +130,8 @@ def _solve_completion(
     unknowns: LinkUnknowns, equations: EqualityConstraints, values: FloatArray, margins: Sequence[float]
 ) -> FloatArray | None:
     """Return the unknowns (k,) nearest to the nominal ones that give the base parameters; None if there are none."""
+    # Larger margins first: the farther links are from degenerate bodies, the better other programs can compute with
+    # them.
     for margin in margins:
         try:
             solution = solve_constrained(
@@ -159,6 +169,8 @@ def _describe_impossible(unknowns: LinkUnknowns, equations: EqualityConstraints)
     names = unknowns.model.robot.tree.joint_names
     words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
+    # The smaller the weight of the description, the clearer the violations stand out, and the worse the problem is
+    # conditioned: where the solver fails, the next weight is tried.
     for near in _NEAR:
         try:
             margins = _minimise_violation(unknowns, equations, near)
@@ -177,6 +189,7 @@ def _minimise_violation(unknowns: LinkUnknowns, equations: EqualityConstraints, 
     total = size + n_links + n_rotors
     wide = np.zeros((len(equations.right), total))
     wide[:, :size] = equations.factor
+    # A rotor is split into a part that is not negative and its margin, which may be: both count in the equations.
     wide[:, size + n_links :] = equations.factor[:, unknowns.rotor_places]
     goal = np.eye(total)
     goal[:size] *= near
@@ -211,6 +224,8 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)
     if completed is None:
         unknowns = LinkUnknowns.from_model(identification.model)
+        # Where no exact projection succeeds, the estimator's own standard parameters are near enough: they give its
+        # base parameters to its tolerance.
         completed = fit.standard.values[unknowns.columns]
     changed = _collect_by_joint(identification.model, unknowns, completed, values)
     return replace(changed, exact=False, notes=(note, *changed.notes))
@@ -246,6 +261,7 @@ def _collect_by_joint(model: Model, unknowns: LinkUnknowns, completed: FloatArra
     for column, value in zip(model.kept, friction_values, strict=True):
         role = get_role(column)
         if role in friction and not column.runs:
+            # Rounding alone can make it negative here: friction that really drives was refused before, or reported.
             friction[role][robot.joint_names.index(column.link)] += max(value, 0.0)
     coulomb, viscous = friction.values()
     missing = [joint for j, joint in enumerate(robot.joint_names) if j not in unknowns.links]

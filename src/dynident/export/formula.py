@@ -15,7 +15,17 @@ from dynident.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Argument:
-    """One input of the formula: a column vector SX (k, 1), and what it is, with its unit."""
+    """One input of the formula.
+
+    Parameters
+    ----------
+    name : str
+        Its name in exported programs.
+    symbol : SX (k, 1)
+        The column vector that stands for it in the expression.
+    meaning : str
+        What it is, with its unit.
+    """
 
     name: str
     symbol: ca.SX
@@ -34,8 +44,11 @@ class TorqueFormula:
     Attributes
     ----------
     robot : Robot
+        The robot that the model is of.
     arguments : tuple of Argument
+        The inputs that the torque depends on; q, dq and ddq in any case.
     torque : SX (n, 1)
+        The expression, in N m, or N.
     memory : tuple of MemorySignal
         Hysteresis states that the model carries from sample to sample, in the order of `z`.
     runs : tuple of RunSignal
@@ -69,6 +82,7 @@ def build_torque_formula(estimate: Estimate) -> TorqueFormula:
     for column, value in zip(observation.columns, estimate.values, strict=True):
         torque += column.torque * float(value)
     reference = estimate.reference.vector
+    # Loads that effects depend on are predicted with these parameters, which are numbers of the model and no inputs.
     torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
     # The model's columns contain the state at the sample itself; the exported formula computes it from the state and
     # the position of the sample before.

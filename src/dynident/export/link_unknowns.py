@@ -29,6 +29,7 @@ class LinkUnknowns:
     Attributes
     ----------
     model : Model
+        The model whose columns they are.
     links, rotors : tuple of int
         Indices of the joints whose link, or whose rotor, is an unknown.
     columns : ndarray (k,)
@@ -53,6 +54,7 @@ class LinkUnknowns:
         Parameters
         ----------
         model : Model
+            The model whose columns they are.
         rotors_in_links : bool
             Leave out rotors whose inertia is grouped with that of links, so that the links have it all.
         estimated : StandardParameters, optional
@@ -78,6 +80,7 @@ class LinkUnknowns:
             for k, column in enumerate(model.columns)
             if get_role(column) == "rotor" and not column.runs and (k in base_columns or not rotors_in_links)
         ]
+        # Each link has ten columns, one behind the other: every tenth names it.
         links = tuple(joints.index(model.columns[k].link) for k in rigid[::_TEN])
         rotors = tuple(joints.index(model.columns[k].link) for k in spinning)
         doubt = estimate_inertia_errors(model.robot.tree)
@@ -88,6 +91,8 @@ class LinkUnknowns:
             [_get_described_inertias(model, doubt)[list(links)].reshape(-1), np.zeros(len(rotors))]
         )
         columns = np.array(rigid + spinning, dtype=np.intp)
+        # A feasible estimator has found standard parameters already: the completion stays near these instead of the
+        # description.
         if estimated is not None:
             nominal = estimated.values[columns]
         return cls(model, links, rotors, columns, scale, nominal)
@@ -114,9 +119,25 @@ class LinkUnknowns:
         return np.asarray(self.model.base.grouping[:, self.columns])
 
     def build_bounds(self, extra: int, slack: FloatArray) -> list[MatrixBound]:
-        """Return bounds on (unknowns / scale, extras): scaled pseudo-inertia of each link ≥ `slack` (l,) times one.
+        """Return the bounds that keep the pseudo-inertia of every link positive definite.
 
-        Where there are `extra` variables after the unknowns, the first l of them are slacks that are subtracted too.
+        The variables are the unknowns over their scale, then `extra` others. The scaled pseudo-inertia of each link is
+        to be at
+        least `slack` times the unit matrix; where there are extra variables, the first of them, one a link, are
+        subtracted from
+        it, too.
+
+        Parameters
+        ----------
+        extra : int
+            Number of variables after the unknowns.
+        slack : (l,)
+            Least eigenvalue of each link's scaled pseudo-inertia.
+
+        Returns
+        -------
+        list of MatrixBound
+            One bound a link.
         """
         bounds = []
         for place, least in enumerate(slack):
@@ -130,7 +151,7 @@ class LinkUnknowns:
         return bounds
 
     def compute_margins(self, unknowns: FloatArray) -> FloatArray:
-        """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `matrices` bounds."""
+        """Return the smallest eigenvalue (l,) of each link's scaled pseudo-inertia, which `build_bounds` bounds."""
         none = np.zeros(len(self.links))
         scaled = unknowns / self.scale
         return np.array([np.linalg.eigvalsh(bound.evaluate(scaled))[0] for bound in self.build_bounds(0, none)])
@@ -158,5 +179,6 @@ def _get_described_inertias(model: Model, doubt: FloatArray) -> FloatArray:
     for link in np.flatnonzero(inertias[:, 9] <= 0):
         inertias[link] = 0.0
         inertias[link, 9] = doubt[link, 9]
+        # XX, YY and ZZ of a ball are equal, and its products of inertia zero.
         inertias[link, [0, 3, 5]] = _GYRATION**2 * doubt[link, 0]
     return inertias

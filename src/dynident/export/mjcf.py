@@ -76,6 +76,7 @@ def _build_key_frame(linkage: Linkage, world: Element) -> Element:
     frames = Element("keyframe", {}, 0)
     if linkage.closure is not None:
         q = linkage.ratios @ linkage.closure.check() + linkage.offsets
+        # MuJoCo orders coordinates by the nesting of bodies, which need not be the tree's own order.
         places = [linkage.tree.joint_names.index(name) for name in _iter_joint_names(world)]
         frames.children.append(Element("key", {"name": "closed", "qpos": format_numbers(*q[places])}, 0))
     return frames
@@ -105,17 +106,19 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     nearest : bool
         If no bodies that can exist have the identified parameters, write the nearest that can.
 
     Returns
     -------
     ExportedFile
+        The file, with notes on what it could not hold.
 
     Raises
     ------
     DynidentError
-        As `complete` does; or if a link has no inertia in the model, or a spring pushes away from rest.
+        As `complete_parameters` does; or if a link has no inertia in the model, or a spring pushes away from rest.
     """
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest)
     if links.rounding_error > SMALL:
@@ -244,5 +247,6 @@ def _read_springs(links: FeasibleLinks) -> dict[str, tuple[float, float]]:
                 pointer="/format",
                 title="Not expressible in MJCF",
             )
+        # The model states stiffness q + at_zero, and MuJoCo wants stiffness (q - rest).
         springs[joint] = (stiffness, -spring.get("at_zero", 0.0) / stiffness)
     return springs

@@ -23,11 +23,11 @@ FAR = 1e6
 class PredictingModel:
     """A model that predicts torque.
 
-    Attributes
+    Parameters
     ----------
     model : Model
         Robot and effects.
-    values : ndarray (b,)
+    values : (b,)
         Base parameters.
     reference : ReferenceParameters
         Parameters for the predicted loads that effects depend on.
@@ -66,16 +66,18 @@ class PredictingModel:
         Parameters
         ----------
         q, dq, ddq : (m, n)
-            rad, rad/s, rad/s² of revolute joints; m, m/s, m/s² of prismatic ones.
+            Positions, velocities and accelerations: rad, rad/s, rad/s² of revolute joints; m, m/s, m/s² of prismatic
+            ones.
         sliding : bool
             Predict every sample by itself, as if its joints had long moved in the direction of their velocity: the
             steady state of hysteresis.
         further : FurtherSignals, optional
-            Higher derivatives, time, temperature, run; `torque_formula` tells which of them a model needs.
+            Higher derivatives, time, temperature, run; `build_torque_formula` tells which of them a model needs.
 
         Returns
         -------
-        (m, n) array, N m or N
+        (m, n)
+            Torques in N m, or forces in N.
 
         Raises
         ------
@@ -84,6 +86,7 @@ class PredictingModel:
         """
         if sliding:
             return self._compute_torque(q, dq, ddq, self._compute_sliding_states(dq), further)
+        # Any state before it could be meant: a guess would be wrong by the whole stroke of the hysteresis.
         if len(q) == 1 and self.observation.memory:
             joints = sorted({self.robot.joint_names[signal.joint] for signal in self.observation.memory})
             raise DynidentError(
@@ -110,6 +113,7 @@ class PredictingModel:
         states = np.zeros((len(dq), self.observation.n_memory))
         for k, signal in enumerate(self.observation.memory):
             moved = FAR * np.sign(dq[:, signal.joint])
+            # Only the sign of the velocity counts: after such a way every operator slides in its direction.
             states[:, k] = [signal.operator.stroke(np.zeros(1), np.array([[way]]))[0, 0] for way in moved]
         return states
 
@@ -123,6 +127,7 @@ class TorquePredictor:
     Parameters
     ----------
     model : PredictingModel
+        Model that predicts.
 
     Examples
     --------
@@ -150,5 +155,6 @@ class TorquePredictor:
         self, q: FloatArray, dq: FloatArray, ddq: FloatArray, *, further: FurtherSignals = NOTHING_FURTHER
     ) -> FloatArray:
         """Predict the torque (m, n) of the next m samples; q, dq, ddq (m, n)."""
+        # The order matters: states are those after the step to these positions, which the next call goes on from.
         states = self._states.push(self._model.observation.robot.positions(q))
         return self._model._compute_torque(q, dq, ddq, states, further)

@@ -28,7 +28,17 @@ ENDINGS: dict[str, ExportFormat] = {
 
 @dataclass(frozen=True)
 class ExportChoices:
-    """What a model is written as."""
+    """What a model is written as.
+
+    Parameters
+    ----------
+    format : {"json", "urdf", "mjcf", "c", "casadi"}
+        Format of the file.
+    nearest : bool
+        For urdf and mjcf: where no bodies that can exist have the identified parameters, write the nearest that can.
+    anyway : bool
+        Whether a model whose error says that it is not to be used is written, too.
+    """
 
     format: ExportFormat = declare_field("What the model is to be written as", default="json", kinds=FORMATS)
     nearest: bool = declare_field(

@@ -15,6 +15,7 @@ _LONGEST = 40
 
 def make_slug(name: str) -> str:
     """Return the name in characters for file names and identifiers: lower case letters, digits, underscores."""
+    # A name of other letters alone leaves nothing; the file still needs one.
     words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:_LONGEST].strip("_")
     return words or "robot"
 

@@ -37,17 +37,19 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     nearest : bool
         If no bodies that can exist have the identified parameters, write the nearest that can.
 
     Returns
     -------
     ExportedFile
+        The file, with notes on what it could not hold.
 
     Raises
     ------
     DynidentError
-        As `complete` does.
+        As `complete_parameters` does.
     """
     links = FeasibleLinks.from_model(identification, HELD_ROLES, nearest=nearest, rotors_in_links=True)
     robot = links.robot
@@ -56,6 +58,7 @@ def to_urdf(identification: Identification, *, nearest: bool = False) -> Exporte
     tree = _EditedUrdf(text, robot.locked_joints)
     for j, joint in enumerate(robot.tree.joints):
         moving = tree.get_child(joint.name)
+        # The inertia of all links that move as one body was identified together, and stands in the moving one.
         for name in tree.list_fixed_links(moving):
             tree.set_inertial(name, None)
         inertial = links.standard.inertias[j]
@@ -96,6 +99,7 @@ class _EditedUrdf:
     def __init__(self, text: str, locked: Mapping[str, float]) -> None:
         # The text is decoded already: its declaration may name another encoding, and would mislead the parser.
         declared = re.sub(r"^\ufeff?\s*<\?xml[^>]*\?>", "", text)
+        # The standard library's DOM keeps comments, order and unknown elements, which a parser of URDF would drop.
         self._document = minidom.parseString(declared.strip().encode(errors="replace"))
         self._root = _get_root(self._document)
         self._joints = {joint.getAttribute("name"): joint for joint in self._list_children(self._root, "joint")}
@@ -140,6 +144,7 @@ class _EditedUrdf:
             joint = self._joints[name]
             if joint.getAttribute("type") == "fixed":
                 continue
+            # A fixed joint has no motion: the position at which it was locked goes into its origin.
             placement = self._read_placement(joint) * self._read_motion(joint, value)
             self._remove(joint, (*_ONLY_WHERE_MOVING, "origin"))
             joint.setAttribute("type", "fixed")

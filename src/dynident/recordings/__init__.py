@@ -45,5 +45,5 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    # What can be asked is declared in this room, too: who reads that does not wait for what answers it.
+    # Requests are declared in this package, too. Loading names lazily lets code that only reads requests start fast.
     __getattr__ = make_lazy_getattr(__name__)

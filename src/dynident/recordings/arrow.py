@@ -32,6 +32,7 @@ def to_csv(table: pa.Table, *, header: bool = True) -> bytes:
     Parameters
     ----------
     table : pyarrow.Table
+        The columns to write.
     header : bool
         Whether the names of the columns come first.
 
@@ -76,10 +77,12 @@ def open_parquet_stream(path: Path) -> pq.ParquetFile:
     Parameters
     ----------
     path : path
+        Where the file lies.
 
     Returns
     -------
     pyarrow.parquet.ParquetFile
+        The open file, to be closed by the caller.
     """
     return pq.ParquetFile(path, pre_buffer=False, buffer_size=READ_BYTES)
 

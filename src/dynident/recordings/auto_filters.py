@@ -78,6 +78,7 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     Parameters
     ----------
     recordings : sequence of Recording
+        Recordings that are identified together.
 
     Returns
     -------
@@ -124,6 +125,7 @@ def find_motion_band(recordings: Sequence[Recording]) -> float:
     Parameters
     ----------
     recordings : sequence of Recording
+        Recordings that are identified together.
 
     Returns
     -------
@@ -148,10 +150,12 @@ def preprocessing_from_request(
     request : mapping, "auto" or None
         Any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None leave all open.
     recordings : sequence of Recording
+        Recordings that are identified together.
 
     Returns
     -------
     Preprocessing
+        All four values, with the reasons for those that were chosen.
 
     Raises
     ------
@@ -180,6 +184,7 @@ def preprocessing_from_request(
     if "decimation" in fields:
         preprocessing = replace(preprocessing, decimation=int(fields["decimation"] or 0))
     else:
+        # The cut-offs have to be possible at this rate before a decimation is computed from them.
         preprocessing.check_against(rate)
         preprocessing = _add_decimation(preprocessing, rate)
     named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in fields.items())
@@ -235,6 +240,8 @@ def _find_bands(averages: Spectra) -> _Bands:
     # The motion's own power, without that of the noise.
     power = np.maximum(averages.velocity - noise, 0.0)
     moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
+    # The strongest frequency of all joints stands in for the base frequency of a periodic motion. The lowest three hold
+    # what the taper leaks from zero.
     reach = LINES_APART * float(averages.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
     slow = power[averages.frequency <= reach].sum(axis=0)
     for joint in moving:
@@ -247,6 +254,7 @@ def _find_bands(averages: Spectra) -> _Bands:
             continue
         below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
         motion.append(averages.frequency[int(np.searchsorted(below, MOTION_SHARE))])
+        # The motion's own acceleration, inside its band: the measure of the noise that follows.
         own = float((power[:band, joint] * gain[:band, 0]).sum())
         # Noise in the acceleration, up to each frequency: its density grows with the fourth power of the frequency.
         spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
@@ -259,6 +267,7 @@ def _find_bands(averages: Spectra) -> _Bands:
             pointer="/preprocessing",
             title="No motion",
         )
+    # The median over the joints: one joint that vibrates, or one coarse encoder, does not decide for all.
     band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
     return _Bands(band, noise_at, float(np.median(rms)), little_at)
 
@@ -282,6 +291,7 @@ def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, 
     own = power - noise
     end = int(sunk[0])
     while True:
+        # Cross one gap after another, as long as what lies behind it holds a share of the power that counts.
         lines = risen[(risen > end) & (frequency[risen] <= frequency[end] + reach)]
         if own[lines].sum() <= (1.0 - MOTION_SHARE) * max(own[:end].sum(), 0.0) or not len(lines):
             return end

@@ -29,19 +29,24 @@ def run_checks(
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     sample : RawSample
         Raw rows from all over the recording.
     layout : Layout
-    limits : one a joint
+        The columns of the file, matched with the joints.
+    limits : tuple of JointLimits
+        Limits of the n joints, as far as they are known.
     earlier_checks : tuple of Check
         Made while the file was read: time, columns, conditioning.
     metadata : RecordingMetadata
+        What the user says of the file.
     against : ModelChecks, optional
         What a model of the robot says of order and signs of the columns.
 
     Returns
     -------
     tuple of Check
+        All checks, the earlier ones first.
 
     Raises
     ------
@@ -54,6 +59,8 @@ def run_checks(
     # Wrong units would only make the evidence of torque against motion misleading.
     if not any(check.status == "error" for check in _mark_accepted(checks, accept)):
         checks += check_torque(recording, sample, layout, limits, against)
+    # A check sees the recording as it was read: its cure is put in terms of the file, whose order and signs may be
+    # stated already.
     final_checks = adapt_cures(_mark_accepted(checks, accept), metadata, recording.joint_names)
     wrong = [check for check in final_checks if check.status == "error"]
     if wrong:

@@ -19,7 +19,17 @@ NOT_RECORDED = "none"
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the file: ours = factor x theirs + offset."""
+    """One column of the file, and its conversion: ours = factor x theirs + offset.
+
+    Parameters
+    ----------
+    source : str
+        The file's name of the column.
+    factor : float
+        Factor to our unit, with sign, scale and drive gain.
+    offset : float
+        What is added after the factor, in our unit.
+    """
 
     source: str
     factor: float = 1.0
@@ -27,6 +37,7 @@ class Column:
 
     def convert(self, values: FloatArray) -> FloatArray:
         """Return the values in SI units (temperature in degC)."""
+        # Most columns are in SI units already: these are not copied.
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
@@ -36,9 +47,22 @@ class Column:
 class Layout:
     """The columns that are read: one of q and tau per joint, the optional kinds for all joints or for none.
 
-    `wrench` are the six of the base's reaction, or none. `mixing` (n, n): what the columns of tau are multiplied by
-    from the right where motors act on several joints. `without_torque` are the joints, from 0, whose torque was not
-    recorded; it is read as zero.
+    Parameters
+    ----------
+    t : Column
+        The time.
+    segment : Column or None
+        Numbers that tell runs apart.
+    q, tau : tuple of Column
+        Positions and torques of the n joints.
+    dq, ddq, q_command, temperature : tuple of Column
+        Optional signals of the n joints; empty if there are none.
+    wrench : tuple of Column
+        The six columns of the base's reaction; empty if there are none.
+    mixing : (n, n), optional
+        What the columns of tau are multiplied by from the right, where motors act on several joints.
+    without_torque : tuple of int
+        Indices of the joints whose torque was not recorded; it is read as zero.
     """
 
     t: Column
@@ -89,17 +113,19 @@ def find_columns(
 
     Parameters
     ----------
-    names : the file's columns
+    names : sequence of str
+        The file's columns.
     joints : RecordedJoints
         Joint torque = gain x current [12.17]; a gain is needed only where a joint has no torque column. With motor
         torques τ (gain x current) the joints' are couplingᵀ τ; torque columns are joint torques.
     metadata : RecordingMetadata
-        `columns` and `units` are used.
+        What the user says of the file, of which `columns`, `units`, `permutation`, `signs` and `scale` are used.
 
     Returns
     -------
-    Layout
-    Check
+    layout : Layout
+        The columns of all signals, with their conversion to SI.
+    check : Check
         Says what torque is made from.
 
     Raises
@@ -117,6 +143,7 @@ def find_columns(
             without_torque.append(joint)
             continue
         torque, current = finder.find("tau", joint), finder.find("current", joint)
+        # A torque that the file holds goes before one that is computed from the current.
         if torque is not None:
             tau.append(torque)
             unused += [current.source] if current is not None else []
@@ -161,6 +188,7 @@ def _convert_current(current: Column, joint_name: str, gain: float | None) -> Co
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
         )
+    # The gain acts on the current in A: factor and offset of its unit come before it.
     return Column(current.source, current.factor * gain, current.offset * gain)
 
 
@@ -177,18 +205,22 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
 
     Parameters
     ----------
-    names : the file's columns
+    names : sequence of str
+        The file's columns.
     n : int
         Number of the robot's joints.
     metadata : RecordingMetadata
+        What the user says of the file.
 
     Returns
     -------
     Check or None
+        A warning that names the columns; None if there are no more than the robot's.
     """
     mapped = {name.casefold() for name in metadata.columns.values()}
     unmapped = {name.casefold(): name for name in names if name.casefold() not in mapped}
     surplus = [unmapped[name] for name in (f"q{n + 1}", f"tau{n + 1}", f"current{n + 1}") if name in unmapped]
+    # One such column alone may be anything; two of one number are a joint.
     if len(surplus) < 2:
         return None
     return Check(
@@ -243,6 +275,7 @@ class _ColumnFinder:
         joint_kind: JointKind | None = None if source_joint is None else self.limits[source_joint].kind
         unit, key = find_unit(self.metadata.units, kind, ours)
         factor, offset = find_conversion(kind, joint_kind, unit, key)
+        # Sign and scale act on the offset of a unit, too: they come after its conversion.
         times = 1.0 if joint is None else self.arrangement.factor(kind, joint)
         return Column(source, factor * times, offset * times)
 
@@ -250,6 +283,7 @@ class _ColumnFinder:
         """Return whether the user says that the torque of a joint was not recorded."""
         source_joint = self.arrangement.find_source_joint("tau", joint)
         ours = (f"tau_{self.joint_names[source_joint]}", f"tau{source_joint + 1}")
+        # A column of the file may have that word for its name: then the column is meant.
         return self._find_source(ours) == NOT_RECORDED and NOT_RECORDED not in self.names
 
     def find_needed(self, kind: str, joint: int | None) -> Column:
@@ -329,6 +363,7 @@ class _ColumnFinder:
         """Return the advice for a joint without such a column: it stands, or its torque was not recorded."""
         lock = f', or lock the joint if it does not move ("locked_joints": {{"{self.joint_names[joint]}": 0}}).'
         others = (self.find(other, k) for other in ("tau", "current") for k in range(len(self.joint_names)))
+        # Where no joint has a torque it is the kind of column that is missing, and not this joint's.
         if kind != "tau" or not any(others):
             return lock
         mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
@@ -342,6 +377,7 @@ class _ColumnFinder:
         for name in ours:
             if name in self.names:
                 return name
+        # In reverse: of names that differ in upper and lower case only, the first one is found.
         folded = {name.casefold(): name for name in reversed(self.names)}
         return next((folded[name.casefold()] for name in ours if name.casefold() in folded), None)
 

@@ -38,7 +38,10 @@ def find_sole_mover(dq: FloatArray, ddq: FloatArray) -> IntArray:
     fastest = speed[rows, first]
     others = speed.copy()
     others[rows, first] = 0.0
+    # A joint that is held shows noise at any speed, and gives way the more, the faster the other one moves. A robot of
+    # one joint has no others: it counts as alone.
     alone = others.max(axis=1, initial=0.0) <= np.maximum(_STILL, _STILL_SHARE * fastest)
+    # As a product: the acceleration of a joint at rest may be zero.
     steady = np.abs(ddq[rows, first]) * _DOUBLING <= fastest
     is_sole: BoolArray = alone & steady & (fastest >= _SLOWEST)
     return np.where(is_sole, first, -1).astype(np.int64)

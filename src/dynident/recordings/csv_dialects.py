@@ -70,6 +70,7 @@ def detect_dialect(start: bytes) -> Dialect:
     Returns
     -------
     Dialect
+        What is needed to read the file.
 
     Raises
     ------
@@ -101,6 +102,7 @@ def detect_dialect(start: bytes) -> Dialect:
     if repeated:
         raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
     rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
+    # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
     return Dialect(
         delimiter,
@@ -265,6 +267,7 @@ def _is_aligned(lines: list[str]) -> bool:
 def _detect_number_format(lines: list[str]) -> tuple[str, bool]:
     """Return separator and decimal comma of a file of numbers alone."""
     text = lines[0]
+    # Separators that no number contains come first. A space is one only without commas behind cells; else the comma is.
     for delimiter in ";\t|":
         if delimiter in text:
             return delimiter, "," in text
@@ -283,6 +286,7 @@ def _name_message_columns(lines: Sequence[str], delimiter: str) -> tuple[str, ..
     if len(rows) < 2 or len(rows[0]) != len(rows[1]):
         return None
     words = [[None if _is_number(cell) else cell for cell in row] for row in rows]
+    # Names of joints are the same in every row, and there are fewer of them than of numbers.
     if words[0] != words[1] or sum(map(bool, words[0])) * 2 > len(words[0]):
         return None
     places = [place for place, cell in enumerate(words[0]) if cell]

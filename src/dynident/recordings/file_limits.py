@@ -55,7 +55,20 @@ def check_columns(number: int) -> None:
 
 
 def check_chunk(size: int, where: str) -> None:
-    """Refuse a part of a file that unpacks to more at once than loggers write."""
+    """Refuse a part of a file that unpacks to more at once than loggers write.
+
+    Parameters
+    ----------
+    size : int
+        Bytes that the part unpacks to.
+    where : str
+        Which part it is, for the message.
+
+    Raises
+    ------
+    RecordingError
+        For a part of more than `LARGEST_CHUNK` bytes.
+    """
     if size > LARGEST_CHUNK:
         raise RecordingError(
             f"{where} unpacks to {size / 2**20:.0f} MB at once; at most {LARGEST_CHUNK >> 20} MB are read. Write the "
@@ -65,7 +78,22 @@ def check_chunk(size: int, where: str) -> None:
 
 
 def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> None:
-    """Refuse a file whose content is many times larger than the file, and than `smallest` bytes."""
+    """Refuse a file whose content is many times larger than the file, and than `smallest` bytes.
+
+    Parameters
+    ----------
+    size : int
+        Bytes that the file unpacks to.
+    file_size : int
+        Bytes of the file as it is stored.
+    smallest : int, optional
+        Bytes to which any file may unpack; `MOST_UNPACKED` where not given.
+
+    Raises
+    ------
+    RecordingError
+        For a file that unpacks to more.
+    """
     most = max(MOST_UNPACKED if smallest is None else smallest, MOST_TIMES * file_size)
     if size > most:
         raise RecordingError(
@@ -77,6 +105,7 @@ def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> No
 
 def choose_block_rows(columns: int) -> int:
     """Return how many rows are read at once of a file with so many columns."""
+    # A wide file has shorter blocks: it is the number of values that takes memory.
     return max(1, min(BLOCK_ROWS, BLOCK_VALUES // max(columns, 1)))
 
 
@@ -86,6 +115,7 @@ class UnpackedSize:
     Parameters
     ----------
     file_size : int
+        Bytes of the file as it is stored.
     smallest : int, optional
         Bytes to which any file may unpack; `MOST_UNPACKED` where not given.
     """

@@ -82,6 +82,7 @@ class FileSource:
     def _read(self, layout: Layout, columns: tuple[str, ...]) -> Iterator[RawRows]:
         sources = [layout.t.source, *([layout.segment.source] if layout.segment else []), *columns]
         first = 0
+        # A column may serve two signals, and is read once.
         for batch in self._batches(list(dict.fromkeys(sources))):
             t = layout.t.convert(to_float_column(batch, layout.t.source, first))
             segment = np.zeros(len(t), dtype=np.int64)
@@ -120,9 +121,11 @@ def to_float_column(batch: pa.RecordBatch, name: str, first_row: int) -> FloatAr
     Parameters
     ----------
     batch : pyarrow.RecordBatch
+        Rows of the file.
     name : str
+        Name of the column.
     first_row : int
-        Of the batch, for the message of an error.
+        Data row of the file, from 0, with which the batch begins; for the message of an error.
 
     Returns
     -------

@@ -45,11 +45,14 @@ def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
     Parameters
     ----------
     layout : Layout
+        The columns of the file, matched with the joints.
     file : FileSource
+        The user's file.
 
     Returns
     -------
     Layout
+        The same columns, the empty torques among them as not recorded.
     """
     if layout.mixing is not None:
         return layout
@@ -60,6 +63,7 @@ def mark_empty_torques(layout: Layout, file: FileSource) -> Layout:
         # As a rule the first rows show that every torque was recorded.
         if holds_numbers.all():
             return layout
+    # Without any torque nothing is gained by marking: the rows are refused when they are read.
     if not holds_numbers.any():
         return layout
     tau = tuple(
@@ -105,19 +109,25 @@ def import_recording(
 
     Parameters
     ----------
-    source_path, destination_path : path
+    source_path : path
+        Where the user's file lies; the files of one recording are joined by +.
+    destination_path : path
+        Where the canonical Parquet file is to lie.
     joints : RecordedJoints
         What the columns are of.
     metadata : RecordingMetadata, optional
-        What is known of the file.
+        What the user says of the file.
     against : ModelChecks, optional
         What a model of the robot says of order and signs of the columns; without it friction alone tells.
     progress : Progress
+        Called with the share that is done and a few words.
 
     Returns
     -------
-    Recording, tuple of Check
-        The checks say what was found, the doubtful as warnings.
+    recording : Recording
+        The stored recording; its rows stay in the file.
+    checks : tuple of Check
+        What was found, the doubtful as warnings.
 
     Raises
     ------
@@ -129,6 +139,7 @@ def import_recording(
     joint_names = tuple(joints.names)
     file = open_source(Path(source_path), metadata.format, metadata.rate)
     layout, torque_source = find_columns(file.names, joints, metadata)
+    # A torque column without any number would leave out every row: it counts as not recorded instead.
     layout = mark_empty_torques(layout, file)
     source = RestartingSource(file)
     destination = Path(destination_path)
@@ -169,6 +180,7 @@ def import_recording(
                 has_command=bool(layout.q_command),
                 joints_without_torque=tuple(joint_names[joint] for joint in layout.without_torque),
             )
+            # The description stands behind the rows, because the segments are known only after the last of them.
             sink.describe(recording)
         surplus = check_surplus_columns(file.names, joints.n, metadata)
         findings = [
@@ -183,10 +195,13 @@ def import_recording(
         else:
             checks = (*findings, *report_poses(poses, base))
         progress(1.0, "stored")
+        # In one step: nobody ever sees a file that is written half.
         os.replace(temporary, destination)
+    # An interrupt leaves no unfinished file behind, either.
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    # The file has another name now, by which its rows are found from here on.
     return replace(recording, source=_open_stored(destination, joint_names, layout), path=destination), checks
 
 
@@ -202,11 +217,11 @@ class FurtherColumns:
     Parameters
     ----------
     temperature : (m, n), optional
-        degC.
+        Temperatures of the joints in degC.
     wrench : (m, 6), optional
         Force in N and moment in N m of the base on the robot, in the base frame.
     command : (m, n), optional
-        The positions that the robot was told to take, in rad or m.
+        Positions that the robot was told to take, in rad or m.
     """
 
     temperature: FloatArray | None = None
@@ -232,20 +247,27 @@ def recording_from_arrays(
 
     Parameters
     ----------
-    t : (m,) in s
-    q, tau : (m, n) in rad or m, and in N m or N
-    joint_names : one a joint
+    t : (m,)
+        Times in s.
+    q : (m, n)
+        Positions in rad or m.
+    tau : (m, n)
+        Torques in N m, or forces in N.
+    joint_names : sequence of str
+        Names of the n joints, in the robot's order.
     further : FurtherColumns, optional
         What was recorded beside positions and torques.
-    segment : (m,) integers, optional
-        Tells separate runs apart.
+    segment : (m,) of int, optional
+        Number of the run that each row belongs to; nothing is filtered across their ends.
     windows : pairs (from, to), optional
-        Seconds of t to use.
+        Seconds of t to use; empty: all of them.
     name : str
+        What the recording is called.
 
     Returns
     -------
     Recording
+        The recording, evenly sampled within each segment.
 
     Raises
     ------
@@ -287,11 +309,16 @@ def condition_arrays(
 
     Parameters
     ----------
-    t : (m,) in s
-    q, tau : (m, n) in rad or m, and in N m or N
+    t : (m,)
+        Times in s.
+    q : (m, n)
+        Positions in rad or m.
+    tau : (m, n)
+        Torques in N m, or forces in N.
     joints : RecordedJoints
-    segment : (m,) integers, optional
-        Tells separate runs apart.
+        The joints and what is known of them.
+    segment : (m,) of int, optional
+        Number of the run that each row belongs to.
 
     Returns
     -------
@@ -346,6 +373,7 @@ def _convert_rows(
     blocks = source.rows(layout)
     for rows in blocks if conditioning is None else conditioning.condition(blocks):
         if conditioning is not None:
+            # Only what is conditioned is checked afterwards, for which the sample is taken.
             collector.feed(rows, is_inside_windows(rows.t, metadata.windows))
         for values in segmenter.push(rows):
             sink.write(values)

@@ -37,6 +37,7 @@ def list_columns(path: Path, schema: pa.Schema) -> dict[str, int]:
         first = next(file.iter_batches(1, columns=names, use_threads=False), None)
     if first is None:
         return {}
+    # The first list stands for all: a joint has its place in every row.
     lengths = {name: pc.list_value_length(first.column(name))[0].as_py() or 0 for name in names}
     return {name: length for name, length in lengths.items() if 0 < length <= _LONGEST}
 
@@ -100,6 +101,7 @@ def make_counted_names(name: str, length: int) -> tuple[str, ...]:
 
 def _read_stated_names(path: Path) -> dict[tuple[str, int], tuple[str, ...]]:
     """Return the names of a data set's lists, by column and length; none if the file lies in no data set."""
+    # A data set lies in folders of its own: its description is looked for in the nearest ones above the file.
     about = next(
         (candidate for folder in path.absolute().parents[:_DEEPEST] if (candidate := folder / _ABOUT).is_file()), None
     )

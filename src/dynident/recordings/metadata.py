@@ -70,15 +70,48 @@ ACCEPTED = " (Accepted.)"
 class RecordingMetadata:
     """What the user says about a file.
 
-    Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment"
-    and "t"; columns are ours ("q3", "q_elbow", "base_fx"). Units are SI where nothing is said, of temperatures degC;
-    "counts:4096" are counts of an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048. A torque that was not
-    recorded is the column "none".
-    Columns and units are told before `permutation` ({"tau": (2, 1, 3)}), `signs` and `scale`, in which "q2" or
-    "q_<joint>" means one joint and "q" all of them. `windows` and `exclude` are pairs (from, to) in s; `torque_delay`:
-    the torque is read so much later than the positions of its row. `payload` is kept as it came. What checks in
-    `accept` find is told as warnings, whatever it is: the user knows better. Steps of conditioning in `skip`
-    are not taken.
+    Kinds of signals are "q", "q_command", "dq", "ddq", "tau", "current", "temperature", "base_force", "base_moment" and
+    "t"; columns are ours ("q3", "q_elbow", "base_fx"). Columns and units are applied before the permutation, the signs
+    and
+    the scale.
+
+    Parameters
+    ----------
+    name : str
+        What the recording is called.
+    format : str, optional
+        Format of the file; told from its first bytes where not given.
+    columns : mapping of str to str
+        The file's name of a column by ours. A torque that was not recorded is the column "none".
+    units : mapping of str to str
+        Units by kind of signal or by column; SI where nothing is said, degC of temperatures. "counts:4096" are counts
+        of
+        an encoder, 4096 a turn, "counts:4096@2048" with zero at 2048.
+    role : str, optional
+        What the recording is for: identification, validation, friction or payload.
+    windows : pairs (from, to)
+        Seconds of t to use; empty: all of them.
+    payload : mapping, optional
+        The known load, kept as it came.
+    torque_delay : float
+        Seconds by which the torque of a row is read later than its positions.
+    accept : tuple of str
+        Names of checks whose errors count as warnings: the user knows better.
+    skip : tuple of str
+        Steps of conditioning that are not taken.
+    permutation : mapping of str to tuple of int
+        By "q" or "tau": at place k the number, from 1, of the column that is joint k's, such as {"tau": (2, 1, 3)}.
+    signs : mapping of str to float
+        Sign, 1 or -1, by which positions or torques are multiplied; "q2" or "q_<joint>" means one joint and "q" all of
+        them.
+    scale : mapping of str to float
+        Positive factors of positions or torques, by the same keys.
+    exclude : pairs (from, to)
+        Seconds of t to leave out.
+    effort_kind : str, optional
+        What the torque or current columns hold; kinds that are no measurement are refused (`NO_MEASUREMENT`).
+    rate : float, optional
+        Rows a second in Hz, evenly spaced, of a file without time.
 
     Raises
     ------
@@ -192,7 +225,34 @@ class Revision:
     """What is to be said of a file from now on; None, or an empty mapping: as before.
 
     Mappings are merged with what was said, key by key; the rest replaces it. The fields mean what they mean in
-    `RecordingMetadata`. `windows` and `exclude` may be empty: all of it, nothing.
+    `RecordingMetadata`.
+
+    Parameters
+    ----------
+    windows : pairs (from, to), optional
+        Seconds of t to use; empty: all of them.
+    exclude : pairs (from, to), optional
+        Seconds of t to leave out; empty: none.
+    columns : mapping of str to str
+        The file's name of a column by ours.
+    units : mapping of str to str
+        Units by kind of signal or by column.
+    permutation : mapping of str to tuple of int
+        By "q" or "tau": at place k the number, from 1, of the column that is joint k's.
+    signs : mapping of str to float
+        Sign, 1 or -1, by which positions or torques are multiplied.
+    scale : mapping of str to float
+        Positive factors of positions or torques.
+    torque_delay : float, optional
+        Seconds by which the torque of a row is read later than its positions.
+    role : str, optional
+        What the recording is for.
+    skip : tuple of str, optional
+        Steps of conditioning that are not taken.
+    name : str, optional
+        What the recording is called.
+    rate : float, optional
+        Rows a second in Hz, evenly spaced, of a file without time.
     """
 
     windows: Windows | None = redeclare_field(RecordingMetadata, "windows", default=None)
@@ -246,9 +306,24 @@ class Revision:
 class Check:
     """One thing that was looked at in a recording, what was found, and what to do about it.
 
-    `column` names the column of the user's file, `row` counts its data rows from 1, `time` is in seconds of t; each
-    is empty or `None` where the finding has no single place. `rows` are those of several columns.
-    `apply` is what would have to be said of the file instead, where that is known.
+    Parameters
+    ----------
+    name : str
+        Name of the check, which the user gives to accept its finding.
+    status : "ok", "warning" or "error"
+        Whether the recording may be used; an error stops the import.
+    detail : str
+        The sentence for the user: what was found, where, and what to do.
+    column : str
+        The column of the user's file; empty where the finding is about several.
+    row : int, optional
+        Data row of the file, counted from 1; None where the finding has no single place.
+    time : float, optional
+        Seconds of t; None where the finding has no single place.
+    apply : Revision, optional
+        What would have to be said of the file instead, where that is known.
+    rows : mapping of str to tuple of int
+        Data rows, counted from 1, by column, where the finding is about several.
     """
 
     name: str
@@ -267,7 +342,23 @@ class Check:
 
 
 class RecordingError(DynidentError):
-    """A recording that cannot be used as it is. `pointer` names the column; `checks` holds all that was found."""
+    """A recording that cannot be used as it is.
+
+    Parameters
+    ----------
+    detail : str
+        The sentence for the user.
+    pointer : str
+        The place: a column of the file ("q3"), a JSON pointer into the request ("/windows/0"), or "".
+    title : str
+        A few words for the kind of problem, the same for every instance of it.
+    row : int, optional
+        Data row of the file, counted from 1.
+    time : float, optional
+        Seconds of t.
+    checks : tuple of Check
+        All that was found up to the error.
+    """
 
     def __init__(
         self,

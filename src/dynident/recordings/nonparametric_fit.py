@@ -44,7 +44,15 @@ _RANK = 1e-10
 
 
 class Shiftable(NamedTuple):
-    """One contiguous part of the torque (a spline over time) and the times of its rows."""
+    """One contiguous part of the torque, which can be read at other times than those of its rows.
+
+    Parameters
+    ----------
+    torque : CubicSpline
+        Torques of all joints over time.
+    t : (m,)
+        Times of its rows in s.
+    """
 
     torque: CubicSpline
     t: FloatArray
@@ -52,12 +60,29 @@ class Shiftable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TorqueEvidence:
-    """Decimated rows in order: smooth (r, k), friction (r, n, 3), tau (r, n), steady, held (r, n), block (r,).
+    """Decimated rows of motion and torque, in the order of time.
 
-    `smooth` holds 1, sines and cosines of q, products of neighbours', those of the sum of three, and last q̈ (n
-    columns); `friction` the velocity, a rounded sign of it and the sign; `steady` is true clear of a joint's reversals,
-    `held` where it stands, so that friction has no sign; `moving` (n,) are joints that move at all;
-    `series` gives the same rows' torque at other times, `resolution` the step in s that tells such shifts apart.
+    Parameters
+    ----------
+    smooth : (r, k)
+        Functions of the motion that are smooth: 1, sines and cosines of q, products of neighbours', those of the sum of
+        three angles, and last q̈ (n columns).
+    friction : (r, n, 3)
+        Of each joint the velocity, a rounded sign of it, and the sign.
+    tau : (r, n)
+        Torques in N m, or forces in N.
+    steady : (r, n) of bool
+        True clear of a joint's reversals.
+    held : (r, n) of bool
+        True where a joint stands, so that its friction has no sign.
+    block : (r,) of int
+        Number of the block of time that the row belongs to, for the jackknife.
+    moving : (n,) of bool
+        Joints that move at all.
+    series : tuple of Shiftable
+        Torque of the same rows at other times.
+    resolution : float
+        Step in s that tells such shifts apart.
     """
 
     smooth: FloatArray
@@ -72,10 +97,14 @@ class TorqueEvidence:
 
 
 class Direction(NamedTuple):
-    """How a joint's torque goes with its own motion, each figure over its standard error.
+    """How a joint's torque goes with its own motion; both figures are positive in every machine.
 
-    `friction`: the power that its own friction takes; `inertia`: the slope against its own acceleration. Both are
-    positive in every machine.
+    Parameters
+    ----------
+    friction : float
+        Power that its own friction takes, over its standard error.
+    inertia : float
+        Slope of its torque against its own acceleration, over its standard error.
     """
 
     friction: float
@@ -83,7 +112,17 @@ class Direction(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """Time by which all torques are late against motion in s (negative: early), standard error, gain in fit."""
+    """How late all torques are against the motion.
+
+    Parameters
+    ----------
+    seconds : float
+        Time in s by which they are late; negative: early.
+    error : float
+        Its standard error in s.
+    gain : float
+        Share by which the squared residual falls at this shift.
+    """
 
     seconds: float
     error: float
@@ -96,16 +135,18 @@ def gather_evidence(recording: Recording) -> TorqueEvidence | None:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
-    Evidence or None
+    TorqueEvidence or None
         None if the recording is too short, or moves too little, to say anything.
     """
     try:
         choice = choose_preprocessing([recording])
     except DynidentError:
         return None
+    # Parts from all over a long recording show as much as all of it, in bounded time and memory.
     stretch = shorten_recording(recording, choice.decimation)
     blocks = [block for block in filtered_blocks(stretch, choice) if block.used.any()]
     if not blocks:
@@ -114,8 +155,11 @@ def gather_evidence(recording: Recording) -> TorqueEvidence | None:
     moving: BoolArray = speed > 1e-3 * speed.max()
     if not moving.any():
         return None
+    # The sign of a velocity is rounded over a tenth of the joint's rms speed. Time is resolved in 6 % of the shortest
+    # period that the filter lets through.
     runs = _filter_blocks(blocks, np.maximum(0.1 * speed, 1e-12), find_phases(stretch), recording.sampling_rate, choice)
     evidence = _arrange_evidence(runs, recording.n, moving, 0.06 / (choice.torque_cutoff or 5.0)) if runs else None
+    # A fit with hardly more rows than columns explains any torque.
     if evidence is None or len(evidence.tau) < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
         return None
     return evidence
@@ -126,8 +170,10 @@ def measure_direction(evidence: TorqueEvidence, joint: int) -> Direction:
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : TorqueEvidence
+        Decimated rows of motion and torque.
     joint : int
+        Index of the joint.
 
     Returns
     -------
@@ -164,7 +210,8 @@ def measure_ownership(evidence: TorqueEvidence) -> FloatArray:
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : TorqueEvidence
+        Decimated rows of motion and torque.
 
     Returns
     -------
@@ -174,6 +221,7 @@ def measure_ownership(evidence: TorqueEvidence) -> FloatArray:
     n = evidence.tau.shape[1]
     shares = np.zeros((n, n))
     basis = orthonormalise(evidence.smooth)
+    # An orthonormal basis makes the projection two products, for all torques at once.
     unexplained = evidence.tau - basis @ (basis.T @ evidence.tau)
     variance = np.maximum(((evidence.tau - evidence.tau.mean(axis=0)) ** 2).sum(axis=0), 1e-300)
     for j in np.flatnonzero(evidence.moving):
@@ -181,6 +229,7 @@ def measure_ownership(evidence: TorqueEvidence) -> FloatArray:
         # What gravity and inertia can explain is taken out of friction, too: only the rest of it is evidence.
         own_friction = own - basis @ (basis.T @ own)
         weights = np.linalg.lstsq(own_friction, unexplained, rcond=1e-9)[0]
+        # The power of the friction torque, summed over all rows: friction takes energy out of the motion.
         dissipates = own[:, 0] @ (own @ weights) > 0.0
         shares[:, j] = np.where(dissipates, ((own_friction @ weights) ** 2).sum(axis=0) / variance, 0.0)
     return shares
@@ -191,7 +240,8 @@ def measure_lag(evidence: TorqueEvidence, *, steady_only: bool) -> Lag | None:
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : TorqueEvidence
+        Decimated rows of motion and torque.
     steady_only : bool
         Whether rows around reversals are left out: there presliding looks like lateness.
 
@@ -208,10 +258,12 @@ def measure_lag(evidence: TorqueEvidence, *, steady_only: bool) -> Lag | None:
         rows = evidence.steady[:, joint] if steady_only else np.ones(len(evidence.tau), dtype=bool)
         if rows.sum() < ROWS_PER_COLUMN * evidence.smooth.shape[1]:
             continue
+        # The motion's columns stay in place and the torque is shifted: one basis then serves all shifts.
         columns = orthonormalise(np.column_stack([evidence.smooth, evidence.friction[:, joint]])[rows])
         shifted = _evaluate_at_shifts(evidence, int(joint), shifts)[rows]
         residual = shifted - columns @ (columns.T @ shifted)
         spread = shifted - shifted.mean(axis=0)
+        # A torque that the motion explains at no shift says nothing of its alignment.
         if (residual**2).sum(axis=0).min() > (1.0 - EXPLAINED) * (spread**2).sum(axis=0).mean():
             continue
         errors = np.zeros_like(curves)
@@ -226,6 +278,7 @@ def measure_lag(evidence: TorqueEvidence, *, steady_only: bool) -> Lag | None:
     if n_counting < 2 or at in (0, len(shifts) - 1):
         return None
     minima = [_find_minimum(total - curves[block], shifts) for block in range(BLOCKS)]
+    # The middle one of the shifts is none: the gain is measured against the log as it is.
     gain = 1.0 - float(total.min()) / max(float(total[len(shifts) // 2]), 1e-300)
     return Lag(_find_minimum(total, shifts), _jackknife_error(minima), gain)
 
@@ -236,6 +289,7 @@ def orthonormalise(columns: FloatArray) -> FloatArray:
     Parameters
     ----------
     columns : (r, k)
+        Columns of any size, none of which need be independent of the others.
 
     Returns
     -------
@@ -252,7 +306,20 @@ def orthonormalise(columns: FloatArray) -> FloatArray:
 
 
 def shorten_recording(recording: Recording, decimation: int) -> Recording:
-    """Return a long recording cut down to evenly spread parts."""
+    """Return a long recording cut down to evenly spread parts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The checked recording.
+    decimation : int
+        Every how many-th row is kept later on: so many times more rows are allowed.
+
+    Returns
+    -------
+    Recording
+        The same recording if it is short enough, else one with shorter segments.
+    """
     allowed = MAX_ROWS * decimation
     if recording.n_samples <= allowed:
         return recording
@@ -307,6 +374,7 @@ def _filter_blocks(
     def close_run() -> None:
         parts.append(parallel.flush())
         run = FilteredRows(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        # A shorter run has no row that could be shifted by the whole span in both directions.
         if len(run.t) > 8 and run.t[-1] - run.t[0] > 2.0 * SPAN:
             runs.append(run)
         parts.clear()
@@ -326,6 +394,7 @@ def _arrange_evidence(runs: list[FilteredRows], n: int, moving: BoolArray, resol
     inside = [run.used & (run.t >= run.t[0] + SPAN) & (run.t <= run.t[-1] - SPAN) for run in runs]
     values = np.concatenate([run.values[keep] for run, keep in zip(runs, inside, strict=True)])
     series = [Shiftable(CubicSpline(r.t, r.values[:, -n:]), r.t[keep]) for r, keep in zip(runs, inside, strict=True)]
+    # The last six groups of n columns, in the order of `_build_columns`; q̈ stays with the smooth ones.
     borders = values.shape[1] - n * np.array([6, 5, 4, 3, 2, 1])
     smooth, speed, rounded, sign, reversal, rests, tau = np.split(values, borders, axis=1)
     return TorqueEvidence(
@@ -364,6 +433,7 @@ def _solve_jackknife(columns: FloatArray, tau: FloatArray, block: IntArray) -> l
     sides = np.array([columns[part].T @ tau[part] for part in parts])
     # A small ridge keeps the normal equations solvable when a block is left out.
     gram, side = grams.sum(axis=0) + 1e-9 * np.eye(columns.shape[1]), sides.sum(axis=0)
+    # Normal equations add up over blocks of rows: leaving one out is a subtraction instead of another fit.
     without = [np.linalg.solve(gram - g, side - s) for g, s in zip(grams, sides, strict=True)]
     return [np.linalg.solve(gram, side), *without]
 
@@ -374,6 +444,8 @@ def _weigh_rows(columns: FloatArray, tau: FloatArray) -> tuple[FloatArray, Float
     for _ in range(4):
         solved = np.linalg.lstsq(columns * weight[:, None], tau * weight, rcond=1e-7)[0]
         off = np.abs(tau - columns @ solved)
+        # Twice the median residual is 1.35 standard deviations of normal noise, where Huber's weights usually begin to
+        # fall. Rows carry the square root of their weight.
         weight = np.sqrt(1.0 / np.maximum(1.0, off / max(2.0 * float(np.median(off)), 1e-300)))
     return columns * weight[:, None], tau * weight
 
@@ -385,6 +457,7 @@ def _divide_by_error(values: list[float]) -> float:
 
 def _jackknife_error(values: list[float]) -> float:
     spread = np.asarray(values) - np.mean(values)
+    # Leaving out one of many blocks changes an estimate little: this factor makes a standard error of such changes.
     return float(np.sqrt((len(values) - 1) / len(values) * (spread**2).sum()))
 
 

@@ -15,7 +15,17 @@ ATTENUATION = 50.0
 
 
 class FilteredRows(NamedTuple):
-    """Decimated rows: values (r, …), their times t (r,), and `used` (r,): every row under the filter was used."""
+    """Rows that are left after filtering and decimation.
+
+    Parameters
+    ----------
+    values : (r, …)
+        Filtered values of the rows.
+    t : (r,)
+        Their times in s.
+    used : (r,) of bool
+        True where every row under the filter was used.
+    """
 
     values: FloatArray
     t: FloatArray
@@ -38,9 +48,11 @@ def low_pass(rate: float, cutoff: float | None) -> FloatArray:
     Returns
     -------
     (2 h + 1,)
+        The taps, symmetric, with the sum 1.
     """
     if cutoff is None:
         return np.ones(1)
+    # A cut-off near the Nyquist frequency leaves less room for the transition.
     half_width = min(0.5 * cutoff, 0.9 * (0.5 * rate - cutoff))
     width = 2.0 * half_width / (0.5 * rate)
     # Kaiser's formula for the length that gives this attenuation outside this transition band.
@@ -97,8 +109,11 @@ class ParallelFilter:
         Parameters
         ----------
         values : (m, …)
+            Rows to filter, all their columns alike.
         t : (m,)
-        used : (m,)
+            Times in s.
+        used : (m,) of bool
+            Which rows lie inside the windows, clear of the segment's ends.
         starts_segment : bool
             Whether the first row begins a new segment: what is left of the previous one comes first in the answer. Call
             `flush` before it to have the two apart.
@@ -106,6 +121,7 @@ class ParallelFilter:
         Returns
         -------
         FilteredRows
+            The output rows that no later row can change.
         """
         if not (len(values) == len(t) == len(used)):
             raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")

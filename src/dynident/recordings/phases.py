@@ -128,8 +128,9 @@ class Phases:
         Parameters
         ----------
         segment : int
+            Index of the segment.
         t : (m,)
-            s.
+            Times in s.
         width : float
             Seconds that a filter smears to either side: rows nearer than that to a halt are part of it.
         after : float
@@ -138,6 +139,7 @@ class Phases:
         Returns
         -------
         (m, n)
+            One of `Phase` for every time and joint.
         """
         out = np.zeros((len(t), len(self.halts[segment])), dtype=np.int8)
         for j, halts in enumerate(self.halts[segment]):
@@ -156,12 +158,14 @@ def compute_smear_width(preprocessing: Preprocessing, rate: float) -> float:
     Parameters
     ----------
     preprocessing : Preprocessing
+        Filters and decimation.
     rate : float
         Sampling rate in Hz.
 
     Returns
     -------
     float
+        Width in s.
     """
     cutoffs = [f for f in (preprocessing.position_cutoff, preprocessing.torque_cutoff) if f is not None]
     # Half a period more, so that rounding does not decide about rows on the border.
@@ -170,7 +174,15 @@ def compute_smear_width(preprocessing: Preprocessing, rate: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhaseShares:
-    """Share (n,) of every joint's time in which it stands, and in which it reverses; in the rest it moves."""
+    """Shares of every joint's time in which it stands and in which it reverses; in the rest it moves.
+
+    Parameters
+    ----------
+    standing : (n,)
+        Share, from 0 to 1, in which the joint stands or sticks.
+    reversing : (n,)
+        Share, from 0 to 1, in which it reverses without sticking.
+    """
 
     standing: FloatArray
     reversing: FloatArray
@@ -193,6 +205,7 @@ def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], 
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     positions : function
         Gives positions (m, n) of these joints from those (m, N) of the recorded ones.
     n : int
@@ -201,6 +214,7 @@ def find_passive_phases(recording: Recording, positions: Callable[[FloatArray], 
     Returns
     -------
     Phases
+        The halts of these joints in every segment.
     """
     return Phases(tuple(_find_halts(recording, k, positions, n) for k in range(len(recording.segments))))
 
@@ -211,10 +225,12 @@ def phase_shares(recording: Recording) -> PhaseShares:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
     PhaseShares
+        The shares of all joints.
     """
     if has_poses(recording):
         return PhaseShares(np.ones(recording.n), np.zeros(recording.n))
@@ -227,6 +243,8 @@ def phase_shares(recording: Recording) -> PhaseShares:
             samples = np.arange(first, min(first + _COUNTED, segment.length), dtype=np.float64)
             t: FloatArray = segment.start_time + samples * recording.period
             t = t[recording.inside_windows(t)]
+            # In blocks: the phases of all samples at once would take much more memory than the halts that they come
+            # from.
             phase_rows = phases.phases_at(k, t, width)
             counts += np.array([(phase_rows == phase).sum(axis=0) for phase in Phase])
             total += len(t)
@@ -291,6 +309,7 @@ def _survey_positions(blocks: Iterator[FloatArray], n: int, rate: float) -> list
         count += len(q)
         last = q[-1:]
         if len(sample) < _SURVEYED:
+            # The first samples of a segment tell its resolution: it is the encoder's, and stays the same.
             sample = np.concatenate([sample, q[: _SURVEYED - len(sample)]])
     return [
         _choose_speed_rule(
@@ -306,6 +325,7 @@ def _choose_speed_rule(sample: FloatArray, count: int, travel: float, rms: float
     slow = min(SLOW, SLOW_SHARE * rms)
     # Three standard deviations of a difference of two positions.
     uncertain = np.sqrt(2.0) * _DEVIATIONS * _measure_resolution(sample)
+    # The noise of a speed is that of two positions over the time between them: coarse positions need more time.
     needed = max(uncertain / max(slow, 1e-12), _SHORTEST_STEP)
     reach = min(max(1, ceil(0.5 * rate * min(needed, _LONGEST_STEP))), (count - 1) // 2)
     return _SpeedRule(True, reach, rate / (2 * reach), max(slow, uncertain * rate / (2 * reach)))
@@ -324,6 +344,8 @@ class _SpeedRuns:
     def push(self, q: FloatArray, first: int, goes_on: bool, path: _SpeedRule, reach: int) -> None:
         """Take positions (m,) from sample `first` on; of a run that goes on, 2 reach + 1 are known already."""
         speed = (q[2 * path.reach :] - q[: -2 * path.reach]) * path.factor
+        # All joints hold back as many rows as the one with the longest reach needs. A joint with a shorter reach has
+        # seen the first of these speeds already.
         new = 2 * reach + 1 - 2 * path.reach if goes_on else 0
         speed, start = speed[new:], first + new + path.reach
         if not len(speed):

@@ -40,11 +40,12 @@ def are_poses(q: FloatArray) -> bool:
     Parameters
     ----------
     q : (m, n)
-        rad or m.
+        Positions in rad or m.
 
     Returns
     -------
     bool
+        True for poses.
     """
     if len(q) < FEWEST:
         return False
@@ -63,12 +64,15 @@ def has_poses(recording: Recording) -> bool:
 
 def read_poses(source: RawSource, layout: Layout, base: TimeBase) -> RawRows | None:
     """Read a file whose rows are poses; None if they are samples of a motion."""
+    # Rows that are close together are samples of a motion, however slow it is.
     if base.typical <= LONGEST_PERIOD or not FEWEST <= base.n_rows <= MOST_ROWS:
         return None
+    # There are few rows, as was just made sure of: all are held at once.
     blocks = list(source.rows(layout))
     t, segment, values = (
         np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "segment", "values")
     )
+    # A pose needs a position and a torque of every joint. Rows that lack one are left out, and counted in the check.
     is_complete = np.all(are_readings(values[:, layout.needed_columns]), axis=1)
     rows = RawRows(0, t[is_complete], segment[is_complete], values[is_complete])
     return rows if are_poses(rows.values[:, layout.columns_of_kind("q")]) else None
@@ -87,6 +91,7 @@ def read_pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatA
     """Return times (m,), positions and torques (m, n) of the poses inside the windows."""
     blocks = list(recording.source.rows(0, recording.n_samples, recording.n_samples))
     q, tau = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "tau"))
+    # Every row is a segment of its own: the segments' times are those of the rows.
     t = np.array([segment.start_time for segment in recording.segments])
     used = recording.inside_windows(t)
     return t[used], q[used], tau[used]

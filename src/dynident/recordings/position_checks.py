@@ -41,13 +41,18 @@ def check_motion(
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     sample : RawSample
+        Raw rows from all over the recording.
     layout : Layout
-    limits : one a joint
+        The columns of the file, matched with the joints.
+    limits : tuple of JointLimits
+        Limits of the n joints, as far as they are known.
 
     Returns
     -------
     list of Check
+        One check or more of each kind, in a fixed order.
     """
     if sample.used.sum() < 2:
         return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
@@ -185,6 +190,7 @@ def _check_position_unit(
                 None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
             )
         if limit.position is not None and doubtful is None:
+            # Encoders and stated limits do not agree to the last degree.
             slack = 0.02 * (limit.position[1] - limit.position[0])
             if low < limit.position[0] - slack or high > limit.position[1] + slack:
                 doubtful = Check(
@@ -213,9 +219,12 @@ def _has_other_unit(limit: JointLimits, low: float, high: float, rate: float, sm
     if limit.position is not None:
         lower, upper = limit.position
         slack = 0.1 * (upper - lower)
+        # With limits: beyond them as given, inside them in the other unit, and by more than limits that are a little
+        # wrong would explain.
         beyond = low < lower - slack or high > upper + slack
         inside = lower - slack <= low * small and high * small <= upper + slack
         return beyond and inside and max(abs(low), abs(high)) > 2.0 * max(abs(lower), abs(upper))
+    # Without limits: a speed that no joint has, or a range of several turns (of 20 m) that is really moved through.
     fastest = 3.0 * limit.velocity if limit.velocity is not None else (FASTEST if limit.kind == "revolute" else 20.0)
     widest = 8.0 * pi if limit.kind == "revolute" else 20.0
     return rate > fastest or (max(abs(low), abs(high)) > widest and high - low > widest)
@@ -266,6 +275,8 @@ def _find_step(values: FloatArray) -> float:
     if len(levels) < 3 or len(levels) > 0.5 * len(values):
         return 0.0
     gaps = np.diff(levels)
+    # Not the smallest gap itself: rounded digits make some gaps a little smaller than a step, and missing levels make
+    # others twice as large.
     step = float(np.median(gaps[gaps < 1.5 * gaps.min() + 1e-300]))
     whole = gaps / step
     # A grid: all gaps are whole numbers of steps.
@@ -282,6 +293,7 @@ def _check_velocity(recording: Recording, positions: _MeasuredPositions, layout:
             continue
         # The correlation of the logged velocity with the derivative, without means: both are 0 at rest.
         alike = float(logged @ derivative / np.sqrt((logged @ logged) * (derivative @ derivative)))
+        # A column that goes another way than the derivative is another signal, whose unit nobody can tell from it.
         if abs(alike) < 0.7:
             continue
         mismatch = _explain_ratio(

@@ -34,6 +34,8 @@ class ZeroPhase:
 
     def __init__(self, rate: float, cutoff: float, order: int) -> None:
         self._sos = signal.butter(order, cutoff, fs=rate, output="sos")
+        # The state that a constant input of one leaves behind: times the first sample it starts the filter without a
+        # step.
         self._zi = signal.sosfilt_zi(self._sos)[:, :, None]
         poles = signal.butter(order, cutoff, fs=rate, output="zpk")[1]
         # A transient decays by this much (as an exponent) with each sample: by the slowest pole.
@@ -59,7 +61,9 @@ class ZeroPhase:
         Parameters
         ----------
         blocks : iterator of (m, n)
+            Samples of one segment, in order.
         length : int
+            Number of all samples of the segment.
 
         Yields
         ------
@@ -85,11 +89,13 @@ class ZeroPhase:
                 state = self._zi * block_ends[0]
                 if pad:
                     state = signal.sosfilt(self._sos, start, axis=0, zi=state)[1]
+            # The extension of the end needs the last samples, which several short blocks may hold together.
             tail = block if len(block) > pad else np.concatenate([tail, block])[-(pad + 1) :]
             forward, state = signal.sosfilt(self._sos, block, axis=0, zi=state)
             waiting.append(forward)
             n_waiting += len(forward)
             if last:
+                # The same extension behind the last sample. What the filter makes of it is cut off again below.
                 end = 2 * tail[-1] - tail[-2 : -(pad + 2) : -1]
                 if pad:
                     waiting.append(signal.sosfilt(self._sos, end, axis=0, zi=state)[0])
@@ -144,8 +150,10 @@ def filtered_blocks(
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     preprocessing : Preprocessing
-        `position_cutoff` (None: positions are taken as they are) and `filter_order` are used here.
+        Filters and decimation, of which `position_cutoff` (None: positions are taken as they are) and `filter_order`
+        are used here.
     block_length : int
         Longest block to give; memory is bounded by it and by the filter's memory, not by the recording.
     segments : sequence of int or None
@@ -169,12 +177,14 @@ def compute_edge_margin(preprocessing: Preprocessing, rate: float) -> int:
     Parameters
     ----------
     preprocessing : Preprocessing
+        Filters and decimation.
     rate : float
         Sampling rate in Hz.
 
     Returns
     -------
     int
+        Number of samples.
     """
     if preprocessing.position_cutoff is None:
         return _REACH
@@ -190,6 +200,7 @@ def _segment_blocks(
         measured = rows.measured
         for start in range(0, len(rows.q), block_length):
             part = slice(start, min(start + block_length, len(rows.q)))
+            # Times follow from the number of the row: a sum of steps would gather rounding errors.
             numbers = np.arange(done, done + part.stop - part.start, dtype=np.float64)
             t = segment.start_time + numbers * recording.period
             used: BoolArray = (numbers >= margin) & (numbers < segment.length - margin) & recording.inside_windows(t)
@@ -224,6 +235,8 @@ def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: P
         filtered = read_positions()
     else:
         zero_phase = ZeroPhase(recording.sampling_rate, preprocessing.position_cutoff, preprocessing.filter_order)
+        # The backward pass repeats its look-ahead with every run: in runs much shorter than that it would do little
+        # else.
         length = max(length, 2 * zero_phase.lookahead)
         filtered = zero_phase.stream(read_positions(), segment.length)
 
@@ -235,6 +248,7 @@ def _differentiate_rows(recording: Recording, segment: Segment, preprocessing: P
         joined = np.concatenate([held, q])
         last = n_done + len(joined) - (0 if first else _REACH) >= segment.length
         inner = _differentiate(joined, recording.sampling_rate, with_first=first, with_last=last)
+        # Of the four rows that stay two are still to be given; the other two were, and are their left neighbours.
         held = joined[-2 * _REACH :] if len(inner[0]) else joined
         if len(inner[0]):
             n_done += len(inner[0])
@@ -314,6 +328,7 @@ def _take_rows(passing: deque[StoredRows], count: int) -> StoredRows:
     parts: list[StoredRows] = []
     while count:
         rows = passing.popleft()
+        # Filtered rows come in other lengths than the blocks that were read.
         if len(rows.q) > count:
             passing.appendleft(_cut_rows(rows, slice(count, None)))
             rows = _cut_rows(rows, slice(0, count))

@@ -59,6 +59,7 @@ class Preprocessing:
                     f"{name} is {value:g} Hz, but the recording is sampled at {rate:.6g} Hz, so only frequencies below "
                     f"{0.5 * rate:.6g} Hz (Nyquist) are in it.",
                 )
+        # What the filter passes has to lie below half of the rate that decimation leaves.
         decimated = rate / self.decimation
         if self.torque_cutoff is not None and self.decimation > 1 and decimated < 2.0 * self.torque_cutoff:
             raise _impossible_value_error(
@@ -83,6 +84,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     Returns
     -------
     dict
+        Values by field, None for no filter.
 
     Raises
     ------
@@ -105,6 +107,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
             continue
         if value is None and name.endswith("cutoff"):
             values[name] = None
+        # JSON's true would otherwise count as 1, since a bool is an int.
         elif isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
             raise _impossible_value_error(
                 name, f"{name} is {value!r}; give a number" + (" or null." if "cut" in name else ".")

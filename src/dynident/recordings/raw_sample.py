@@ -16,10 +16,22 @@ STRETCHES = 16
 
 @dataclass(frozen=True, eq=False)
 class RawSample:
-    """Raw rows in SI from evenly spread stretches: data row numbers from 1 (m,), t (m,), q, tau (m, n).
+    """Raw rows in SI units from evenly spread stretches of a file.
 
-    `dq` is (m, n), or None where the file gives none; `joined` (m,) is true where a row directly follows the row
-    before it in the file; `used` (m,) is true inside the windows.
+    Parameters
+    ----------
+    row : (m,) of int
+        Data rows of the file, counted from 1.
+    t : (m,)
+        Times in s.
+    q, tau : (m, n)
+        Positions in rad or m, and torques in N m or forces in N.
+    dq : (m, n) or None
+        Velocities in rad/s or m/s; None where the file gives none.
+    joined : (m,) of bool
+        True where a row directly follows the row before it in the file.
+    used : (m,) of bool
+        True inside the windows.
     """
 
     row: IntArray

@@ -27,7 +27,17 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A user's file with its metadata and the joints that its columns are of."""
+    """A user's file with its metadata and the joints that its columns are of.
+
+    Parameters
+    ----------
+    path : path
+        Where the file lies.
+    metadata : RecordingMetadata
+        What the user says of the file.
+    joints : RecordedJoints
+        The joints and what is known of them.
+    """
 
     path: Path
     metadata: RecordingMetadata
@@ -39,11 +49,12 @@ class RecordedSignals:
 
     Parameters
     ----------
-    file : FileOfRobot
-    requested : names
-        q1, tau_<joint>, dq, ddq, q_command, temperature likewise, or the file's own columns, which are given as they
-        stand there; all positions and torques if none is named. Torques of motors that act on several joints are
-        the motors'.
+    file : RobotFile
+        The file, and what is known of it.
+    requested : sequence of str
+        Names of signals: q1, tau_<joint>, dq, ddq, q_command, temperature likewise, or the file's own columns, which
+        are given as they stand there; all positions and torques if none is named. Torques of motors that act on several
+        joints are the motors'.
 
     Raises
     ------
@@ -90,6 +101,7 @@ class RecordedSignals:
         total = self.count(start, end)
         # Each part gives two extremes of every signal at most: so wide that all parts give about `points` rows.
         width = max(1, -(-2 * len(self.names) * total // points))
+        # Parts of one or two rows would keep every row of a single signal: then all rows are given as they are.
         blocks = self.rows(self.names, start, end)
         parts = list(blocks) if width <= 2 else [_find_extremes(part) for part in _split_rows(blocks, width)]
         if not parts:
@@ -116,6 +128,7 @@ def _split_rows(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
         whole = len(both.t) // width * width
         for first in range(0, whole, width):
             yield Rows(both.t[first : first + width], both.values[first : first + width])
+        # Rows that do not fill a part wait for the next block.
         waiting = Rows(both.t[whole:], both.values[whole:])
     if waiting is not None and len(waiting.t):
         yield waiting
@@ -123,6 +136,7 @@ def _split_rows(blocks: Iterator[Rows], width: int) -> Iterator[Rows]:
 
 def _find_extremes(part: Rows) -> Rows:
     """Return the rows in which a signal is largest or smallest."""
+    # NumPy takes NaN for the extreme: a missing sample counts as the opposite of what is looked for.
     low, high = (np.where(np.isnan(part.values), worst, part.values) for worst in (np.inf, -np.inf))
     at: IntArray = np.unique(np.concatenate([low.argmin(axis=0), high.argmax(axis=0)]))
     return Rows(part.t[at], part.values[at])

@@ -21,7 +21,19 @@ _LARGEST_READING = 1e30
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What the checks know of a joint: its kind and, where known, its limits (rad or m, rad/s or m/s, N m or N)."""
+    """What the checks know of a joint: its kind and, where known, its limits.
+
+    Parameters
+    ----------
+    kind : "revolute" or "prismatic"
+        Kind of the joint.
+    position : pair of float, optional
+        Lowest and highest position in rad, or m.
+    velocity : float, optional
+        Largest speed in rad/s, or m/s.
+    effort : float, optional
+        Largest torque in N m, or force in N.
+    """
 
     kind: JointKind = "revolute"
     position: tuple[float, float] | None = None
@@ -35,10 +47,11 @@ class RecordedJoints:
 
     Parameters
     ----------
-    names : names, n of them
-    limits : one a joint, optional
-        What is not given is not checked against; joints then count as revolute.
-    gains : one a joint, optional
+    names : sequence of str
+        Names of the n joints, in the robot's order.
+    limits : sequence of JointLimits, optional
+        Limits of the joints. What is not given is not checked against; joints then count as revolute.
+    gains : sequence of float or None, optional
         Drive gains [12.17] in N m (N) per unit of current, `None` where one is not known.
     coupling : (n, n), optional
         As `dynident.robot.coupling_matrix` gives it, where motors act on several joints.
@@ -91,8 +104,18 @@ class ModelChecks(Protocol):
 class Segment:
     """A run of uniformly sampled rows; nothing is filtered across its ends.
 
-    `first_row` and `length` count rows of the stored recording; row k of the segment was sampled at
-    `start_time` + k / sampling rate. `label` is the value of the user's `segment` column (0 without one).
+    Row k of the segment was sampled at `start_time` + k / sampling rate.
+
+    Parameters
+    ----------
+    first_row : int
+        First of its rows in the stored recording, counted from 0.
+    length : int
+        Number of its rows.
+    start_time : float
+        Time of its first row in s.
+    label : int
+        Value of the user's `segment` column; 0 without one.
     """
 
     first_row: int
@@ -106,10 +129,18 @@ WRENCH_NAMES = ("base_fx", "base_fy", "base_fz", "base_mx", "base_my", "base_mz"
 
 
 class StoredRows(NamedTuple):
-    """Consecutive stored rows in SI units: positions and torques (m, n), temperature (m, n) in degC or None.
+    """Consecutive stored rows in SI units.
 
-    `wrench` (m, 6) or None: force in N, then moment in N m, of the base on the robot. `command` (m, n) or None: the
-    positions that the robot was told to take.
+    Parameters
+    ----------
+    q, tau : (m, n)
+        Positions in rad or m, and torques in N m or forces in N.
+    temperature : (m, n) or None
+        Temperatures of the joints in degC.
+    wrench : (m, 6), optional
+        Force in N, then moment in N m, of the base on the robot.
+    command : (m, n), optional
+        Positions that the robot was told to take, in rad or m.
     """
 
     q: FloatArray
@@ -131,8 +162,34 @@ class SampleSource(Protocol):
 class Recording:
     """A checked recording in SI units and the robot's joint order, uniformly sampled within each segment.
 
-    The torque of `joints_without_torque`, by their names, was not recorded and is stored as zero: their motion counts,
-    their own equation does not.
+    Parameters
+    ----------
+    name : str
+        What the user calls it.
+    joint_names : tuple of str
+        Names of the n joints, in the robot's order.
+    sampling_rate : float
+        Rows a second, in Hz, the same in all segments.
+    segments : tuple of Segment
+        The runs of rows without a gap.
+    source : SampleSource
+        Gives the rows: a canonical file, or arrays.
+    windows : pairs (from, to)
+        Seconds of t to use; empty: all of them.
+    role : str, optional
+        What it is for: identification, validation, friction, payload or poses.
+    payload : mapping, optional
+        The known load as it was stated; None: no load.
+    has_temperature : bool
+        Whether its rows hold temperatures.
+    path : path, optional
+        Where its canonical file lies; None if it is held in memory.
+    has_wrench : bool
+        Whether its rows hold the wrench of the base on the robot.
+    has_command : bool
+        Whether its rows hold commanded positions.
+    joints_without_torque : tuple of str
+        Joints whose torque was not recorded and is stored as zero: their motion counts, their own equation does not.
     """
 
     name: str
@@ -197,6 +254,8 @@ class Recording:
 
     def inside_windows(self, t: FloatArray) -> BoolArray:
         """Return which of the times t (m,) lie in a window; all of them if there is none."""
+        # Ends of windows are decimal numbers and times of samples are computed: rounding must not decide about a sample
+        # on a border.
         return is_inside_windows(t, self.windows, tolerance=1e-6 * self.period)
 
 
@@ -204,9 +263,24 @@ class Recording:
 class SampleBlock:
     """Consecutive samples of one segment after the position filter.
 
-    t (m,) in s; q, dq, ddq, dddq, ddddq (m, n) filtered position and its derivatives; tau (m, n) unfiltered;
-    `used` (m,) is true inside the windows and clear of the segment's ends; temperature (m, n) in degC or None;
-    wrench (m, 6) of the base on the robot, unfiltered, or None.
+    Parameters
+    ----------
+    segment : int
+        Index of the segment.
+    t : (m,)
+        Times in s.
+    q, dq, ddq, dddq, ddddq : (m, n)
+        Filtered positions and their four derivatives, in rad, rad/s and so on, or m, m/s and so on.
+    tau : (m, n)
+        Torques in N m, or forces in N, unfiltered.
+    used : (m,) of bool
+        True inside the windows and clear of the segment's ends, at which the filter settles.
+    temperature : (m, n) or None
+        Temperatures of the joints in degC.
+    starts_segment : bool
+        Whether the first sample is the first one of the segment.
+    wrench : (m, 6), optional
+        Force in N, then moment in N m, of the base on the robot, unfiltered.
     """
 
     segment: int
@@ -236,13 +310,16 @@ def is_inside_windows(t: FloatArray, windows: Windows, tolerance: float = 0.0) -
     Parameters
     ----------
     t : (m,)
-    windows : pairs (from, to) in s
+        Times in s.
+    windows : pairs (from, to)
+        Seconds of t to use.
     tolerance : float
-        s.
+        Seconds by which a time may lie outside a window all the same.
 
     Returns
     -------
     (m,) of bool
+        True inside a window.
     """
     if not windows:
         return np.ones(len(t), dtype=bool)

@@ -29,10 +29,12 @@ def compute_digest(path: Path) -> str:
     Parameters
     ----------
     path : path
+        Where the file lies; the files of one recording are joined by +.
 
     Returns
     -------
     str
+        Digest of 64 hexadecimal digits.
 
     Raises
     ------
@@ -41,6 +43,7 @@ def compute_digest(path: Path) -> str:
     """
     parts = split_path(path)
     if len(parts) > 1:
+        # Of their digests, and not of all bytes in a row: where one file ends and the next begins counts.
         return hashlib.sha256("".join(compute_digest(part) for part in parts).encode()).hexdigest()
     with parts[0].open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -56,10 +59,12 @@ def make_unique_names(paths: Iterable[Path]) -> list[str]:
     Parameters
     ----------
     paths : iterable of path
+        Where the files lie.
 
     Returns
     -------
     list of str
+        The names, in the order of the files.
     """
     names: list[str] = []
     for path in paths:
@@ -85,6 +90,7 @@ def split_path(path: Path) -> list[Path]:
         They need not exist.
     """
     text = str(path)
+    # A file whose own name has a + in it goes before the several that it might mean.
     if JOINT not in text or path.exists():
         return [path]
     first, *others = (Path(part) for part in text.split(JOINT))
@@ -102,6 +108,7 @@ def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     Returns
     -------
     path
+        The path, or the paths of the files joined by +.
 
     Raises
     ------

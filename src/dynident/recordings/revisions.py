@@ -19,12 +19,16 @@ def adapt_cures(checks: Sequence[Check], metadata: RecordingMetadata, joint_name
     Parameters
     ----------
     checks : sequence of Check
+        Checks of the recording as it was read.
     metadata : RecordingMetadata
+        What the user says of the file.
     joint_names : sequence of str
+        Names of the n joints, in the robot's order.
 
     Returns
     -------
     tuple of Check
+        The same checks, with revisions of the file.
     """
     return tuple(
         check if check.apply is None else replace(check, apply=adapt_revision(check.apply, metadata, joint_names))
@@ -40,11 +44,14 @@ def adapt_revision(revision: Revision, metadata: RecordingMetadata, joint_names:
     revision : Revision
         Found on the recording, to which the metadata were applied already.
     metadata : RecordingMetadata
+        What the user says of the file.
     joint_names : sequence of str
+        Names of the n joints, in the robot's order.
 
     Returns
     -------
     Revision
+        What is to be said of the file.
     """
     before = ColumnArrangement(metadata, joint_names)
     n = before.n
@@ -55,6 +62,7 @@ def adapt_revision(revision: Revision, metadata: RecordingMetadata, joint_names:
     signs: dict[str, float] = {}
     scale: dict[str, float] = {}
     for kind in get_args(Axis):
+        # Signs and factors are stated of joints, and belong to columns: a new order takes them along.
         order = revision.permutation.get(kind, tuple(range(1, n + 1)))
         for stated, new, changed in ((before.sign, revision.signs, signs), (before.scale, revision.scale, scale)):
             for joint, column in enumerate(order):
@@ -73,15 +81,17 @@ def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last:
 
     Parameters
     ----------
-    windows : pairs (from, to) in s
-        Empty: all of the recording.
-    exclude : pairs (from, to) in s
+    windows : pairs (from, to)
+        Seconds of t to use; empty: all of the recording.
+    exclude : pairs (from, to)
+        Seconds of t to leave out.
     first, last : float
-        Times of the recording's ends.
+        Times of the recording's ends in s.
 
     Returns
     -------
-    pairs (from, to) in s
+    pairs (from, to)
+        Seconds of t that are left.
 
     Raises
     ------

@@ -44,6 +44,7 @@ class SampleHashes:
             blocks, last, moved = [], None, []
             for block in recording.source.rows(first, length, _BLOCK):
                 blocks.append(_hash_rows(np.hstack([block.q, block.tau])))
+                # The first row of a run has none before it and counts as still.
                 before = np.vstack([block.q[:1] if last is None else last, block.q[:-1]])
                 moved.append((block.q != before).any(axis=1))
                 last = block.q[-1:]
@@ -56,12 +57,14 @@ class SampleHashes:
         """SHA-256, in hexadecimal digits, by which these samples are known whatever their file is called."""
         digest = hashlib.sha256()
         for rows in self.rows:
+            # With the lengths: the same rows, split into other runs, are other samples.
             digest.update(len(rows).to_bytes(8, "little"))
             digest.update(rows.tobytes())
         return digest.hexdigest()
 
     def measure_share_in(self, other: SampleHashes) -> float:
         """Return the share of the rows in motion that are in another recording, too; 0 if nothing moves."""
+        # A recording that has shorter runs only is compared by the longest of them.
         together = min(_ROWS_TOGETHER, max((len(hashes) for hashes in self.rows), default=0))
         if not together:
             return 0.0
@@ -91,6 +94,7 @@ def _sum_runs(values: FloatArray, together: int) -> FloatArray:
 
 def _count_covered(starts: BoolArray, together: int) -> int:
     """Return how many rows lie in the runs of so many rows that start where it is true."""
+    # A row that lies in several runs counts once. The full convolution reaches to the last row of the last run.
     return int((np.convolve(starts, np.ones(together)) > 0.5).sum()) if starts.any() else 0
 
 
@@ -109,10 +113,13 @@ def _hash_runs(rows: Hashes, together: int) -> Hashes:
         return np.zeros(0, dtype=np.uint64)
     hashes = np.zeros(count, dtype=np.uint64)
     for k, factor in enumerate(_make_factors(together)):
+        # Each place has a factor of its own, so that the same rows in another order give another sum. Unsigned numbers
+        # wrap around, as is meant here.
         hashes += rows[k : k + count] * factor
     return hashes
 
 
 def _make_factors(count: int) -> Hashes:
     """Return odd numbers, always the same."""
+    # An odd number has an inverse modulo 2**64: no bit of a value is lost by the product.
     return np.random.default_rng(0).integers(0, 2**63, count, dtype=np.uint64) * np.uint64(2) + np.uint64(1)

@@ -83,6 +83,7 @@ class ShiftedResampler:
     def __init__(self, period: float, n: int, delay: float) -> None:
         self._n = n
         self._delay = delay
+        # Both parts begin at the first time of which the other one is known as well: nothing is extrapolated.
         self._rest = Resampler(period, max(0.0, -delay))
         self._torque = Resampler(period, max(0.0, delay))
         self._waiting_rest = np.empty((0, 0))
@@ -120,15 +121,18 @@ def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, pe
     Parameters
     ----------
     t : (m,)
+        Times of the samples in s, increasing.
     values : (m, c)
+        Samples of c signals.
     times : (k,)
-        Where to interpolate.
+        Times in s at which to interpolate.
     period : float
         Usual step of t in s.
 
     Returns
     -------
     (k, c)
+        The values at these times.
     """
     m = len(t)
     if m == 1:
@@ -144,6 +148,7 @@ def interpolate_samples(t: FloatArray, values: FloatArray, times: FloatArray, pe
         return values[nearest]
     result = _interpolate_linear(t, values, times, right)
     if m >= 4:
+        # At the ends of a stretch the cubic is not centred: there are no samples farther out.
         first = np.clip(right - 2, 0, m - 4)
         spread = np.diff(t)
         tight = spread < TOO_CLOSE * period
@@ -218,6 +223,7 @@ class Segmenter:
         t, label = rows.t, rows.segment
         new_rows = np.flatnonzero(new & numbers)
         if not len(new_rows):
+            # Rows without numbers end the segment; rows that only repeat the last one do not.
             if self._last is not None and not numbers.all():
                 yield from self._end_segment()
                 self._last = None
@@ -239,12 +245,15 @@ class Segmenter:
             if first or number:
                 yield from self._end_segment()
                 self._begin_segment(float(t[run[0]]), int(label[run[0]]))
+            # A slice where no row is left out: it copies nothing.
             whole = slice(run[0], run[-1] + 1) if run[-1] - run[0] + 1 == len(run) else run
             yield from self._resample_rows(t[whole], values[whole])
+        # Rows without numbers stand at the end of the block: what comes next is a segment of its own.
         if lost[-1] != lost[new_rows[-1]]:
             yield from self._end_segment()
             self._last = None
         else:
+            # A copy: a view of this row would keep the whole block in memory.
             self._last = float(t[new_rows[-1]]), int(label[new_rows[-1]]), values[new_rows[-1]].copy()
 
     def finish(self) -> Iterator[GridRows]:
@@ -272,6 +281,7 @@ class Segmenter:
         if self._resampler is None or self._open is None:
             return
         yield from self._store_rows(self._resampler.finish())
+        # Rows that are still held were too few: their stretch is dropped with them.
         if not self._n_held and self._open.length:
             self._closed.append(self._open)
         self._resampler, self._open, self._held, self._n_held = None, None, [], 0
@@ -284,6 +294,7 @@ class Segmenter:
         done = segment.length + self._n_held
         grid = segment.start_time + (done + np.arange(len(values), dtype=np.float64)) * self._base.period
         rows = GridRows(grid, segment.label, values)
+        # Whether a stretch is long enough is known only later: until then its first rows wait.
         if done + len(values) < SHORTEST:
             self._held.append(rows)
             self._n_held += len(values)
@@ -302,6 +313,7 @@ class Segmenter:
         if self._last is not None:
             new[0] = t[0] != self._last[0] or label[0] != self._last[1]
         for row in np.flatnonzero(~new):
+            # The row before may have been the last one of the block before.
             other = values[row - 1] if row else (self._last[2] if self._last is not None else values[row])
             if not np.array_equal(values[row], other, equal_nan=True):
                 column = int(np.flatnonzero(values[row] != other)[0])
@@ -322,6 +334,7 @@ class Segmenter:
         n = len(self._layout.q)
         if not self._layout.temperature:
             return values
+        # Temperatures are the last of the columns.
         held = values[:, -n:].copy()
         for joint in range(n):
             readings = np.flatnonzero(np.isfinite(held[:, joint]))
@@ -330,6 +343,7 @@ class Segmenter:
                 held[:, joint] = earlier
                 continue
             if np.isnan(earlier):
+                # Before its first reading a thermometer is taken to have shown the same.
                 earlier = held[readings[0], joint]
             # The index of the last reading up to each row, by a running maximum; -1 before the first.
             latest = np.maximum.accumulate(np.where(np.isfinite(held[:, joint]), np.arange(len(held)), -1))

@@ -20,10 +20,10 @@ class SampleSeries:
 
     Parameters
     ----------
-    names : names
-        Of its columns.
+    names : sequence of str
+        Names of its columns.
     step : float
-        Its usual step of time.
+        Its usual step of time in s.
     """
 
     def __init__(self, names: Sequence[str], step: float) -> None:
@@ -73,6 +73,7 @@ class SampleSeries:
         )
         for index in range(len(self.names)):
             result[:, index] = np.interp(stamps, times, rows[:, index])
+        # Over a long gap, or beyond the ends, a straight line would invent the signal.
         result[near > longest] = np.nan
         return result
 
@@ -95,8 +96,8 @@ class TimeJoin:
 
     Parameters
     ----------
-    series : mapping of name to Series
-        Samples are added to them in the order of time.
+    series : mapping of str to SampleSeries
+        The series by name; samples are added to them in the order of time.
     main : str
         The series whose samples are the rows.
     block_samples : int
@@ -125,7 +126,8 @@ class TimeJoin:
 
         Returns
         -------
-        JoinedRows
+        JoinedSamples
+            Times, and the values of all series at them.
         """
         main = self._series[self._main]
         # A series that has ended or fallen silent must not hold up all others.

@@ -58,6 +58,7 @@ class ParquetSink:
         """Append rows."""
         self._waiting.append(rows)
         self._n_waiting += len(rows.t)
+        # Many small groups are slow to read: rows wait until they fill one.
         if self._n_waiting >= ROW_GROUP:
             self._flush()
 

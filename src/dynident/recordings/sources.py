@@ -24,7 +24,15 @@ _TURNS: JointKind = "revolute"
 
 @dataclass(frozen=True, eq=False)
 class StoredSamples:
-    """Samples by column, each (m,), and the unit of each that has one."""
+    """All samples of a recording, column by column.
+
+    Parameters
+    ----------
+    columns : mapping of str to (m,)
+        Samples by name of column.
+    units : mapping of str to str
+        Units of those columns that have one.
+    """
 
     columns: Mapping[str, NDArray[np.generic]]
     units: Mapping[str, str]
@@ -40,12 +48,14 @@ def load_stored_samples(recording: Recording, kinds: Sequence[JointKind] = ()) -
     Parameters
     ----------
     recording : Recording
-    kinds : "revolute" or "prismatic", one a joint
-        Empty: they are not known, and joints count as revolute.
+        The checked recording.
+    kinds : sequence of str
+        Kinds of the joints, "revolute" or "prismatic". Empty: they are not known, and joints count as revolute.
 
     Returns
     -------
     StoredSamples
+        All samples, and the units of their columns.
     """
     source = recording.source
     if isinstance(source, ParquetSource):
@@ -68,12 +78,14 @@ def list_signal_units(
     columns : mapping
         Names such as t, q_<joint>, dq_<joint>; what they map to does not matter.
     joints : sequence of str
-    kinds : "revolute" or "prismatic", one a joint
-        Empty: joints count as revolute.
+        Names of the n joints, in the robot's order.
+    kinds : sequence of str
+        Kinds of the joints, "revolute" or "prismatic". Empty: joints count as revolute.
 
     Returns
     -------
     dict
+        Units by name of column.
     """
     units = {"t": find_our_unit("t", None)}
     units |= dict.fromkeys(WRENCH_NAMES[:3], find_our_unit("base_force", None))
@@ -91,6 +103,7 @@ def _read_columns(recording: Recording) -> dict[str, NDArray[np.generic]]:
         for segment in recording.segments
         for rows in recording.source.rows(segment.first_row, segment.length, segment.length)
     ]
+    # Rows in memory carry no times: these follow from the segments.
     every = [(segment, np.arange(segment.length)) for segment in recording.segments]
     columns: dict[str, NDArray[np.generic]] = {
         "t": np.concatenate([segment.start_time + k * recording.period for segment, k in every]),
@@ -105,6 +118,7 @@ def _read_columns(recording: Recording) -> dict[str, NDArray[np.generic]]:
     )
     for kind, blocks in signals:
         measured = [values for values in blocks if values is not None]
+        # A signal that some blocks lack is left out: its column would be shorter than the others.
         if len(measured) == len(blocks):
             whole = np.concatenate(measured)
             columns |= {name: whole[:, k] for k, name in enumerate(name_stored_columns(kind, recording.joint_names))}
@@ -129,10 +143,12 @@ def replace_by_command(recording: Recording) -> Recording:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
     Recording
+        The same rows, with the commanded positions in place of the measured ones.
 
     Raises
     ------
@@ -141,6 +157,7 @@ def replace_by_command(recording: Recording) -> Recording:
     """
     if not recording.has_command:
         raise ValueError(f"{recording.name} holds no commanded positions")
+    # Without a path: the file holds the measured positions, and may not stand for this recording.
     return replace(recording, source=_CommandedSource(recording.source), path=None)
 
 
@@ -150,7 +167,19 @@ LAYOUT_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class ArraySource:
-    """Rows held in memory: q, tau (m, n); temperature, command (m, n) and the base's wrench (m, 6) or None."""
+    """Rows held in memory.
+
+    Parameters
+    ----------
+    q, tau : (m, n)
+        Positions in rad or m, and torques in N m or forces in N.
+    temperature : (m, n), optional
+        Temperatures of the joints in degC.
+    wrench : (m, 6), optional
+        Force in N, then moment in N m, of the base on the robot.
+    command : (m, n), optional
+        Positions that the robot was told to take, in rad or m.
+    """
 
     q: FloatArray
     tau: FloatArray
@@ -171,7 +200,17 @@ def _cut_values(values: FloatArray | None, part: slice) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class ParquetSource:
-    """Rows of a canonical Parquet file, read row group by row group."""
+    """Rows of a canonical Parquet file, read row group by row group.
+
+    Parameters
+    ----------
+    path : path
+        Where the file lies.
+    joint_names : tuple of str
+        Names of the n joints, in the robot's order.
+    has_temperature, has_wrench, has_command : bool
+        Which of the optional signals the file holds.
+    """
 
     path: Path
     joint_names: tuple[str, ...]
@@ -187,6 +226,8 @@ class ParquetSource:
         command = name_stored_columns("q_command", self.joint_names) if self.has_command else ()
         columns = [*q, *tau, *heat, *wrench, *command]
         with open_parquet_stream(self.path) as file:
+            # Row groups can be read only from their first row on: what stands before the wanted rows is passed over
+            # below.
             groups, skipped = _find_row_groups(file.metadata, first, length)
             skip, n_left = first - skipped, length
             for batch in file.iter_batches(block_length, row_groups=groups, columns=columns, use_threads=False):
@@ -258,6 +299,7 @@ def open_recording(path: Path | str) -> Recording:
     Parameters
     ----------
     path : path
+        Where the file lies.
 
     Returns
     -------
@@ -280,6 +322,7 @@ def open_recording(path: Path | str) -> Recording:
     if content["layout_version"] != LAYOUT_VERSION:
         raise RecordingError(f"{path.name} has layout {content['layout_version']}, not {LAYOUT_VERSION}; import again.")
     joint_names = tuple(content["joint_names"])
+    # Entries that were added later have a default: files that were stored before lack them.
     return Recording(
         name=content["name"],
         joint_names=joint_names,

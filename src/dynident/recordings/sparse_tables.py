@@ -84,6 +84,7 @@ class SparseSource(FileSource):
                     row=row,
                 )
             back = _RUN * pattern.steps[pattern.main]
+            # Where the time goes back another run begins, and nothing is joined across: what waits is given first.
             for part in _split_runs(t, latest, back):
                 if len(t[part]) and t[part][0] < latest - back:
                     yield from self._make_batch(join.rows(last=True), by_series, columns)
@@ -108,6 +109,7 @@ class SparseSource(FileSource):
         for name, own in by_series.items():
             table = np.column_stack([values[column] for column in own]) if own else np.empty((len(t), 0))
             if name == self._pattern.main:
+                # Of the main series a row counts if its first column has a number; of others, if any of them has.
                 has_sample = np.isfinite(values[probe]) | self._pattern.main_is_full
             else:
                 has_sample = np.asarray(np.isfinite(table).any(axis=1))
@@ -130,6 +132,7 @@ def join_sparse_rows(source: FileSource) -> FileSource:
     Parameters
     ----------
     source : FileSource
+        The file as it is.
 
     Returns
     -------

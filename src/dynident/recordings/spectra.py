@@ -20,11 +20,24 @@ MAX_WINDOWS = 128
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """One-sided power spectral densities at `frequency` (k,) in Hz, one column a joint (k, n), windows' rows only.
+    """One-sided power spectral densities, of the rows inside the windows.
 
-    `velocity`: of q̇ [(rad/s)²/Hz]; `noise` (n,): the floor of q [rad²/Hz], white, seen at the highest frequencies;
-    `torque`: of τ [(N m)²/Hz] about its mean. They are means over `windows` stretches, as is `torque_squared`: τ² in
-    (N m)², of all joints together, its mean included.
+    Parameters
+    ----------
+    frequency : (k,)
+        Frequencies in Hz, from 0 on.
+    velocity : (k, n)
+        Density of q̇ in (rad/s)²/Hz, or (m/s)²/Hz.
+    noise : (n,)
+        Floor of the density of q in rad²/Hz, or m²/Hz: white noise, as the highest frequencies show it.
+    torque : (k, n)
+        Density of τ about its mean, in (N m)²/Hz, or N²/Hz.
+    rate : float
+        Sampling rate in Hz.
+    windows : int
+        Number of parts of the recording that the densities are means over.
+    torque_squared : float
+        Mean of τ², its own mean included, of all joints together.
     """
 
     frequency: FloatArray
@@ -47,10 +60,12 @@ def estimate_spectra(recording: Recording) -> Spectra:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
     Spectra
+        Means over all these parts.
 
     Raises
     ------
@@ -78,6 +93,7 @@ def estimate_spectra(recording: Recording) -> Spectra:
     for start in starts:
         q, tau = _read_rows(recording, start, length)
         speed = np.empty_like(q)
+        # The first sample has none before it in this part: it takes the speed of the second one.
         speed[1:] = np.diff(q, axis=0) * recording.sampling_rate
         speed[0] = speed[1]
         # Velocity instead of position: its spectrum is level enough not to leak through the window.
@@ -102,10 +118,12 @@ def find_used_runs(recording: Recording) -> Sequence[tuple[int, int]]:
     Parameters
     ----------
     recording : Recording
+        The checked recording.
 
     Returns
     -------
-    list of (first stored row, length)
+    list of pair of int
+        First stored row and length of every run.
     """
     runs = []
     for segment in recording.segments:

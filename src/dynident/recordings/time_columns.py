@@ -51,6 +51,7 @@ def find_stamp_pairs(names: Sequence[str]) -> dict[str, tuple[str, str]]:
         match = _NANO.match(name)
         if match is None:
             continue
+        # Nanoseconds alone are a time as well: only beside seconds of the same name are they a part of one.
         whole = next((candidate for word in _WORDS if (candidate := f"{match['whose']}{word}") in names), None)
         ours = f"{match['whose']}time"
         if whole is not None and ours not in names:

@@ -45,16 +45,19 @@ def are_times(cells: Sequence[str]) -> bool:
 def parse_seconds(column: pa.Array) -> pa.Array:
     """Return written times as float64: seconds, from 1970 if there is a date; what is no time is missing."""
     clock = pc.extract_regex(column, _CLOCK)
+    # No cell is a time of day: they may be durations with a unit.
     if clock.null_count == len(clock):
         return _parse_durations(pc.extract_regex(column, _DURATION))
     hours, minutes, days = (_parse_numbers(clock, name) for name in ("hours", "minutes", "days"))
     total = 3600.0 * hours + 60.0 * minutes + _parse_numbers(clock, "seconds") + _DAY * days
+    # East of Greenwich clocks are ahead of UTC: the zone is taken off.
     total += _map_texts(clock, "date", _convert_date) - _map_texts(clock, "zone", _convert_zone)
     half = _map_texts(clock, "half", lambda text: 1.0 if text.casefold() == "pm" else 2.0)
     # 12 AM is midnight, and 12 PM noon.
     total += np.where((half == 1.0) & (hours < 12), 43_200.0, 0.0) - np.where(
         (half == 2.0) & (hours == 12), 43_200.0, 0
     )
+    # A cell that is no time would otherwise count as zero.
     total[~np.asarray(pc.is_valid(clock).to_numpy(zero_copy_only=False))] = np.nan
     return from_numbers(total)
 
@@ -67,6 +70,7 @@ def _parse_durations(parts: pa.Array) -> pa.Array:
 
 def _parse_numbers(parts: pa.Array, name: str, absent: float = 0.0) -> FloatArray:
     """Return (m,): a part of the texts as numbers, `absent` where it is not there."""
+    # Some write fractions of a second behind a comma or a colon.
     text = pc.replace_substring_regex(pc.struct_field(parts, name), "[,:]", ".")
     numbers = pc.if_else(pc.match_substring_regex(text, r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"), text, None)
     return to_floats(numbers.cast(pa.float64()).fill_null(absent)).copy()
@@ -97,6 +101,7 @@ def _convert_date(text: str) -> float:
     try:
         return (date(year, month, day) - date(1970, 1, 1)).days * _DAY
     except ValueError:
+        # Such as the 31st of June: the cell is no date.
         return np.nan
 
 

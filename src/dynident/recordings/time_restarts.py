@@ -34,6 +34,7 @@ class RunLabels:
         labels = np.full(len(t), len(self.restarts), dtype=np.int64)
         if not len(t):
             return labels
+        # Before the first row of all stands NaN: no comparison with it is true.
         before = np.concatenate([[self._last], t[:-1]])
         steps = t - before
         forward = steps[steps > 0.0]
@@ -88,6 +89,7 @@ class RestartingSource:
         ]
 
     def _label_blocks(self, blocks: Iterator[RawRows], layout: Layout) -> Iterator[RawRows]:
+        # The file is read more than once: each pass counts anew.
         self._labels = RunLabels()
         for rows in blocks:
             labels = rows.segment if layout.segment is not None else self._labels.label_rows(rows.first_row, rows.t)

@@ -23,10 +23,17 @@ _ROUNDING = 1.01
 
 @dataclass(frozen=True)
 class EvenClock:
-    """All stamps are whole `tick`s, and within one tick of an even clock with this `period`, both in s.
+    """An even clock whose stamps were rounded: they are whole ticks, and within one tick of it.
 
     Nothing in such stamps says that samples came at other times than the even clock's, and taking them at their word
     would shake every moving joint by speed times tick.
+
+    Parameters
+    ----------
+    period : float
+        Step of the clock in s.
+    tick : float
+        Resolution of its stamps in s.
     """
 
     period: float
@@ -66,6 +73,7 @@ class EvenClockScan:
             part = t[first:last]
             if begins[first]:
                 self._start, self._behind, self._count = float(part[0]), float(part[0]), 0
+            # In whole periods: where samples are lost a step is several of them.
             steps = np.round(np.diff(np.concatenate([[self._behind], part])) / self._usual)
             number = self._count + np.cumsum(steps)
             self._behind, self._count = float(part[-1]), int(number[-1])
@@ -76,12 +84,14 @@ class EvenClockScan:
             if len(elapsed):
                 self._lowest = max(self._lowest, float(((elapsed - room) / number[later]).max()))
                 self._highest = min(self._highest, float(((elapsed + room) / number[later]).min()))
+            # No period agrees with all stamps: they are not those of an even clock.
             if self._lowest > self._highest:
                 self._possible = False
                 return
 
     def result(self) -> EvenClock | None:
         """Return the clock; None if the stamps are no rounded ones of an even clock."""
+        # Runs of a single row leave the period without an upper bound.
         if not self._possible or not self._tick or not np.isfinite(self._highest):
             return None
         return EvenClock(0.5 * (self._lowest + self._highest), self._tick)
@@ -93,6 +103,7 @@ def _find_tick(steps: FloatArray) -> float:
     if not len(steps):
         return 0.0
     distinct = np.unique(np.round(steps / _FINEST)) * _FINEST
+    # Steps that are all equal need no clock in their place: they are even as they are.
     if len(distinct) < 2:
         return 0.0
     tick = float(np.diff(distinct).min())
@@ -132,7 +143,17 @@ _KEPT_GAPS = 20
 
 @dataclass(frozen=True)
 class Gap:
-    """A step of t that is too long: after data row `row` (from 1) at time `start`, `length` s long."""
+    """A step of t that is too long.
+
+    Parameters
+    ----------
+    row : int
+        Data row, counted from 1, after which it begins.
+    start : float
+        Time of that row in s.
+    length : float
+        Seconds to the next row.
+    """
 
     row: int
     start: float
@@ -141,7 +162,37 @@ class Gap:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """What is known of a recording's time after the first pass."""
+    """What is known of a recording's time after the first pass.
+
+    Parameters
+    ----------
+    n_rows : int
+        Number of data rows.
+    first, last : float
+        Earliest and latest time in s.
+    period : float
+        Nominal step in s, of which the sampling rate is the inverse.
+    typical : float
+        Median of the first steps in s.
+    shortest, longest : float
+        Shortest and longest step in s that is no gap.
+    deviation : float
+        Standard deviation of these steps in s.
+    gaps : tuple of Gap
+        The first gaps.
+    n_gaps : int
+        Number of all gaps.
+    missing : float
+        Share of the time that is in gaps.
+    n_repeated : int
+        Number of rows that repeat the stamp before them.
+    first_repeated : int or None
+        The first of these data rows, counted from 1.
+    worst_row : int
+        Data row, counted from 1, whose step is farthest from the typical one.
+    even : EvenClock, optional
+        The clock that was rounded to these stamps, if there is one.
+    """
 
     n_rows: int
     first: float
@@ -210,6 +261,7 @@ class TimeScan:
                 title="Time is not a number",
                 row=row,
             )
+        # The last row of the block before comes in front: the step between two blocks counts like any other.
         if self._previous is not None:
             t = np.concatenate([[self._previous[0]], t])
             segment = np.concatenate([[self._previous[1]], segment])
@@ -223,7 +275,9 @@ class TimeScan:
         self._n_rows += len(rows.t)
         self._first, self._last = min(self._first, float(rows.t.min())), max(self._last, float(rows.t.max()))
         self._previous = float(rows.t[-1]), int(rows.segment[-1])
+        # The very first row begins a run; the first one of a later block only where its segment differs.
         self._stamps.append((rows.t, np.concatenate([np.ones(len(rows.t) - len(same), dtype=bool), ~same])))
+        # A repeated stamp is no step of the clock; its row is left out later.
         forward = same & (steps > 0)
         self._waiting.append((ends[forward], t[:-1][forward], steps[forward]))
         self._n_waiting += int(forward.sum())
@@ -252,7 +306,10 @@ class TimeScan:
         period = near_total / n_near if n_near >= REGULAR_SHARE * n else total / n
         even = self._even.result()
         if even is not None:
+            # All stamps together bound the period of an even clock much closer than the mean of their rounded steps
+            # does.
             period = even.period
+        # Where all steps are equal the difference of these sums may round to less than zero.
         variance = max(0.0, squares / n - (total / n) ** 2)
         return TimeBase(
             n_rows=self._n_rows,
@@ -295,7 +352,10 @@ class TimeScan:
         if not len(steps):
             return
         if not self._typical:
+            # The median: gaps and lost samples hardly move it.
             self._typical = float(np.median(steps))
+        # A gap begins a new run of the even clock, too: how many samples are missing in it cannot be told from rounded
+        # stamps.
         for t, begins in self._stamps:
             self._even.feed(t, begins | (np.diff(t, prepend=t[0]) > GAP_PERIODS * self._typical))
         self._stamps = []
@@ -308,9 +368,11 @@ class TimeScan:
         if not len(ordinary):
             return
         self._sums += (ordinary.sum(), len(ordinary), (ordinary**2).sum())
+        # Of the steps that agree with the usual one: their mean is the period of a clock that loses samples.
         near = ordinary[np.abs(ordinary - self._typical) <= 0.05 * self._typical]
         self._near += (near.sum(), len(near))
         self._range = min(self._range[0], float(ordinary.min())), max(self._range[1], float(ordinary.max()))
+        # Gaps are reported by themselves: here they count as 0.
         off = np.abs(steps - self._typical) * ~wide
         if off.max() > self._worst[0]:
             self._worst = float(off.max()), int(ends[off.argmax()])
@@ -325,6 +387,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
     rate = 1.0 / base.period
     spread = base.deviation / base.period
     if base.period > LONGEST_PERIOD:
+        # The coarsest of the smaller units in which the rows are close enough for a motion.
         unit = next((name for name, size in _SMALLER_UNITS if base.period * size <= LONGEST_PERIOD), "ms")
         return Check(
             "sampling_jitter",
@@ -372,6 +435,7 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
     if not base.n_gaps:
         return Check("gaps", "ok", f"No step of t is longer than {GAP_PERIODS:g} periods.")
     first = base.gaps[0]
+    # Long pauses alone do no harm. Too little is left only where the filters' edges take most of what lies between.
     if base.missing > MOST_MISSING and EDGES * base.n_gaps > MOST_AT_EDGES * base.n_rows * base.period:
         return Check(
             "gaps",

@@ -49,16 +49,23 @@ def check_torque(
     Parameters
     ----------
     recording : Recording
+        The checked recording.
     sample : RawSample
+        Raw rows from all over the recording.
     layout : Layout
-    limits : one a joint
+        The columns of the file, matched with the joints.
+    limits : tuple of JointLimits
+        Limits of the n joints, as far as they are known.
     against : ModelChecks, optional
         What a model of the robot says.
 
     Returns
     -------
     list of Check
+        Checks of torque by itself, then of torque against motion.
     """
+    # In this order: torque by itself first. A torque that was not recorded, or saturates, would only mislead what comes
+    # after.
     checks = [_check_saturation(sample, layout, limits), _check_constant_torque(recording, sample, layout)]
     if checks[-1].status == "warning":
         # Motors that are off: there is nothing to hold against the motion.
@@ -134,6 +141,7 @@ def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimi
 def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
     """Return a revision that excludes the times around plateaus; None if they are too many to be a cure."""
     at = t[flat]
+    # Plateaus whose margins touch become one excluded interval.
     starts = np.concatenate([[True], np.diff(at) > 2.0 * AROUND])
     first = np.flatnonzero(starts)
     if len(first) > MOST_STRETCHES:
@@ -200,6 +208,8 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
 def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
     shares = against_motion.measure_ownership(evidence)
     n = recording.n
+    # By logarithms the best assignment has the largest product of shares. The floor keeps a joint that shows hardly any
+    # friction from deciding for all others.
     certainty = np.log(shares + LEAST_OWNED)
     # The order of all torques together that explains them best: joint by joint, one torque could be given away twice.
     owner = linear_sum_assignment(-certainty)[1].astype(np.int64)
@@ -258,6 +268,7 @@ def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, 
         friction, inertia = against_motion.measure_direction(evidence, int(joint))
         # Both figures are in standard errors: their sum over √2 is in standard errors again, if they are independent.
         together = (friction + inertia) / np.sqrt(2.0)
+        # Both have to be negative, and clearly so together: either alone may be so by chance.
         if friction < 0.0 and inertia < 0.0 and together < AGAINST_DOUBT:
             (certain if together < AGAINST_CERTAIN else doubtful).append(int(joint))
     against = certain + doubtful
@@ -303,6 +314,7 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
             f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.0f} ms).",
         )
     low, high = sorted((whole.seconds, steady.seconds), key=abs)
+    # An error only where even the smaller estimate, less three standard errors, would spoil the parameters.
     least = abs(low) - 3.0 * max(whole.error, steady.error)
     word = "late" if low > 0 else "early"
     first = int(np.flatnonzero(sample.used)[0])

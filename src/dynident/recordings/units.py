@@ -85,6 +85,7 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
     factors = FACTORS[kind, joint]
     if unit is None:
         return 1.0, 0.0
+    # Counts come before the table of units: how many of them make a turn is part of the unit.
     if kind in ("q", "q_command") and (counted := _COUNTS.fullmatch(unit.replace(" ", ""))) and float(counted[1]) > 0:
         factor = (2.0 * pi if joint == "revolute" else 1.0) / float(counted[1])
         return factor, -factor * float(counted[2] or 0.0)
@@ -103,6 +104,7 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
 
 def find_unit(units: Mapping[str, str], kind: str, columns: tuple[str, ...]) -> tuple[str | None, str]:
     """Return the unit of a column with the key that gave it: one of its names, else its kind of signal."""
+    # What is said of one column goes before what is said of its kind.
     for key in (*columns, kind):
         if key in units:
             return units[key], key
@@ -114,4 +116,5 @@ def _normalise_unit(unit: str) -> str:
     unit = unit.replace("°C", "degC").replace("°", "deg")
     for sign in (" ", "*", "·", "⋅", ".", "_"):
         unit = unit.replace(sign, "")
+    # The Greek mu and the micro sign look alike and are different characters.
     return unit.replace("²", "^2").replace("**2", "^2").replace("s2", "s^2").replace("μ", "µ")

@@ -91,6 +91,7 @@ class WordCellsSource(FileSource):
             column = batch.column(name)
             return parse_seconds(column) if name in self._times else column
         table, signal, joint = self._places[name]
+        # All signals of a table share the order of its names, which is found once for each batch.
         if table.names not in orders:
             orders[table.names] = _find_orders(batch, table.names)
         which, combinations = orders[table.names]
@@ -131,6 +132,7 @@ def read_word_cells(source: FileSource) -> FileSource:
     Parameters
     ----------
     source : FileSource
+        The file as it is.
 
     Returns
     -------
@@ -151,6 +153,7 @@ def _find_named_tables(source: FileSource, texts: Mapping[str, Sequence[str]]) -
     for stem, columns in _group_by_stem(texts).items():
         kind = _OF_NAMES.match(stem)
         rows = set(zip(*(texts[column] for column in columns.values()), strict=True))
+        # A name that is empty or stands twice in one row does not tell whose numbers are whose.
         if kind is None or any(len({word for word in row if word}) < len(columns) for row in rows):
             continue
         signals = {

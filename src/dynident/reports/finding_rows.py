@@ -26,7 +26,7 @@ def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tupl
     Returns
     -------
     list of tuples of str
-        With the cells of `COLUMNS`.
+        Rows with the cells of `CANDIDATE_COLUMNS`.
     """
     return [
         (
@@ -48,7 +48,7 @@ FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 
 
 
 class ChangeCells(NamedTuple):
-    """One number that differs, as the cells of `COLUMNS`."""
+    """One number that differs, as the cells of `CHANGE_COLUMNS`."""
 
     title: str
     place: str
@@ -66,12 +66,14 @@ def format_change(change: Change, robot: Robot) -> Iterator[ChangeCells]:
     Parameters
     ----------
     change : Change
+        The change, with all its parameters.
     robot : Robot
         The robot that has changed.
 
     Yields
     ------
     ChangeCells
+        The cells of one parameter.
     """
     for value in (change.main, *change.more):
         yield ChangeCells(
@@ -105,11 +107,12 @@ def format_friction_difference(difference: FrictionDifference) -> FrictionCells:
     Parameters
     ----------
     difference : FrictionDifference
-        Of any joint that moves, significant or not.
+        The difference of any joint that moves, significant or not.
 
     Returns
     -------
     FrictionCells
+        The cells of the row.
     """
     return FrictionCells(
         difference.joint,

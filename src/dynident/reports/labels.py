@@ -30,13 +30,14 @@ def format_joints(joints: Sequence[str], all_joints: Sequence[str]) -> str:
     Parameters
     ----------
     joints : sequence of str
-        None: the effect belongs to the whole robot.
+        Names of the joints; empty: the effect belongs to the whole robot.
     all_joints : sequence of str
         All joints of the robot.
 
     Returns
     -------
     str
+        Their names, or "all joints".
     """
     if len(joints) == len(all_joints) > 1:
         return "all joints"
@@ -49,7 +50,9 @@ def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
     Parameters
     ----------
     diagnosis : Diagnosis
+        The diagnosis.
     robot : Robot
+        The robot that the model is of.
 
     Returns
     -------
@@ -57,6 +60,7 @@ def format_hidden_effects(diagnosis: Diagnosis, robot: Robot) -> str:
         "" where there are none.
     """
     joints: dict[str, set[str]] = {}
+    # A diagnosis lists effect and joints pair by pair; a reader wants each effect once.
     for item in diagnosis.not_visible:
         joints.setdefault(item.effect, set()).update(item.joints or robot.joint_names)
     texts = []
@@ -72,10 +76,12 @@ def format_shape_constants(choice: EffectChoice) -> str:
     Parameters
     ----------
     choice : EffectChoice
+        The effect with its shape constants.
 
     Returns
     -------
     str
+        The constants, with commas between them.
     """
     specs = {spec.name: spec for spec in get_effect(choice.effect).shapes}
     return ", ".join(specs[name].format_value(value) for name, value in choice.shape)
@@ -87,10 +93,12 @@ def format_shape_interval(constant: ShapeConstant) -> str:
     Parameters
     ----------
     constant : ShapeConstant
+        The shape constant.
 
     Returns
     -------
     str
+        Both ends, with the decimals that the standard deviation allows.
     """
     if constant.interval is None:
         return "–"
@@ -108,6 +116,7 @@ def format_standstill_shares(shares: FloatArray) -> str:
     Returns
     -------
     str
+        The shares, with the sign of per cent once.
     """
     if len(shares) > _MANY_JOINTS:
         return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
@@ -127,6 +136,7 @@ def get_effect_title(identifier: str) -> str:
     Returns
     -------
     str
+        The title.
     """
     return CATALOGUE[identifier].title if identifier in CATALOGUE else identifier.replace("_", " ")
 
@@ -136,11 +146,12 @@ def get_step_mark(best_rung: BestStep | None, index: int, count: int) -> str:
 
     Parameters
     ----------
-    best_rung : BestRung or None
+    best_rung : BestStep or None
+        Which model predicts held-out data best, where that is known.
     index : int
-        Of the step, from 0.
+        Index of the step, from 0.
     count : int
-        Steps of the ladder.
+        Number of models of the ladder.
 
     Returns
     -------
@@ -157,9 +168,10 @@ def describe_best_step(best_rung: BestStep | None, count: int) -> str:
 
     Parameters
     ----------
-    best_rung : BestRung or None
+    best_rung : BestStep or None
+        Which model predicts held-out data best, where that is known.
     count : int
-        Models of the ladder.
+        Number of models of the ladder.
 
     Returns
     -------

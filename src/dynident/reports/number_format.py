@@ -14,6 +14,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
     Parameters
     ----------
     value : float or None
+        The number.
     digits : int
         Significant digits.
 
@@ -29,6 +30,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
         return "∞" if value > 0 else f"{MINUS}∞"
     if value == 0:
         return "0"
+    # Outside this range decimals, or digits before the point, would be counted by the reader instead of read.
     if not 1e-4 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return _set_minus_sign(f"{mantissa}·10") + _to_superscript(int(exponent))
@@ -41,6 +43,7 @@ def format_estimate(value: float, deviation: float) -> tuple[str, str]:
     Parameters
     ----------
     value : float
+        The estimate.
     deviation : float
         Standard deviation, in the unit of `value`.
 
@@ -62,6 +65,7 @@ def format_percent(fraction: float | None, digits: int = 3) -> str:
     Parameters
     ----------
     fraction : float or None
+        The fraction, 1 for 100 %.
     digits : int
         Significant digits; never more than three decimals.
 
@@ -72,6 +76,7 @@ def format_percent(fraction: float | None, digits: int = 3) -> str:
     """
     if fraction is None or fraction != fraction:
         return "–"
+    # A residual ten times as large as the torque itself: how many times does not matter any more.
     if fraction > 10:
         return f"> 1000{NARROW_SPACE}%"
     if fraction == 0:
@@ -88,10 +93,12 @@ def format_p_value(p: float) -> str:
     Parameters
     ----------
     p : float
+        The p-value, from 0 to 1.
 
     Returns
     -------
     str
+        The p-value with two significant digits.
     """
     return f"< 10{_to_superscript(-6)}" if p < 1e-6 else format_number(p, 2)
 
@@ -102,13 +109,16 @@ def format_range(low: float, high: float, unit: str, digits: int = 3) -> str:
     Parameters
     ----------
     low, high : float
+        Ends of the range.
     unit : str
+        Unit of both ends.
     digits : int
         Significant digits of each end.
 
     Returns
     -------
     str
+        Both ends with one unit behind them.
     """
     return f"{format_number(low, digits)} … {format_number(high, digits)} {unit}"
 
@@ -119,13 +129,16 @@ def format_count(count: int, noun: str, plural: str | None = None) -> str:
     Parameters
     ----------
     count : int
+        The count.
     noun : str
+        The noun in the singular.
     plural : str, optional
-        Where it is not the noun with an s.
+        The plural, where it is not the noun with an s.
 
     Returns
     -------
     str
+        The count and the noun, with narrow spaces between thousands.
     """
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}".replace(",", NARROW_SPACE)
 

@@ -28,16 +28,20 @@ def build_parameter_table(title: str, parameters: Iterable[IdentifiedParameter])
     Parameters
     ----------
     title : str
+        Heading of the table.
     parameters : iterable of IdentifiedParameter
+        Base parameters with their uncertainty.
 
     Returns
     -------
     ReportedTable
+        A row for each essential parameter, its effect as the heading above it.
     """
     essential = [parameter for parameter in parameters if parameter.essential]
     groups = {(parameter.effect, parameter.shape): "" for parameter in essential}
     for effect, shape in groups:
         constants = format_shape_constants(EffectChoice(effect, (), shape))
+        # An effect may be in the model several times, with other shape constants each: both make its heading.
         groups[effect, shape] = ", ".join(filter(None, (get_effect(effect).title, constants)))
     # Groups are in the order of their first parameter, and so are the parameters within each.
     ordered = [parameter for group in groups for parameter in essential if (parameter.effect, parameter.shape) == group]
@@ -77,12 +81,14 @@ def build_shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str])
     Parameters
     ----------
     constants : sequence of ShapeConstant
+        Shape constants with their uncertainty.
     joints : sequence of str
         Names of all joints of the robot.
 
     Returns
     -------
     ReportedTable
+        A row for each constant.
     """
     columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
     rows = tuple(_build_constant_row(constant, joints) for constant in constants)
@@ -111,6 +117,7 @@ def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
     Parameters
     ----------
     path : EssentialPath
+        The steps of the elimination, and the model that is left.
 
     Yields
     ------

@@ -33,6 +33,7 @@ class Element:
     name : str
         The name of its tag, "" for the root.
     attributes : dict
+        Its attributes by name.
     children : list
         Elements and texts, in the order of the page; none in a drawing (`svg`).
     source : str
@@ -59,7 +60,7 @@ class Element:
                     yield from child.find_all(*names)
 
     def find_first(self, *names: str) -> Element | None:
-        """Return the first of the elements that `all` yields; None where there is none."""
+        """Return the first of the elements that `find_all` yields; None where there is none."""
         return next(self.find_all(*names), None)
 
 
@@ -101,6 +102,7 @@ class _Builder(HTMLParser):
         if tag == _PLACE:
             source = self._drawings[int(values["id"])]
             style_class = re.search(r'^<svg[^>]* class="([^"]*)"', source)
+            # Only the class is read of a drawing: Typst gets its source as it is.
             element = Element("svg", {"class": style_class[1] if style_class else ""}, source=source)
         else:
             element = Element(tag, values)
@@ -136,6 +138,7 @@ def typeset_page(page: Element) -> str:
     Returns
     -------
     str
+        The page as Typst code.
     """
     body, title = page.find_first("body") or page, page.find_first("title")
     title_text = "none" if title is None else _quote_text(_collect_text(title))
@@ -233,6 +236,7 @@ def _typeset_drawing(element: Element) -> str:
     source = element.source.replace("\\", "\\\\").replace('"', '\\"')
     if "formula" not in element.classes:
         return f'image(bytes("{source}"), format: "svg", width: 100%)'
+    # `draw_formula` states the size of a formula in points, by which it fits into a line of text.
     size = re.search(r'style="width:([\d.]+)pt;height:([\d.]+)pt"', element.source)
     width, height = (size[1], size[2]) if size else ("60", "14")
     # Formulas are drawn for a font of 11 points; the template scales them to its own.
@@ -295,6 +299,7 @@ def _count_characters(element: Element) -> float:
 def _typeset_row(row: Element, columns: int) -> str:
     kind = next((row_kind for row_kind in _ROWS if row_kind in row.classes), "")
     cells = list(row.find_all("th", "td"))
+    # Typst fills its grid cell by cell: a row that lacks some would take them from the next one.
     missing = columns - sum(map(_get_column_span, cells))
     return ", ".join([*(_typeset_cell(cell, kind, is_head=False) for cell in cells), *(["[]"] * missing)])
 

@@ -41,11 +41,11 @@ def html_report(
     Parameters
     ----------
     identification : Identification
-        With its ancestors, which are the ladder.
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit and its ancestors, which are the ladder.
+    runs : sequence of ReportedRecording
         Recordings to show, each with the model's prediction: those it was identified from and held-out ones.
     diagnosis : Diagnosis, optional
-        Of this model or of the one that it was extended from.
+        Diagnosis of this model or of the one that it was extended from.
     design : Design, optional
         The experiment that the data come from.
     validations : sequence of ReportedValidation
@@ -60,6 +60,7 @@ def html_report(
     Returns
     -------
     str
+        The whole page as HTML.
 
     Raises
     ------
@@ -94,17 +95,24 @@ def build_sections(
     Parameters
     ----------
     identification : Identification
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit.
+    runs : sequence of ReportedRecording
+        Recordings to show, each with the model's prediction.
     diagnosis : Diagnosis or None
+        Diagnosis of this model or of the one that it was extended from.
     design : Design or None
+        The experiment that the data come from.
     created : datetime
+        When the report was made, with its time zone.
     validations : sequence of ReportedValidation
+        The results of the model's validations.
     address : str
         URL of a page that shows the model, or "".
 
     Returns
     -------
     list of Section
+        The sections, from the summary to the provenance.
     """
     fitted_recordings = [run.recording for run in runs if not run.held_out]
     return [

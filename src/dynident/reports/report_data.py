@@ -14,11 +14,11 @@ from dynident.validation import ValidationOutcome
 class ReportedValidation:
     """The result of one validation.
 
-    Attributes
+    Parameters
     ----------
     title : str
         What was tested.
-    judged : Judged
+    judged : ValidationOutcome
         The verdict and its reason.
     tables : tuple of ReportedTable
         The numbers behind it.
@@ -36,19 +36,21 @@ class ReportedValidation:
 class ReportedRecording:
     """One recording with its checks and the model's prediction.
 
-    Attributes
+    Parameters
     ----------
     recording : Recording
+        The checked recording.
     comparison : Comparison
         Measured and predicted torque.
     held_out : bool
         True where no parameter was fitted to it.
     checks : tuple of Check
+        What was found when it was imported.
     edits : tuple of Revision
         Later changes of the file's metadata, in order.
     sha256 : str
-        Of the file, "" where it is unknown.
-    said : RecordingMetadata, optional
+        Digest of the file, "" where it is unknown.
+    stated_metadata : RecordingMetadata, optional
         The metadata that the user stated for the file, where they are known.
     """
 

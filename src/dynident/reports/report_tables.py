@@ -16,9 +16,10 @@ Mark = Literal["ok", "warning", "error", "plain"]
 class Cell:
     """One cell of a table.
 
-    Attributes
+    Parameters
     ----------
     text : str
+        What the reader sees.
     value : float, optional
         The exact number, where the text is of one number.
     mark : "ok", "warning", "error", "plain" or None
@@ -40,13 +41,14 @@ class Cell:
 class ReportedTable:
     """A table of text.
 
-    Attributes
+    Parameters
     ----------
     title : str
+        Heading of the table.
     columns : tuple of str
-        Heads.
-    rows : tuple of tuples of Cell
-        Each as long as `columns`.
+        Heads of the columns.
+    rows : tuple of tuple of Cell
+        Rows, each as long as `columns`.
     numbers_from : int
         Columns from this index on hold numbers.
     groups : tuple of str
@@ -70,7 +72,9 @@ class ReportedTable:
         Returns
         -------
         ReportedTable
+            The table with the remaining columns, in their order.
         """
+        # Columns are told by their heads: a table may grow without its users counting anew.
         remaining = [k for k, column in enumerate(self.columns) if column not in columns]
         rows = tuple(tuple(row[k] for k in remaining) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in remaining), rows=rows)
@@ -91,13 +95,41 @@ def make_text_cells(*texts: str) -> list[Cell]:
 
 
 def make_number_cell(value: float | None, digits: int = 3, unit: str = "") -> Cell:
-    """Return a cell for a number with its unit; "–" for None."""
+    """Return a cell for a number with its unit; "–" for None.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    digits : int
+        Significant digits.
+    unit : str
+        Unit behind the number; "" for none.
+
+    Returns
+    -------
+    Cell
+        The cell, which keeps the exact number, too.
+    """
     text = format_number(value, digits)
     return Cell(f"{text} {unit}" if unit and value is not None else text, value)
 
 
 def make_percent_cell(value: float | None, digits: int = 3) -> Cell:
-    """Return a cell for a fraction, in per cent."""
+    """Return a cell for a fraction, in per cent.
+
+    Parameters
+    ----------
+    value : float or None
+        The fraction.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    Cell
+        The cell, which keeps the exact fraction, too.
+    """
     return Cell(format_percent(value, digits), value)
 
 
@@ -119,6 +151,7 @@ def make_interval_cell(ends: tuple[float | None, float | None] | None, absent: s
     Returns
     -------
     Cell
+        The cell, with its ends as text.
     """
     if ends is None or any(end is None or not isfinite(end) for end in ends):
         return Cell(absent)

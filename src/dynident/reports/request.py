@@ -13,7 +13,15 @@ MEDIA_TYPES: dict[ReportFormat, str] = {"html": "text/html", "pdf": "application
 
 @dataclass(frozen=True)
 class ReportChoices:
-    """What a report is written as, and its heading."""
+    """What a report is written as, and its heading.
+
+    Parameters
+    ----------
+    format : {"html", "pdf", "json"}
+        Format of the file.
+    name : str
+        The heading; the robot's name by default.
+    """
 
     format: ReportFormat = declare_field("What it is written as", default="html", option="-")
     name: str = declare_field("The heading; the robot's name by default", default="", option="--title")

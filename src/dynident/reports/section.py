@@ -15,6 +15,7 @@ class Section:
     anchor : str
         The target of links in the table of contents.
     title : str
+        Heading of the section.
     template : str
         File name of the template without its ending.
     content : object

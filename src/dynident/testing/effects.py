@@ -44,12 +44,17 @@ class EffectStates:
 
     Attributes
     ----------
-    robot, signals, columns
-        The robot, its signals, and the columns of the effect.
-    q, dq, ddq : ndarray (m, n)
-    torque : ndarray (m, n, number of columns)
-        For unit parameters.
-    strangers : tuple of str
+    robot : Robot
+        The robot that the effect is on.
+    signals : Signals
+        Symbols of the robot's motion.
+    columns : tuple of Column
+        Columns of the effect.
+    q, dq, ddq : (m, n)
+        Positions, velocities and accelerations of the states.
+    torque : (m, n, c)
+        Torque of each of the c columns for a parameter of 1.
+    unknown_symbols : tuple of str
         Symbols that the columns depend on although they are no signals.
     """
 
@@ -72,11 +77,13 @@ class EffectStates:
         columns = tuple(build_columns([EffectChoice(effect.id, names, tuple(sorted(shape.items())))], signals))
         rng = np.random.default_rng(0)
         q, dq, ddq = (rng.uniform(-size, size, (_COUNT, robot.n)) for size in (2.0, 2.5, 6.0))
+        # Rest is where signs and divisions by a speed go wrong.
         dq[0] = 0.0
         stacked = ca.horzcat(*(column.torque for column in columns)) if columns else ca.SX(robot.n, 0)
         symbols = _list_symbols(signals)
         strangers = {s.name() for s in ca.symvar(stacked)} - {s.name() for s in ca.symvar(ca.vertcat(*symbols))}
         torque = np.zeros((_COUNT, robot.n, len(columns)))
+        # A function of symbols that nobody gives cannot be evaluated: the columns are then refused for that.
         if not strangers:
             function = ca.Function("columns", [signals.q, signals.dq, signals.ddq, *symbols[3:]], [ca.densify(stacked)])
             for k, state in enumerate(zip(q, dq, ddq, strict=True)):
@@ -124,9 +131,9 @@ def _draw_values(signals: Signals, rng: np.random.Generator) -> list[FloatArray]
 
 _NEEDED = ("id", "title", "formula", "parameters", "signature", "sources")
 _LEAST_VISIBLE, _MOST_UNEXPLAINED, _NEAR_FLOOR = 2.0, 0.5, 1.5
-"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves `_SEEN` times
-as much on the trial arm with the effect as on one without. The model with the effect must then leave at most
-`_EXPLAINED` of that, or `_AS_WITHOUT` times what is left on the arm without the effect."""
+"""Limits on the share of torque that models leave unexplained. An effect shows if the usual model leaves
+`_LEAST_VISIBLE` times as much on the trial arm with the effect as on one without. The model with the effect must then
+leave at most `_MOST_UNEXPLAINED` of that, or `_NEAR_FLOOR` times what is left on the arm without the effect."""
 _LARGER = 8.0
 """Factor by which an effect is enlarged that does not show at its usual size."""
 
@@ -141,7 +148,8 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
 
     Parameters
     ----------
-    effect : Effect or a subclass of it
+    effect : Effect or type of Effect
+        The effect, or its class.
     found_again : bool
         Whether to simulate and identify as well, which takes some seconds.
 
@@ -157,6 +165,7 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
     """
     tested = effect() if isinstance(effect, type) else effect
     _check_words(tested)
+    # Columns, simulations and identifications find effects by their ids: the tested one need not be installed.
     with CATALOGUE.add_temporarily(tested):
         robot = build_trial_arm()
         _check_rivals(tested)
@@ -264,6 +273,7 @@ def _check_roles(states: EffectStates) -> str:
     rigid = _compute_pinocchio_rows(states)
     for k, column in enumerate(states.columns):
         spec = described(column)
+        # These roles do not fix a column by the state alone.
         if spec is None or spec.role in (None, "delay", "dry_once_sliding"):
             continue
         j = states.robot.joint_names.index(column.link)
@@ -289,6 +299,7 @@ def _compute_pinocchio_rows(states: EffectStates) -> FloatArray:
 
     model = to_pinocchio(states.robot)
     data, n = model.createData(), states.robot.n
+    # Pinocchio orders the parameters of a link M, MX MY MZ, XX XY YY XZ YZ ZZ.
     order = (10 * np.arange(n)[:, None] + [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]).reshape(-1)
     states_of_motion = zip(states.q, states.dq, states.ddq, strict=True)
     rows = [np.array(pin.computeJointTorqueRegressor(model, data, *state)) for state in states_of_motion]
@@ -329,6 +340,7 @@ def _check_friction(effect: Effect, states: EffectStates) -> str:
 
 def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> str:
     """Check that the effect explains the recordings of a virtual robot that has it."""
+    # An effect of the usual model is in every trial: it is enough that little is left.
     if any(choice.effect == effect.id for choice in DEFAULT_EFFECTS):
         unexplained = _compute_unexplained_share(record_trial(list_drive_effects(robot)))
         require(
@@ -345,6 +357,7 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
     floor = _get_plain_error()
     for factor in (1.0, _LARGER):
         values = tuple((name, factor * value) for name, value in usual.values)
+        # An effect of some runs is put into the second one alone.
         hidden = replace(usual, values=values, runs=("run2",) if effect.in_some_runs else ())
         trial = record_trial((*list_drive_effects(robot), hidden))
         before = _compute_unexplained_share(trial)

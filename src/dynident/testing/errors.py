@@ -8,6 +8,19 @@ class ConformanceError(AssertionError):
 
 
 def require(holds: object, message: str) -> None:
-    """Raise `ConformanceError` with the message unless `holds` is true."""
+    """Raise `ConformanceError` with the message unless `holds` is true.
+
+    Parameters
+    ----------
+    holds : object
+        The requirement; true where it is met.
+    message : str
+        What is wrong, for the author of the effect or estimator.
+
+    Raises
+    ------
+    ConformanceError
+        Where the requirement is not met.
+    """
     if not holds:
         raise ConformanceError(message)

@@ -49,6 +49,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     """
     chosen = replace(choices or IdentificationChoices(), estimator=estimator)
     trial = record_trial(list_drive_effects(build_trial_arm()), noise=_NOISE)
+    # The usual estimator goes first: it reduces the data, on which the tested one is then called directly.
     start = identify(trial.robot, trial.recordings, [], IdentificationChoices(effects=chosen.effects))
     few = identify(
         trial.robot,
@@ -58,6 +59,7 @@ def check_estimator(estimator: Estimator, choices: IdentificationChoices | None 
     )
     data = _reduce_data(start, trial)
     problem = _build_problem(start, chosen, data)
+    # Factors are shared by all estimators of a comparison: one that changes them would spoil the others.
     rows_before = [equation.joint_factor.copy() for equation in data.equations.equations]
     fit = estimator.solve(problem)
     report = [
@@ -93,6 +95,7 @@ def _compute_true_parameters(model: Model, trial: TrialRecordings) -> FloatArray
     standard, inertial = np.zeros(len(model.columns)), 0
     for k, column in enumerate(model.columns):
         value_of_column = drives.get((column.effect, column.link, column.parameter))
+        # Columns of the links come in the order of the description; those of drives are found by their names.
         if value_of_column is None and inertial < len(links):
             value_of_column, inertial = float(links[inertial]), inertial + 1
         standard[k] = value_of_column or 0.0
@@ -123,6 +126,7 @@ def _check_statistics(model: Model, fit: Fit) -> str:
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     least = float(np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min())
     require(least >= -1e-6, f"the covariance has a negative direction ({least:.2g} of its diagonal)")
+    # The eigenvalues above are only good to rounding; variances must not be negative at all.
     require((np.diag(covariance) >= 0).all(), "some variances are negative")
     require(fit.statistics.standard_deviations.shape == (b,), "there is not one standard deviation for each parameter")
     return f"{b} parameters with a covariance"
@@ -131,6 +135,7 @@ def _check_statistics(model: Model, fit: Fit) -> str:
 def _check_more_data(few: Fit, many: Fit) -> str:
     if few.solution.values.shape != many.solution.values.shape:
         return "one run determines fewer parameters than two"
+    # By the square root of the data about 0.7 is expected; anything below 1 will do.
     surer = float(np.median(many.statistics.standard_deviations / few.statistics.standard_deviations))
     require(surer < 1.0, f"twice the data give standard deviations {surer:.2f} times as large")
     return f"twice the data: standard deviations {surer:.2f} times as large"

@@ -41,9 +41,23 @@ def build_trial_arm() -> Robot:
 
 
 def build_trial_motion(robot: Robot, seed: int) -> Reference:
-    """Return a motion from rest to rest in a quarter of a minute, with all joints over much of their range."""
+    """Return a motion from rest to rest in a quarter of a minute, with all joints over much of their range.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot that moves.
+    seed : int
+        Seed of the random motion: the same one gives the same motion.
+
+    Returns
+    -------
+    Reference
+        Times, positions, velocities and accelerations.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(round(_DURATION * _RATE) + 1) / _RATE
+    # Whole multiples of one base frequency: all joints are back at their start when the motion ends.
     rates = 2 * np.pi / _DURATION * np.array([1.0, 2.0, 3.0, 5.0, 8.0])[:, None]
     q, dq, ddq = (np.zeros((len(t), robot.n)) for _ in range(3))
     for j in range(robot.n):
@@ -53,6 +67,7 @@ def build_trial_motion(robot: Robot, seed: int) -> Reference:
         x = (even * np.cos(rates * t) + odd * np.sin(rates * t)).sum(axis=0)
         dx = (rates * (odd * np.cos(rates * t) - even * np.sin(rates * t))).sum(axis=0)
         ddx = -(rates**2 * (even * np.cos(rates * t) + odd * np.sin(rates * t))).sum(axis=0)
+        # As large as positions and velocities within the arm's limits allow.
         scale = min(1.5 / np.abs(x).max(), 2.2 / np.abs(dx).max())
         q[:, j], dq[:, j], ddq[:, j] = scale * x, scale * dx, scale * ddx
     return Reference(t, q, dq, ddq)
@@ -60,7 +75,17 @@ def build_trial_motion(robot: Robot, seed: int) -> Reference:
 
 @dataclass(frozen=True, eq=False)
 class TrialRecordings:
-    """Recordings of the trial arm, and the true effects that it has."""
+    """Recordings of the trial arm, and the true effects that it has.
+
+    Parameters
+    ----------
+    robot : Robot
+        The trial arm.
+    recordings : tuple of Recording
+        One a run.
+    effects : tuple of TrueEffect
+        Effects that the arm was simulated with, beside its links.
+    """
 
     robot: Robot
     recordings: tuple[Recording, ...]
@@ -68,13 +93,29 @@ class TrialRecordings:
 
 
 def record_trial(effects: Sequence[TrueEffect], *, noise: float = 0.0, runs: int = 2) -> TrialRecordings:
-    """Simulate the trial arm with effects in runs named "run1", "run2" …; `noise` of the torque is in N m."""
+    """Simulate the trial arm with some effects.
+
+    Parameters
+    ----------
+    effects : sequence of TrueEffect
+        Effects that the arm has.
+    noise : float
+        Standard deviation of the noise of the torque, in N m.
+    runs : int
+        Number of runs, which are named "run1", "run2" and so on.
+
+    Returns
+    -------
+    TrialRecordings
+        A recording of each run.
+    """
     robot = build_trial_arm()
     virtual = VirtualRobot(robot, effects)
     sensors = Sensors(_RATE, None, torque_noise=0.0, torque_noise_absolute=(noise,) * robot.n)
     recordings = []
     for k in range(runs):
         reference = build_trial_motion(robot, k)
+        # Each run begins much later than the one before, with joints that are warm by then.
         later = add_warming(replace(reference, t=reference.t + k * _LATER), Warming())
         name = f"run{k + 1}"
         recordings.append(_to_recording(virtual.measure(later, sensors, run=name, seed=k), name))

@@ -90,6 +90,7 @@ def open_storage(
         prepare_data_directory(settings.data_dir)
         database = Database(settings.database)
         try:
+            # Older tables are migrated first; only a check of damaged data leaves them as they are.
             if not as_it_is:
                 migrate(database)
             yield database, ObjectStore(settings.objects, settings.cache_dir), settings.uploads_dir

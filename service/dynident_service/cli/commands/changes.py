@@ -28,6 +28,7 @@ def changes(
     identification = inputs.load_model(model)
     robot = identification.model.robot
     with inputs.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
+        # All files are read together, so that equal names are told apart.
         earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
         diagnosis = advise(examine(identification, later, baseline=earlier, progress=data.progress))
     output.write_result(

@@ -58,7 +58,7 @@ def currents(
 
 
 def _without_scale_checks(measurements: Sequence[LoadedRecording]) -> list[LoadedRecording]:
-    """Without the check of the torque's scale, which currents in place of torques have to fail."""
+    """Return recordings without the check of the torque's scale, which currents in place of torques have to fail."""
     return [
         replace(measurement, checks=tuple(check for check in measurement.checks if check.name != "torque_scale"))
         for measurement in measurements

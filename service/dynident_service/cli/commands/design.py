@@ -95,6 +95,7 @@ def design(
         show_design,
     )
 
+    # Before the design, which takes minutes.
     table_files.check_ending(out, table_files.TRAJECTORY_ENDINGS)
     machine = inputs.load_robot_argument(robot, reading)
     typed_request = request_options.build_request(DesignRequest, effects=inputs.read_effects(effects, machine) or None)
@@ -111,4 +112,5 @@ def design(
     table_files.write_trajectory(experiment, out)
     described, message = lambda: describe_design(experiment), f"trajectory written to {out}"
     output.print_result(as_json, described, lambda console: show_design(console, experiment), message)
+    # On stderr, so that they are seen where the result goes into a file or as JSON to a script.
     print_warnings(terminal.message_console(), experiment)

@@ -64,6 +64,7 @@ def gains(
     if load.mass is None and not reading.metadata:
         raise DynidentError("say what the load weighs, in kg", pointer="--mass", title="Missing option")
     machine = inputs.load_robot_argument(robot, reading)
+    # All files are read in one go, and are told apart by their places afterwards.
     others = [*loaded, *weigh, *weigh_unloaded]
     with inputs.read_recordings("gains", measurements, machine, reading, others, share=0.6) as data:
         unloaded, rest = data.recordings, data.other_recordings

@@ -74,6 +74,7 @@ def identify(
 
     machine = inputs.load_robot_argument(robot, reading)
     chosen_effects = inputs.read_effects(further.effects, machine) or DEFAULT_EFFECTS
+    # Options are read before the recordings: a mistake shows at once.
     unfiltered = request_options.build_request(IdentificationChoices, effects=chosen_effects)
     everything = [*measurements, *further.friction]
     with inputs.read_recordings("identify", everything, machine, reading, further.validation, further.friction) as data:
@@ -106,5 +107,6 @@ def identify(
         result_tables.show_verdict(console, model_verdict)
 
     output.write_result(result, "model", describe_result, print_result, lambda: to_bytes(identification))
+    # The model is written all the same: a script sees by the exit code that it must not be used.
     if model_verdict.stop is not None:
         raise typer.Exit(result_tables.EXIT_STOPPED)

@@ -49,6 +49,7 @@ def inspect(
     machine = None if robot is None else inputs.load_robot_argument(robot, additions)
     inspection = inspect_file(file, machine, rate)
     if inspection.proposal is not None:
+        # An open question ends the command here, before anything is written.
         if as_proposed:
             metadata.accept_proposal(file, inspection, has_gains=True)
         if out is not None:

@@ -63,6 +63,7 @@ def report(
     with inputs.read_recordings(
         "report", measurements, identification.model.robot, reading, validation, share=0.4
     ) as data:
+        # Other recordings would be shown as those that the model was identified from.
         check_same_recordings(identification, data.recordings)
         runs = build_reported_runs(identification, data.loaded, data.others, scale_progress(data.progress, 0.0, 0.5))
         data.progress(0.5, "drawing")

@@ -34,17 +34,21 @@ def find_wrapping_columns(window: Window, signals: Signals) -> BoolArray:
     Parameters
     ----------
     window : Window
+        The rows to look at.
     signals : Signals
+        What the columns of the rows are.
 
     Returns
     -------
     (c,) of bool
+        True for columns that wrap.
     """
     wrapping = np.zeros(len(signals.sources), dtype=bool)
     together = np.diff(window.run) == 0
     for column in np.flatnonzero(signals.turning):
         x = window.values[:, column]
         steps = np.diff(x)
+        # No joint goes half a turn between two samples: a larger step is a wrap, or an error.
         jumps = np.flatnonzero((np.abs(steps) > pi) & together)
         if not len(jumps):
             continue
@@ -53,6 +57,8 @@ def find_wrapping_columns(window: Window, signals: Signals) -> BoolArray:
         elapsed = np.maximum(window.t[jumps + 1] - window.t[jumps], signals.step)
         slow = jumps[remainder <= signals.fastest[column] * elapsed]
         finite = x[np.isfinite(x)]
+        # A wrap leads from one end of a turn to the other, so that both of its samples lie inside the same turn. Drives
+        # count from one of two borders.
         for border in BORDERS:
             low, high = border - ROUNDING, border + TURN + ROUNDING
             ends = np.minimum(x[slow], x[slow + 1]), np.maximum(x[slow], x[slow + 1])
@@ -77,6 +83,7 @@ class WrappedAngles:
     def apply(self, window: Window) -> None:
         """Make the angles of a window continuous with those before it."""
         self._wrapping |= find_wrapping_columns(window, self._signals)
+        # Whether a whole turn is missing is decided in the first window alone: all later angles are continued from it.
         if self._shift is None:
             self._shift = self._find_whole_turns(window) if self._wrapping.any() else {}
         for column in np.flatnonzero(self._wrapping | np.isin(np.arange(len(self._wrapping)), list(self._shift))):
@@ -113,6 +120,8 @@ class WrappedAngles:
         if not len(rows):
             return
         x = window.values[rows, column]
+        # Over a gap a joint may go farther than half a turn. What its logged velocity explains is taken out first, so
+        # that rounding to whole turns leaves the right number of them.
         remainder = np.diff(x) - self._predict_steps(window, column, rows)
         turns = np.concatenate([[0.0], -np.round(remainder / TURN)])
         # Every segment is counted from its own beginning.
@@ -131,10 +140,14 @@ class WrappedAngles:
     ) -> None:
         """Continue the count of turns (m,) from the window before, and remember it for the next one."""
         row, before = self._turns.get(column, (-1, 0.0))
+        # Windows overlap: the row at which the window before ended its count is among the margin rows of this one. Only
+        # the first segment goes on from there; the others start from zero.
         here = int(np.searchsorted(rows, row - window.first_row))
         first_segment = np.cumsum(begins) == 0
         if here < len(rows) and first_segment[here]:
             total[first_segment] += before - (total[here] if rows[here] == row - window.first_row else 0.0)
+        # The count is remembered at the last row that this window decides on. What lies behind it is decided again by
+        # the next window, which sees more.
         last = int(np.searchsorted(rows, window.own.stop)) - 1
         if last >= 0:
             self._turns[column] = window.first_row + int(rows[last]), float(total[last])
@@ -145,5 +158,6 @@ class WrappedAngles:
         if velocity is None:
             return np.zeros(len(rows) - 1)
         speed = window.values[rows, velocity]
+        # A logged velocity that no joint has is corrupted, and says nothing.
         speed = np.where(np.abs(speed) < self._signals.fastest[column], speed, 0.0)
         return np.asarray(0.5 * (speed[1:] + speed[:-1]) * np.diff(window.t[rows]))

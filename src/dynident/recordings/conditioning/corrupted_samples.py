@@ -54,10 +54,12 @@ class CorruptedSamples:
         signals = self._signals
         needed = np.flatnonzero(signals.needed)
         values, smooth = window.values[:, needed], signals.smooth[needed]
+        # At a wrap an angle jumps by a turn, which is no corruption: differences of such angles are folded.
         periods = np.where(find_wrapping_columns(window, signals)[needed], TURN, 0.0)
         steps = measure_signal_steps(values, window.t, window.run, smooth, periods)
         usual = measure_usual_steps(steps)
         impossible = np.where(smooth, self._impossible[needed], np.inf)
+        # Of a signal whose usual steps are large, too, what no joint can do is large all the same.
         large = np.abs(steps) > np.minimum(TIMES_USUAL * usual, impossible)
         marks = np.zeros(values.shape, dtype=bool)
         for index in np.flatnonzero(large.any(axis=0)):
@@ -79,6 +81,7 @@ class CorruptedSamples:
         for index in np.flatnonzero(marks.any(axis=0)):
             column = int(needed[index])
             rows = np.flatnonzero(marks[:, index])
+            # Positions cannot jump. Torques can, where the robot is pushed or where friction changes its sign.
             if not smooth[index]:
                 rows = rows[~self._find_explained_rows(window, column, rows, swings)]
             window.values[rows, column] = np.nan
@@ -108,6 +111,8 @@ class CorruptedSamples:
         farther off than friction jumps there.
         """
         x = window.values[:, column].copy()
+        # Zero, and any value that several suspects share, is what a driver writes for a lost sample: it is never
+        # explained.
         values, counts = np.unique(x[rows], return_counts=True)
         stands_in = np.isin(x[rows], [0.0, *values[counts >= SAME_VALUES]])
         happened = _mark_neighbours(swings[:, None])[rows, 0]
@@ -121,6 +126,7 @@ class CorruptedSamples:
             jumps = np.abs(measured[at + TURN_ROWS] - measured[at - TURN_ROWS])
             friction = float(np.nanmax(jumps)) if np.isfinite(jumps).any() else 0.0
             present = np.isfinite(measured)
+            # How far off the suspects are is measured from a straight line between the samples that are no suspects.
             off = np.abs(x[rows] - np.interp(window.t[rows], window.t[present], measured[present]))
             happened |= _mark_neighbours(slow[:, None], TURN_ROWS)[rows, 0] & (off < TIMES_FRICTION * friction)
         return np.asarray(happened & ~stands_in)

@@ -69,12 +69,14 @@ class BridgedGaps:
         self._n_rows += window.own.stop - window.own.start
         if not missing.any():
             return
+        # Seconds say what a motion allows; of slow logs three rows are bridged although they last longer.
         rows_bridged = max(FEWEST_ROWS, round(LONGEST_BRIDGE / signals.step))
         for index in np.flatnonzero(missing.any(axis=0)):
             column = int(needed[index])
             bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
             own = window.select_own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
             self._found.add(column, own, window.t[own - 1 - window.first_row])
+        # A row is lost if any needed signal is: the equations take all of them at the same instant.
         lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
         self._n_lost += int(lost.sum())
 
@@ -101,6 +103,7 @@ def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bo
     run : (m,)
         Number of the stretch without a gap in time that each row belongs to.
     most : int
+        Largest number of samples that are missing in a row.
     smooth : bool
         Whether a cubic through two samples on either side is used, else a straight line.
     """
@@ -111,6 +114,7 @@ def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bo
     for length in range(1, most + 1):
         gap_starts = starts[ends - starts == length]
         before = np.searchsorted(present, gap_starts) - 1
+        # A gap at the very beginning or end lacks two samples on one side, and stays open.
         inside = (before >= 1) & (before + 2 < len(present))
         gap_starts, before = gap_starts[inside], before[inside]
         if not len(gap_starts):
@@ -133,17 +137,20 @@ def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smoo
     t, x : (k, 4)
         Times and values of the four samples.
     times : (k, l)
+        Times in s at which to interpolate, l in each of the k gaps.
     smooth : bool
         Whether to use the cubic through all four (Lagrange), else a straight line between the inner two.
 
     Returns
     -------
     (k, l)
+        The values at these times.
     """
     if not smooth:
         share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
         return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
     result = np.zeros_like(times)
+    # Lagrange's weights: each is one at its own sample and zero at the other three.
     for index in range(4):
         weight = np.ones_like(times)
         for other in range(4):

@@ -34,8 +34,11 @@ class IdleDrives:
         if not (spans > 0.0).any() and self._idle_until < window.first_row:
             # Nothing is known of these torques but 0: they were not recorded.
             return
+        # No window may ask for a longer stretch than it can see: of one that reaches into its own rows that is as much
+        # as its margin.
         shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
         for start, stop in zip(*find_run_edges((torques == 0.0).all(axis=1)), strict=True):
+            # A robot that comes to rest without load lets its torque fade out; drives that are switched make it jump.
             neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
             jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
             # A stretch that began in an earlier window need not jump again at the border of this one.
@@ -43,6 +46,7 @@ class IdleDrives:
             if stop - start < shortest or not (goes_on or jumps.any()):
                 continue
             window.values[start:stop, self._torques] = np.nan
+            # These rows are idle on purpose: they must not count as lost samples.
             window.unused[start:stop] = True
             self._idle_until = max(self._idle_until, window.first_row + int(stop) - 1)
             own = window.select_own_rows(np.arange(start, stop))
@@ -94,6 +98,7 @@ class HeldSamples:
         # one of held samples.
         if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
             return
+        # What stays the same for longer is a robot that stands, whose samples are true ones.
         for start, stop in zip(starts[~short], stops[~short], strict=True):
             same[start:stop] = False
         for column in needed:

@@ -37,10 +37,12 @@ def measure_usual_steps(steps: FloatArray) -> FloatArray:
     Parameters
     ----------
     steps : (m, c)
+        Steps of c signals, NaN where there is none.
 
     Returns
     -------
     (m, c)
+        The usual step around each row.
     """
     m, c = steps.shape
     n = -(-m // CHUNK_ROWS)
@@ -52,6 +54,7 @@ def measure_usual_steps(steps: FloatArray) -> FloatArray:
     zeros = (chunks == 0.0).sum(axis=1)
     # Of fewer changes than these one corrupted sample would make its own measure.
     several = n_finite - zeros > 4
+    # The upper quartile of the finite entries, or the median of those that are not zero where it lies higher.
     at = np.maximum((3 * n_finite) // 4, np.where(several, (n_finite + zeros) // 2, 0))
     own = np.take_along_axis(chunks, np.minimum(at, np.maximum(n_finite - 1, 0))[:, None, :], axis=1)[:, 0]
     own = np.nan_to_num(own)
@@ -70,7 +73,9 @@ def measure_signal_steps(
     Parameters
     ----------
     values : (m, c)
+        Values of c signals.
     t : (m,)
+        Times in s.
     run : (m,)
         Number of the stretch without a gap in time.
     smooth : (c,)
@@ -89,6 +94,7 @@ def measure_signal_steps(
     first[1:] = np.diff(values, axis=0)
     for column in np.flatnonzero(periods):
         first[:, column] = fold_angles(first[:, column], float(periods[column]))
+    # Across a gap in time a step says nothing.
     first[1:][np.diff(run) != 0] = np.nan
     result = first
     if smooth.any():
@@ -113,12 +119,15 @@ def choose_step_threshold(steps: FloatArray, usual: FloatArray) -> float:
     Parameters
     ----------
     steps, usual : (m,)
+        Steps of one signal, and its usual step around each row.
 
     Returns
     -------
     float
+        Number of usual steps, at least `TIMES_USUAL`.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
+        # A swing is as large as the smaller of its two steps: a single step does not come back.
         size = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:])) / usual[:-1]
     middle = (size >= 0.5 * TIMES_USUAL) & (size < TIMES_USUAL) & (steps[:-1] * steps[1:] < 0.0)
     excess = np.count_nonzero(middle) / len(steps) - LIGHT_SHARE
@@ -184,11 +193,13 @@ def find_corrupted_samples(course: SignalSeries) -> IntArray:
 
     Parameters
     ----------
-    course : Course
+    course : SignalSeries
+        The signal, and what is usual in it.
 
     Returns
     -------
     (k,) of int
+        Indices of the rows.
     """
     unmarked = np.isfinite(course.x)
     sizes = np.zeros(len(course.x))
@@ -206,6 +217,7 @@ def find_corrupted_samples(course: SignalSeries) -> IntArray:
     certain = (sizes > 0.0) & (
         sizes >= _find_least_certain_size(sizes[sizes > 0.0], _measure_swings(course.select_rows(unmarked)))
     )
+    # Noise of torque has outliers of its own. A few suspects have to stand out more clearly, or be exactly 0.
     if not course.smooth and len(find_run_edges(certain)[0]) < FEW:
         certain &= (sizes >= TIMES_FEW * course.threshold / course.usual) | (course.x == 0.0)
     return np.flatnonzero(certain | _mark_repeated_values(course, certain))
@@ -263,6 +275,7 @@ def _measure_deviations(course: SignalSeries) -> FloatArray:
         if not len(starts):
             break
         for start, size in zip(*_find_blocks(course, starts, length), strict=True):
+            # What a shorter block explains already, with the samples beside it, is no part of a longer one.
             if not sizes[max(0, start - 2) : start + length + 2].any():
                 sizes[start : start + length] = size
         starts = starts[sizes[starts] == 0.0]
@@ -275,6 +288,8 @@ def _measure_steps(course: SignalSeries) -> FloatArray:
     steps[1:] = course.subtract(course.x[1:], course.x[:-1])
     if course.smooth:
         spread = np.maximum(np.diff(course.t), 1e-12)
+        # Two stamps may lie very close together: the slope between them is not carried on over more than ten such
+        # steps.
         slope = steps[1:-1] * np.minimum(spread[1:] / spread[:-1], 10.0)
         steps[2:] = steps[2:] - slope
     steps[:2] = 0.0
@@ -286,12 +301,14 @@ def _find_blocks(course: SignalSeries, starts: IntArray, length: int) -> tuple[I
     t, x, run = course.t, course.x, course.run
     starts = starts[(starts >= 2) & (starts + length + 1 < len(x))]
     first = starts - (2 if course.smooth else LATE_ROWS)
+    # A block and the samples around it have to lie within one stretch without a gap.
     starts = starts[(first >= 0) & (run[np.maximum(first, 0)] == run[starts + length + 1])]
     if not len(starts):
         return starts, np.empty((0, length))
     # Two samples before the block and two behind it tell where the signal would have been inside.
     anchors = starts[:, None] + np.array([-2, -1, length, length + 1])
     at, usual = t[anchors], course.usual[starts]
+    # Relative to the sample before the block: angles of many turns would lose digits.
     origin = x[starts - 1]
     anchor_values = course.subtract(x[anchors], origin[:, None])
     rows = starts[:, None] + np.arange(length)
@@ -327,10 +344,12 @@ def _continues(
 ) -> BoolArray:
     """Return where two samples (k, 4) on either side of a block belong to one undisturbed course."""
     if course.smooth:
+        # The slopes before, across and behind the block have to agree; how far they may differ grows with its length.
         slopes = np.diff(x, axis=1) / np.maximum(np.diff(t, axis=1), 1e-12)
         turns = np.abs(np.diff(slopes, axis=1)).max(axis=1) * course.step
         return np.asarray(turns <= usual * (length + 2))
     steps = np.abs(np.diff(x, axis=1))
     outer = np.maximum(steps[:, 0], steps[:, 2])
+    # A torque may change while a block lasts: the longer it is, the farther apart its two sides may be.
     across = np.maximum(min(5.0, max(2.5, length + 1.0)) * usual, BESIDE[1] * off)
     return np.asarray((outer <= np.maximum(3.0 * usual, BESIDE[0] * off)) & (steps[:, 1] <= across))

@@ -47,10 +47,13 @@ class Conditioning:
     Parameters
     ----------
     layout : Layout
+        The columns of the file, matched with the joints.
     limits : tuple of JointLimits
-        One a joint.
+        Limits of the n joints, as far as they are known.
     base : TimeBase
-    skip : names of steps that are not taken
+        What is known of the time column.
+    skip : collection of str
+        Names of steps that are not taken.
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class Conditioning:
         Parameters
         ----------
         blocks : iterable of RawRows
+            The rows of the file, in order.
 
         Yields
         ------
@@ -73,8 +77,11 @@ class Conditioning:
             A needed sample that stays missing is NaN.
         """
         for window in cut_into_windows(blocks, self._base):
+            # Each step sees the rows as the steps before it have left them.
             for step in self._steps:
                 step.apply(window)
+            # A window reaches beyond its own rows, which are repaired with their neighbours in view; only they are
+            # given.
             own = window.own
             yield RawRows(window.first_row + own.start, window.t[own], window.segment[own], window.values[own])
 

@@ -70,6 +70,7 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
     Returns
     -------
     Register or None
+        The register, which decodes the numbers.
     """
     # Most signals are no whole numbers, which their first rows tell.
     if not (_are_counts(raw[:_FIRST]) and _are_counts(raw)):
@@ -85,6 +86,7 @@ def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = 
         ((_count_jumps(candidate.decode(raw), together, bit), candidate) for candidate in kinds),
         key=lambda pair: pair[0],
     )
+    # An ordinary signal passes the place of the sign in small steps; a register whose sign was not read jumps there.
     passes = np.diff(raw >= 2.0**bit, axis=0)[together]
     smooth = int(np.count_nonzero(passes & (np.abs(np.diff(raw, axis=0)[together]) <= 0.5 * 2.0**bit)))
     is_register = jumps >= _FEWEST_JUMPS and remaining_jumps <= _JUMPS_LEFT * jumps and smooth <= _SMOOTH * passes.sum()
@@ -118,6 +120,7 @@ class SignedRegisters:
         for kind, columns in self._signals.registers.items():
             at = list(columns)
             factors, offsets = self._signals.factors[at], self._signals.offsets[at]
+            # A factor of 0 stands for a column that is read as zero: there are no numbers of the file behind it.
             if not factors.all():
                 continue
             # Bits are those of the file's own numbers: back from SI units.
@@ -160,11 +163,14 @@ def decode_registers(raw: FloatArray, t: FloatArray, kind: str) -> tuple[FloatAr
     t : (m,)
         Times in s.
     kind : "q" or "tau"
+        Kind of signal of all columns.
 
     Returns
     -------
     values : (m, k)
+        The numbers with their signs.
     register : Register or None
+        What the columns were; None if they are returned as they came.
     """
     register = find_register(raw, np.diff(t) > 0.0, BITS_OF[kind])
     return (raw, None) if register is None else (register.decode(raw), register)

@@ -34,6 +34,7 @@ class ChangedRows:
         if not len(rows):
             return
         listed = self.rows.setdefault(column, [])
+        # A file that is corrupted throughout must not fill the memory with the numbers of its rows.
         listed.extend(int(row) for row in rows[: KEPT_ROWS - len(listed)])
         self.counts[column] = self.counts.get(column, 0) + len(rows)
         earliest = int(rows[0]), float(t[0]), column
@@ -52,13 +53,16 @@ class ChangedRows:
         name : str
             Of the check.
         status : "ok", "warning" or "error"
+            Whether the recording may be used.
         detail : str
+            The sentence for the user.
         sources : sequence of str
             The user's names of the columns.
 
         Returns
         -------
         Check
+            The check, with the place of the earliest row.
         """
         row, time, column = self.first or (None, None, None)
         rows = {sources[at]: tuple(numbers) for at, numbers in sorted(self.rows.items())}
@@ -125,6 +129,7 @@ class Signals:
             if not positions[column]:
                 continue
             limit = limits[joint]
+            # A stated limit may be exceeded for a moment: only several times as much is impossible.
             fastest[column] = FASTEST if limit.velocity is None else max(TIMES_LIMIT * limit.velocity, 1.0)
             if limit.position is not None:
                 ranges[column] = limit.position

@@ -68,6 +68,8 @@ def cut_into_windows(blocks: Iterable[RawRows], base: TimeBase) -> Iterator[Wind
             yield _make_window(
                 _cut_rows(joined, first_row, first_row, stop + MARGIN_ROWS), first_row, next_row, stop, base
             )
+            # The rows in front of the next window's own rows are kept: it looks at them, but does not decide on them
+            # again.
             waiting = [_cut_rows(joined, first_row, stop - MARGIN_ROWS, end)]
             first_row, next_row = stop - MARGIN_ROWS, stop
     if end > next_row:
@@ -87,6 +89,7 @@ def _cut_rows(rows: RawRows, first_row: int, start: int, stop: int) -> RawRows:
 
 def _make_window(rows: RawRows, first_row: int, start: int, stop: int, base: TimeBase) -> Window:
     steps = np.diff(rows.t)
+    # A gap, time that goes back, or another segment of the user ends a stretch: no step of conditioning looks across.
     breaks = (steps > base.longest_step) | (steps < 0.0) | (np.diff(rows.segment) != 0)
     run = np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
     unused = np.zeros(len(rows.t), dtype=bool)

@@ -59,6 +59,7 @@ class ArrayPlace:
         return np.stack([self._read_numbers(line * width + first, last - first) for line in range(lines[0])], axis=1)
 
     def _read_numbers(self, first: int, count: int) -> np.ndarray[Any, Any]:
+        # Reading at a place moves no position, so that all arrays of a file can share it.
         data = os.pread(self.file.fileno(), count * self.kind.itemsize, self.start + first * self.kind.itemsize)
         return np.frombuffer(data, dtype=self.kind, count=count)
 
@@ -69,6 +70,7 @@ class BoundedFile:
     Parameters
     ----------
     file : binary file
+        The open file.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -142,10 +144,12 @@ class UnpackedParts:
             Its first byte, and the first one behind it.
         """
         start, n_left = self.file.seek(0, 2), size
+        # In pieces, so that memory does not grow with the file.
         while n_left and (part := read(min(_AT_ONCE, n_left))):
             n_left -= len(part)
             self.file.write(part)
         if n_left:
             raise ValueError("a compressed part ends too early")
+        # Arrays are read by the file's number, past Python's buffer: what waits in it would be missing.
         self.file.flush()
         return start, start + size

@@ -51,6 +51,7 @@ class ArrayFileSource(FileSource):
         ]
         if not arrays:
             raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
+        # Arrays do not say which of their axes is time: it is the length that they share.
         self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.
         prefix = _find_prefix([array.name for array in arrays])

@@ -75,6 +75,7 @@ class BagSource(FileSource):
         return topics, main, float(min(stamps.min() for stamps in times.values())), steps
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
+        # Topics have clocks and rates of their own: each is read between its samples at the times of the main one.
         series = {topic: SampleSeries(names, self._steps[topic]) for topic, names in self._topics.items()}
         join = TimeJoin(series, self._main, self._block_samples)
         stream, self._ahead = self._ahead or read_topic_samples(self._path, self._format), None
@@ -102,12 +103,14 @@ def open_bag(path: Path, name: str) -> BagSource:
     Parameters
     ----------
     path : path
+        Where the file lies.
     name : "rosbag", "rosbag2" or "mcap"
         A bag of ROS 1, the data base of a bag of ROS 2, or an MCAP file.
 
     Returns
     -------
     BagSource
+        Its columns, topic by topic.
 
     Raises
     ------

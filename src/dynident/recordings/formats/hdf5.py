@@ -46,8 +46,9 @@ def check_hdf5_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     name : str
         Of the data set, for the message.
     item : h5py.Dataset
+        The data set, of which nothing is read.
     file_size : int
-        Bytes.
+        Bytes of the file as it is stored.
 
     Raises
     ------
@@ -96,6 +97,7 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
             suspects.append(info)
         return None
 
+    # This reads the index of the chunks alone, and none of them.
     item.id.chunk_iter(inspect_chunk)
     if wrong:
         info = wrong[0]
@@ -171,10 +173,12 @@ def open_hdf5(path: Path) -> ArrayFileSource:
     Parameters
     ----------
     path : path
+        Where the file lies.
 
     Returns
     -------
     ArrayFileSource
+        The arrays of one common length, as columns.
 
     Raises
     ------

@@ -97,6 +97,7 @@ def open_json(content: TextContent) -> FileSource:
     Parameters
     ----------
     content : TextContent
+        The text, which is read from its beginning several times.
 
     Returns
     -------
@@ -108,6 +109,7 @@ def open_json(content: TextContent) -> FileSource:
     RecordingError
         For what is no JSON, or holds no records.
     """
+    # Two values are enough to tell one object that holds everything from an object a row.
     records = list(itertools.islice(_read_objects(content), 2))
     if len(records) == 1 and isinstance(records[0], dict):
         arrays = list(_find_arrays(records[0], "", 0))

@@ -72,6 +72,7 @@ def _read_telegrams(path: Path) -> Iterator[bytes]:
     waiting = b""
     with path.open("rb") as file:
         while part := file.read(_READ_BYTES):
+            # The last piece is no telegram yet: it waits for the next bytes.
             *whole, waiting = (waiting + part).split(_END)
             for text in whole:
                 # What was broken off before the next one began is left out.

@@ -45,10 +45,12 @@ def open_matlab(path: Path) -> ArrayFileSource:
     Parameters
     ----------
     path : path
+        Where the file lies.
 
     Returns
     -------
     ArrayFileSource
+        The arrays of one common length, as columns.
 
     Raises
     ------
@@ -76,6 +78,7 @@ def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
     }
     # All compressed parts together are checked before the first is unpacked to disk.
     check_unpacked(sum(sizes.values()), size)
+    # Arrays are read in parts later on, which a compressed stream does not allow: it is unpacked to disk once.
     unpacked = UnpackedParts(sum(sizes.values())) if sizes else None
     for element in elements:
         if element.start not in sizes or unpacked is None:

@@ -67,6 +67,7 @@ class _McapFile:
     def read_messages(self) -> Iterator[tuple[Any, Any, Any]]:
         """Yield schema, channel and message of the messages that hold signals of joints."""
         summary = self._read_summary()
+        # A file that was written in a stream, or cut off, may have no index of its chunks.
         return self._read_in_order() if summary is None or not summary.chunks else self._read_by_index(summary)
 
     def _read_summary(self) -> _Registry | None:

@@ -50,6 +50,7 @@ class Layout:
         Parameters
         ----------
         messages : sequence of bytes
+            Packed messages of one length.
 
         Returns
         -------
@@ -58,9 +59,11 @@ class Layout:
         times : (k,)
             Stamps of these in s, 0 without one.
         values : (k, c)
+            Their values, as float64.
         """
         size = len(self.like)
         whole = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), size)
+        # A message may have this length by chance, with other names in it: all bytes but the numbers have to be equal.
         alike = (whole[:, self.common] == self.like[self.common]).all(axis=1)
         whole = whole[alike]
         times = np.zeros(len(whole))
@@ -96,6 +99,7 @@ def learn_layout(
     Parameters
     ----------
     data : bytes
+        A packed message.
     message : object
         The same, unpacked: a dataclass of the types that `fields` knows.
     fields : callable

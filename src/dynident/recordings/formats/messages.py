@@ -53,6 +53,7 @@ def parse_definition(definition: str, type_name: str, known: Typesdict) -> Types
     definition : str
         That of a type, with those of its parts behind it.
     type_name : str
+        Name of the type.
     known : mapping
         Types that need no definition.
 
@@ -139,11 +140,14 @@ def read_topic_samples(path: Path, name: str) -> Iterator[TopicSamples]:
     Parameters
     ----------
     path : path
+        Where the file lies.
     name : "rosbag", "rosbag2" or "mcap"
+        Format of the file.
 
     Yields
     ------
-    Samples
+    TopicSamples
+        Samples of one topic.
 
     Raises
     ------

@@ -68,6 +68,7 @@ class JoinedFiles(FileSource):
         self._parts = _make_parts(files)
         self._places = {name: part for part in self._parts for name in part.columns}
         timed = [part for part in self._parts if part.time is not None]
+        # Files are joined by time only if all of them have one: a file without would not know where to belong.
         self._by_time = len(timed) == len(self._parts)
         # A file of nothing but times is the clock of all others.
         self._main = min(timed, key=lambda part: part.step) if self._by_time else next(iter(timed), self._parts[0])
@@ -135,6 +136,7 @@ class JoinedFiles(FileSource):
             ended = []
             for place, stream in enumerate(streams):
                 if not len(waiting[place][0]):
+                    # At its end a file keeps the empty block, which marks it below.
                     waiting[place] = next(stream, waiting[place])
                 ended.append(not len(waiting[place][0]))
             if any(ended):
@@ -206,6 +208,7 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     Parameters
     ----------
     path : path
+        Where the file, or the first of several, lies.
     paths : sequence of path
         The files that `path` names.
     open_text : function
@@ -214,6 +217,7 @@ def open_joined_files(path: Path, paths: Sequence[Path], open_text: Callable[[Te
     Returns
     -------
     FileSource
+        The columns of all of them.
 
     Raises
     ------
@@ -246,6 +250,7 @@ def has_arrays(path: Path) -> bool:
 
 def _list_members(path: Path) -> list[str]:
     with ZipFile(path) as archive:
+        # macOS puts a file of attributes beside each of the user's; empty files hold no columns.
         members = [
             member
             for member in archive.infolist()
@@ -255,6 +260,7 @@ def _list_members(path: Path) -> list[str]:
         raise RecordingError(
             f"The archive holds {len(members)} files; one recording is in one to {MOST_FILES}.", title=TITLE
         )
+    # Before anything is unpacked: a small archive may claim, and hold, gigabytes.
     check_unpacked(sum(member.file_size for member in members), path.stat().st_size, MOST_TEXT)
     for member in members:
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):

@@ -30,12 +30,14 @@ def open_numpy(path: Path, name: str) -> ArrayFileSource:
     Parameters
     ----------
     path : path
+        Where the file lies.
     name : "npy" or "npz"
         An array of numbers (or of records with named fields), or an archive of arrays.
 
     Returns
     -------
     ArrayFileSource
+        The arrays of one common length, as columns.
 
     Raises
     ------

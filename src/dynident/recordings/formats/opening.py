@@ -56,6 +56,7 @@ def format_of(path: Path) -> str:
     Returns
     -------
     str
+        One of `FORMATS`; "zip" is an archive of text files.
 
     Raises
     ------
@@ -70,12 +71,14 @@ def format_of(path: Path) -> str:
     if not start:
         raise RecordingError("The file is empty.", title="Unreadable file")
     detected = next((name for first, name in _STARTS if start.startswith(first)), None)
+    # What was read is unpacked already: it shows what the compressed file holds.
     if content.compression is not None and (detected or START.search(start)):
         raise RecordingError(
             f"The file is {detected or 'rsi'}, compressed with {content.compression}; only text is unpacked on the "
             "way: unpack the file first.",
             title="Unreadable file",
         )
+    # Both are archives of ZIP: their members tell NumPy's from one with text files.
     if detected == "npz":
         return "npz" if has_arrays(path) else "zip"
     if detected is not None:
@@ -108,6 +111,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
     Returns
     -------
     FileSource
+        Its columns, with times joined and rows of several series brought together.
 
     Raises
     ------
@@ -130,6 +134,7 @@ def _open_source(path: Path, file_format: str | None) -> FileSource:
     detected = format_of(path)
     if file_format == "parquet" and detected == "csv":
         return ParquetFileSource(path)  # which says what is wrong with it
+    # MATLAB's files from version 7.3 on are HDF5.
     if file_format not in (None, detected) and (detected, file_format) != ("hdf5", "mat"):
         raise RecordingError(
             f"The file is {_WRITTEN.get(detected, detected)}, not {_WRITTEN.get(file_format, file_format)}; say "
@@ -179,6 +184,7 @@ def _open_foreign(path: Path, name: str) -> FileSource:
         For a file that cannot be read, or a package that reads it and is not installed.
     """
     try:
+        # Each reader is loaded when it is needed: its package may not be installed.
         if name in ("npy", "npz"):
             from dynident.recordings.formats.numpy_files import open_numpy
 

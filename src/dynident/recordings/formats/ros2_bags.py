@@ -54,8 +54,10 @@ class _Bag:
         # Nothing else writes to the file: no lock is taken, and no file beside it is looked at.
         self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         self._deadline = math.inf
+        # No value may be longer than what is unpacked at once, and no other data base may be attached.
         self._base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_CHUNK)
         self._base.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        # A query on a damaged file may never end. SQLite calls this between its steps, and stops where it returns true.
         self._base.set_progress_handler(lambda: time.monotonic() > self._deadline, _STEPS)
         try:
             for setting in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "temp_store=MEMORY"):

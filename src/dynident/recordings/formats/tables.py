@@ -119,6 +119,7 @@ class CsvFileSource(FileSource):
 
     def _parse_batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
         dialect = self._dialect
+        # Arrow stops at the first cell that is no number: columns with words are read as text.
         words = self._worded | self.texts.keys()
         types = {name: pa.string() if name in words else pa.float64() for name in columns}
         with pacsv.open_csv(
@@ -162,6 +163,7 @@ def _make_csv_error(message: str, dialect: Dialect) -> RecordingError:
     """Return pyarrow's error in the user's terms: the column by name, the row of data."""
     row = re.search(r"Row #(\d+)", message)
     column = re.search(r"CSV column #(\d+)", message)
+    # Arrow counts the lines of the file, and users the rows of data.
     number = int(row.group(1)) - dialect.lines_before_data if row else None
     name = dialect.names[int(column.group(1))] if column else ""
     value = re.search(r"invalid value '(.*)'", message)

@@ -70,6 +70,7 @@ class RewrittenText(ProducedStream):
     Parameters
     ----------
     file : binary file
+        The text as it is stored.
     rewrite : callables
         Each takes whole lines and gives them back changed.
     encoding : str
@@ -116,5 +117,6 @@ def _find_whole_lines(text: str) -> int:
         end = text.rfind("\n", 0, end) + 1
         if not end or text.count("[", 0, end) == text.count("]", 0, end):
             return end
+        # This line ends inside a list: try the end of the line before it.
         end -= 1
     return 0

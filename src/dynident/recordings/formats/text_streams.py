@@ -66,6 +66,7 @@ class TextContent:
             return self._member()
         if self.compression is None:
             return self._path.open("rb")
+        # In large pieces: a call of the decompressor for every line would take most of the time.
         return io.BufferedReader(_DecompressedStream(self._path, self.compression), 1 << 20)
 
     def read_start(self, size: int) -> bytes:
@@ -96,6 +97,7 @@ class _DecompressedStream(ProducedStream):
             part: bytes = self._file.read(size)
         except (OSError, ValueError) as error:
             raise RecordingError(f"The file cannot be unpacked ({self._compression}): {error}", title=TITLE) from error
+        # Counted as it comes: what a file unpacks to is not known before.
         self._size.add(len(part))
         return part
 

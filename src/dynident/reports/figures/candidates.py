@@ -38,6 +38,7 @@ def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
     panel_data : sequence of Evidence
         At least one.
     robot : Robot
+        The robot that the model is of.
 
     Returns
     -------
@@ -52,6 +53,7 @@ def draw_evidence(panel_data: Sequence[Evidence], robot: Robot) -> Markup:
         _draw_evidence_panel(
             axes, evidence, robot.tree.joints[robot.tree.joint_names.index(evidence.joint)].effort_unit
         )
+    # The last row may have fewer panels than columns.
     for axes in all_axes[len(panel_data) :]:
         axes.set_axis_off()
     grid[0][0].legend(fontsize=8, frameon=False, loc="best")
@@ -104,6 +106,7 @@ def draw_candidates(candidates: Sequence[RankedEffect]) -> Markup:
     axes = grid[0][0]
     # The best candidate stands at the top, where the vertical axis is largest.
     places = np.arange(len(candidates))[::-1]
+    # A candidate that makes the error larger has no bar.
     drops = [100 * max(candidate.error_drop, 0.0) for candidate in candidates]
     colours = [GOOD if candidate.significant else MUTED for candidate in candidates]
     axes.barh(places, drops, color=colours, height=0.62)

@@ -32,6 +32,7 @@ def draw_friction_differences(friction: Sequence[FrictionDifference]) -> Markup 
     Parameters
     ----------
     friction : sequence of FrictionDifference
+        Differences, one a joint.
 
     Returns
     -------
@@ -46,10 +47,12 @@ def draw_friction_differences(friction: Sequence[FrictionDifference]) -> Markup 
     axes = grid[0][0]
     for row, difference in enumerate(drawn):
         value, low, high = (100.0 * end / difference.before for end in (difference.value, *difference.interval))
+        # Grey where the interval covers zero: there the data show no change.
         colour = MEASURED if low <= 0.0 <= high else PREDICTED
         axes.barh(row, high - low, left=low, height=0.5, color=BAND, alpha=0.5, linewidth=0)
         axes.plot([value], [row], marker="o", color=colour, markersize=5, linewidth=0)
     axes.axvline(0.0, color="#4d4d4d", linewidth=0.9)
+    # The axis points down, so that the first joint stands at the top.
     axes.set_ylim(len(drawn) - 0.5, -0.5)
     axes.set_yticks(range(len(drawn)))
     axes.set_yticklabels([shorten_name(difference.joint) for difference in drawn], parse_math=False)

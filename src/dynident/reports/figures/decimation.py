@@ -46,10 +46,12 @@ class TimeAxis:
         Parameters
         ----------
         rows : (m,) array of bool
+            Which samples remain.
 
         Returns
         -------
         TimeAxis
+            The same times, with other stretches.
         """
         # The stretches are cut wherever `rows` changes; each piece then is wanted, or not, as a whole.
         changes = np.flatnonzero(np.diff(rows)) + 1
@@ -66,10 +68,12 @@ def build_time_axis(comparison: Comparison) -> TimeAxis:
     Parameters
     ----------
     comparison : Comparison
+        Measured and predicted torque.
 
     Returns
     -------
     TimeAxis
+        The axis of all samples.
     """
     t = comparison.t.copy()
     steps = np.diff(t)
@@ -95,13 +99,16 @@ def thin_series(axis: TimeAxis, values: FloatArray, points: int) -> tuple[FloatA
     Parameters
     ----------
     axis : TimeAxis
+        Where the samples stand on the time axis.
     values : (m,) array
+        Values of all samples.
     points : int
         About how many remain.
 
     Returns
     -------
-    t, values : arrays of the same length
+    t, values : (k,)
+        Times and values of the points that remain.
     """
     t, thin_values = thin_series_together(axis, points, values)
     return t, thin_values
@@ -113,9 +120,11 @@ def thin_series_together(axis: TimeAxis, points: int, *series: FloatArray) -> tu
     Parameters
     ----------
     axis : TimeAxis
+        Where the samples stand on the time axis.
     points : int
         About how many remain of each series.
-    series : (m,) arrays
+    series : tuple of (m,)
+        Values of all samples, of one series each.
 
     Returns
     -------
@@ -126,7 +135,9 @@ def thin_series_together(axis: TimeAxis, points: int, *series: FloatArray) -> tu
     parts: list[list[FloatArray]] = [[] for _ in range(len(series) + 1)]
     for part in axis.stretches:
         length = part.stop - part.start
+        # Two extremes of each part are kept, so that half as many parts give the number of points.
         bins = max(1, round(0.5 * points * length / total))
+        # The series share their times, so that an area between two of them can be filled.
         rows = part.start + np.unique(np.concatenate([find_extremes(values[part], bins) for values in series]))
         for k, values in enumerate((axis.t, *series)):
             # A NaN breaks the line between stretches; its time has to be a number.
@@ -142,6 +153,7 @@ def find_extremes(values: FloatArray, bins: int) -> NDArray[np.intp]:
     Parameters
     ----------
     values : (m,) array
+        Values of the series.
     bins : int
         Number of parts.
 

@@ -33,7 +33,9 @@ def draw_design(design: Design, robot: Robot) -> Markup:
     Parameters
     ----------
     design : Design
+        The designed experiment.
     robot : Robot
+        The robot that is to move.
 
     Returns
     -------
@@ -80,6 +82,7 @@ def _compute_limit_shares(design: Design) -> tuple[FloatArray, FloatArray, Float
         np.array([bound[name, limit] for name in design.joint_names])
         for limit in ("position_min", "position_max", "velocity", "acceleration")
     )
+    # Position limits need not be symmetric: the share is counted from the middle of the range.
     middle, half = (low + high) / 2, (high - low) / 2
     return (design.q - middle) / half, design.dq / velocity, design.ddq / acceleration
 
@@ -95,6 +98,7 @@ def _find_exciting_rows(design: Design) -> NDArray[np.bool_]:
 
 def _select_rows(inside: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the indices of the samples to draw, spread evenly over the exciting part."""
+    # These curves are drawn over position, not over time: every so many-th sample will do.
     every = max(1, int(inside.sum()) // _PATH_POINTS)
     return np.flatnonzero(inside)[::every]
 

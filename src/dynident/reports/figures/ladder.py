@@ -70,12 +70,14 @@ def draw_ladder(
     floor : (n,) array or None
         Relative error that sensor noise alone leaves, where it is known.
     joint_names : sequence of str
+        Names of the n joints, in the robot's order.
 
     Returns
     -------
     Markup
         An inline SVG.
     """
+    # The names of the joints stand between the two panels, and take room by their lengths.
     gap = max(0.6, 0.065 * max(len(shorten_name(name)) for name in joint_names) + 0.15)
     figure, grid = make_panels(1, 2, max(2.4, 0.36 * len(joint_names) + 0.7), widths=(2, 3), gap=gap)
     left, right = grid[0]
@@ -118,6 +120,7 @@ def _draw_joints(
 ) -> None:
     places = np.arange(len(joint_names))[::-1]
     values = 100 * np.array(per_joint)
+    # A grey line joins the errors of one joint.
     axes.hlines(places, values.min(axis=0), values.max(axis=0), color="#cccccc", linewidth=2.5, zorder=1)
     for k, rung in enumerate(values):
         last = k == len(values) - 1

@@ -74,6 +74,7 @@ def _draw_track(axes: Axes, course: ParameterTrack, since: Sequence[int]) -> Non
     days = np.arange(len(course.values))
     # A day whose motion does not determine the parameter has no value.
     determined = np.isfinite(course.values)
+    # From the first change on the colour is another one; further changes are lines alone.
     later = days >= min(since, default=len(days))
     for subset, colour in ((determined & ~later, MEASURED), (determined & later, PREDICTED)):
         if subset.any():

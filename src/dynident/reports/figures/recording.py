@@ -47,6 +47,7 @@ def draw_recording(recording: Recording, prismatic: tuple[bool, ...] = ()) -> Ma
             axes.plot(t[:, joint], values[:, joint], color=colour, linewidth=0.9)
             set_panel_title(axes, f"{name}, {quantity} ({unit})")
             axes.set_xlim(float(np.nanmin(t)), float(np.nanmax(t)))
+            # Windows are times of the recording: on an axis whose segments were moved they would be wrong.
             if not shifted:
                 _shade_unused(axes, recording)
     for axes in grid[-1]:
@@ -78,6 +79,7 @@ def _read_series(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArr
     for segment in recording.segments:
         if parts:
             parts.append((gap, gap, gap))
+            # Segments may have clocks of their own: one that would lie on top of another is moved behind it.
             if segment.start_time + shift < end:
                 shift, shifted = end + pause - segment.start_time, True
         done = 0

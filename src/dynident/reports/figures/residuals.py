@@ -26,6 +26,7 @@ def draw_spectra(comparison: Comparison, joints: range) -> Markup:
     Parameters
     ----------
     comparison : Comparison
+        Measured and predicted torque of one recording.
     joints : range
         Indices of the joints to draw.
 
@@ -41,6 +42,7 @@ def draw_spectra(comparison: Comparison, joints: range) -> Markup:
         name = comparison.joint_names[joint]
         try:
             _draw_spectrum(grid[row][0], time_spectrum(comparison.t, comparison.segment, residual), 1.0)
+        # A recording too short for a spectrum is no reason to have no report.
         except DynidentError as error:
             _draw_reason(grid[row][0], error.title)
         revolute = unit == "N m"

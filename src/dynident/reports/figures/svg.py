@@ -65,26 +65,31 @@ def make_panels(
     Parameters
     ----------
     rows, columns : int
+        Numbers of rows and columns of the grid.
     height : float
-        Of a row with its titles, in inches.
+        Height of a row with its titles, in inches.
     widths : sequence of float, optional
         Ratios of the columns' widths; all the same by default.
     margins : Margins, optional
+        Margins around the panels; the usual ones by default.
     gap : float
-        Between columns, in inches.
+        Room between columns, in inches.
     below : float
         Room for ticks and label below each panel, in inches, where there are several rows.
 
     Returns
     -------
     figure : Figure
-    grid : list of rows of axes
+        The figure, to be drawn by `to_svg`.
+    grid : list of list of Axes
+        Its axes, row by row.
     """
     room = margins or Margins()
     total = rows * height + room.top + room.bottom
     figure = Figure(figsize=(WIDTH, total))
     ratios = np.asarray(widths or [1.0] * columns)
     free = WIDTH - room.left - room.right - (columns - 1) * gap
+    # What margins and gaps leave of the width is shared out by the ratios.
     spans = free * ratios / ratios.sum()
     starts = room.left + np.concatenate([[0.0], np.cumsum(spans + gap)[:-1]])
     panel = height - _TITLE_HEIGHT - (below if rows > 1 else 0.0)
@@ -124,12 +129,14 @@ def to_svg(figure: Figure, description: str) -> Markup:
     Parameters
     ----------
     figure : Figure
+        The figure.
     description : str
         What a reader who cannot see the figure is told.
 
     Returns
     -------
     Markup
+        The element, to be put into a page.
     """
     return _to_inline_svg(_render_svg(figure, "none"), description)
 
@@ -140,9 +147,9 @@ def draw_formula(formula: str, size: float = 11.0) -> Markup | None:
     Parameters
     ----------
     formula : str
-        Without dollar signs.
+        LaTeX without dollar signs.
     size : float
-        Of the font, in points.
+        Size of the font, in points.
 
     Returns
     -------
@@ -189,6 +196,7 @@ def _to_inline_svg(text: str, description: str, attributes: str = "") -> Markup:
     rest = re.sub(r' d="([^"]*)"', lambda match: f' d="{_round_path(match[1])}"', rest)
     rest = re.sub(r"font: ([^;\"]*?px) [^;\"]*", r"font: \1 sans-serif", rest)
     rest = re.sub(r"\n\s*", "\n", rest)
+    # Names from a user's file may hold characters that no XML may hold.
     return Markup(replace_control_characters(opening + rest))
 
 

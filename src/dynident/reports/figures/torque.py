@@ -44,10 +44,11 @@ def draw_torque(comparison: Comparison, joints: Sequence[int], name: str) -> Mar
     Parameters
     ----------
     comparison : Comparison
+        Measured and predicted torque of one recording.
     joints : sequence of int
         Indices of the joints to draw.
     name : str
-        Of the recording.
+        Name of the recording.
 
     Returns
     -------
@@ -90,6 +91,7 @@ def _draw_residual_panel(axes: Axes, comparison: Comparison, axis: TimeAxis, joi
     t, rest = thin_series(axis, comparison.residual[:, joint], _POINTS)
     axes.plot(t, rest, color=RESIDUAL, linewidth=0.7, label="residual")
     axes.axhline(0, color="#777777", linewidth=0.6)
+    # The band counts as well as the residual: a model that knows little must not look exact.
     largest = 1.08 * max(float(np.abs(comparison.residual[:, joint]).max(initial=0)), float(np.nanmax(band)), 1e-9)
     axes.set_ylim(-largest, largest)
     set_panel_title(axes, f"residual: measured minus predicted ({comparison.units[joint]})")
@@ -122,6 +124,7 @@ def _draw_legend(figure: Figure, grid: AxesGrid, comparison: Comparison, joints:
     rests = bool((comparison.phase[:, list(joints)] == Phase.STANDING).any())
     for axes in grid[0]:
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
+            # One legend for all joints: what stands for rest is left out where no joint ever rests.
             if text not in labels and (rests or text not in _STANDSTILL_LABELS):
                 handles.append(handle)
                 labels.append(text)

@@ -44,10 +44,12 @@ def build_validation_section(validations: Sequence[ReportedValidation]) -> Secti
     Parameters
     ----------
     validations : sequence of ReportedValidation
+        The results of the model's validations.
 
     Returns
     -------
     Section
+        A row for each validation.
     """
     rows = tuple(
         ValidationRow(validation, _VERDICT_TEXTS[validation.judged.verdict], _VERDICT_MARKS[validation.judged.verdict])
@@ -72,13 +74,15 @@ def build_residuals_section(runs: Sequence[ReportedRecording]) -> Section:
 
     Parameters
     ----------
-    runs : sequence of ReportedRun
-        The held-out ones are shown, or all where there are none.
+    runs : sequence of ReportedRecording
+        Recordings to show: the held-out ones among them, or all where there are none.
 
     Returns
     -------
     Section
+        Densities over velocity, position and load, and spectra.
     """
+    # Held-out data alone show what the model lacks: to those of the fit its parameters have adapted.
     shown_runs = [run for run in runs if run.held_out] or list(runs)
     comparisons = [run.comparison for run in shown_runs]
     # Recordings cannot be joined for a spectrum; the longest has the finest resolution.
@@ -153,13 +157,16 @@ def build_errors_section(
     Parameters
     ----------
     identification : Identification
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit.
+    runs : sequence of ReportedRecording
+        Recordings to show, each with the model's prediction.
     diagnosis : Diagnosis or None
-        For the noise floor.
+        Diagnosis that tells the noise floor.
 
     Returns
     -------
     Section
+        Errors by joint, and the figures of every recording.
     """
     kinds = _list_error_kinds(identification)
     content = ErrorsContent(
@@ -202,6 +209,7 @@ def _build_error_rows(
 
 
 def _build_error_cell(errors: Errors, joint: int, unit: str) -> ErrorCell:
+    # A joint that never moved, or whose torque was not recorded, has no rows and so no error.
     if not errors.counts[joint]:
         return ErrorCell(nan, nan, "never", "–")
     rms, relative = float(errors.rms[joint]), float(errors.relative[joint])
@@ -239,6 +247,7 @@ def _build_run_figures(run: ReportedRecording, some_held_out: bool) -> RunFigure
     return RunFigures(
         run.name,
         run.role,
+        # Recordings of the fit are folded where held-out ones, which say more, are shown.
         some_held_out and not run.held_out,
         tuple(draw_torque(comparison, joints, run.name) for joints in parts),
         comparison.worst[:4],

@@ -64,15 +64,19 @@ def build_data_section(identification: Identification, runs: Sequence[ReportedRe
     Parameters
     ----------
     identification : Identification
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit.
+    runs : sequence of ReportedRecording
+        Recordings to show, each with the model's prediction.
 
     Returns
     -------
     Section
+        Recordings, checks and filters.
     """
     preprocessing = identification.preprocessing
     content = DataContent(
         tuple(_build_recording_row(run) for run in runs),
+        # All checks are listed, the passed ones folded: what was looked at is part of what is known of the data.
         tuple(CheckRow(run.name, check, _format_place(check)) for run in runs for check in run.checks),
         _list_filters(preprocessing),
         preprocessing.reasons,

@@ -47,7 +47,9 @@ def build_promises_section(design: Design, identification: Identification) -> Se
     Parameters
     ----------
     design : Design
+        The experiment that the data come from.
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
@@ -130,11 +132,14 @@ def build_design_section(design: Design, robot: Robot) -> Section:
     Parameters
     ----------
     design : Design
+        The experiment that the data come from.
     robot : Robot
+        The robot that the model is of.
 
     Returns
     -------
     Section
+        Criteria, limits, test motions and the figure.
     """
     values, baseline = design.criterion_values, design.baseline
     rows = [("this trajectory", format_number(values.condition_number), format_number(values.smallest_singular_value))]
@@ -142,6 +147,7 @@ def build_design_section(design: Design, robot: Robot) -> Section:
         best = baseline.best
         name = f"best of {format_count(baseline.count, 'random one')}"
         rows.append((name, format_number(best.condition_number), format_number(best.smallest_singular_value)))
+        # The best of many random motions is a lucky one: the median says what to expect of any.
         rows.append(("median of those", format_number(baseline.median_condition_number), "–"))
     # A robot has dozens of limits. Those that are nearly reached are the interesting ones.
     nearest = sorted(design.margins, key=lambda margin: -margin.share)[:_MAX_MARGINS]

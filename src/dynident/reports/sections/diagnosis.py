@@ -115,6 +115,7 @@ class DiagnosisContent:
     @property
     def shown(self) -> int:
         """Number of candidates visible before the rest is unfolded: all significant ones, and at least a few."""
+        # Every significant candidate is shown, however many there are.
         return max([_MOST_ROWS, *(k for k, row in enumerate(self.candidates, 1) if row.candidate.significant)])
 
 
@@ -126,13 +127,16 @@ def build_diagnosis_section(
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     diagnosis : Diagnosis
+        The diagnosis.
     recordings : sequence of Recording
-        Those in whose residual the effect of each finding is drawn; none: no such figure.
+        Recordings in whose residual the effect of each finding is drawn; none: no such figure.
 
     Returns
     -------
     Section
+        Candidates, changes, evidence, and the next experiment.
     """
     robot = identification.model.robot
     content = DiagnosisContent(
@@ -208,6 +212,7 @@ def _build_choice_text(choice: EffectChoice, robot: Robot) -> ChoiceText:
 
 
 def _build_invisible_rows(diagnosis: Diagnosis, robot: Robot) -> Iterator[InvisibleRow]:
+    # One row for each effect, with the joints and the different reasons collected.
     for effect in dict.fromkeys(item.effect for item in diagnosis.not_visible):
         items = [item for item in diagnosis.not_visible if item.effect == effect]
         joints = tuple(dict.fromkeys(name for item in items for name in item.joints))

@@ -64,12 +64,14 @@ def build_ladder_section(identification: Identification, diagnosis: Diagnosis | 
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     diagnosis : Diagnosis or None
-        For the noise floor.
+        Diagnosis that tells the noise floor.
 
     Returns
     -------
     Section
+        A row for each model, and their errors by joint.
     """
     models = list(identification.ladder())
     # Held-out errors are comparable along the ladder only where every model has one.
@@ -114,6 +116,7 @@ def _format_choice(choice: EffectChoice, robot: Robot) -> str:
 
 
 def _build_joint_row(name: str, errors: Sequence[float], floor: FloatArray | None, joint: int) -> JointRow:
+    # The ratio says what all steps together have brought this joint.
     first, last = float(errors[0]), float(errors[-1])
     return JointRow(
         name,

@@ -58,10 +58,12 @@ def build_robot_section(identification: Identification) -> Section:
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
     Section
+        Joints with their limits, and the number of parameters.
     """
     robot = identification.model.robot
     content = RobotContent(
@@ -150,10 +152,12 @@ def build_parameters_section(identification: Identification) -> Section:
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
     Section
+        Parameters by effect, and how their standard deviations come about.
     """
     parameters, constants = identification.parameters, identification.shape_constants
     content = ParametersContent(
@@ -211,14 +215,17 @@ def build_model_section(identification: Identification) -> Section:
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
 
     Returns
     -------
     Section
+        Effects with their formulas, and the other choices.
     """
     robot = identification.model.robot
     choices = identification.choices
     strategy = choices.strategy if choices.strategy != "sequential" else f"sequential, {choices.steps}"
+    # What a step of the ladder added is marked: those effects were found, and not assumed.
     added = {choice for rung in identification.ladder() for choice in rung.step.added}
     content = ModelContent(
         tuple(_build_effect_row(choice, robot, choice in added) for choice in choices.effects),

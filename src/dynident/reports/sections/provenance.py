@@ -41,7 +41,8 @@ def collect_metadata_files(said: StatedMetadata) -> dict[str, str]:
 
     Parameters
     ----------
-    said : mapping of recording name to RecordingMetadata
+    said : mapping of str to RecordingMetadata
+        Metadata that the user stated, by the recordings' names.
 
     Returns
     -------
@@ -59,6 +60,7 @@ times are already cut out of the windows."""
 
 def _collect_stated_fields(metadata: RecordingMetadata) -> dict[str, Any]:
     """Return the stated fields of a file's metadata as JSON values."""
+    # Empty values are left out: they are the defaults.
     values = {name: getattr(metadata, name) for name in _STATED_FIELDS}
     return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items() if value}
 
@@ -78,10 +80,11 @@ def build_commands(
     Parameters
     ----------
     identification : Identification
+        The identified model, with its ladder.
     recordings : sequence of Recording, optional
         Those of the model, for the windows that were used of them.
     said : mapping, optional
-        Stated metadata of their files by recording name: see `metadata_files`.
+        Stated metadata of their files by recording name: see `collect_metadata_files`.
 
     Returns
     -------
@@ -187,11 +190,12 @@ class ProvenanceContent:
 
     Attributes
     ----------
-    facts : tuple of (name, value)
+    facts : tuple of pair of str
+        Names and values, in the order in which they are shown.
     commands : tuple of str
         Commands that make the model again.
-    files : tuple of (name, content)
-        The files that the commands name.
+    files : tuple of pair of str
+        Names and contents of the files that the commands name.
     address : str
         URL of a page that shows the model, "" where it is unknown.
     """
@@ -210,7 +214,9 @@ def build_provenance_section(
     Parameters
     ----------
     identification : Identification
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit.
+    runs : sequence of ReportedRecording
+        Recordings to show, each with the model's prediction.
     created : datetime
         When the report was made, with its time zone.
     address : str
@@ -219,8 +225,10 @@ def build_provenance_section(
     Returns
     -------
     Section
+        Facts and commands.
     """
     robot = identification.model.robot
+    # A digest instead of the text: descriptions can be long, and whoever has the file can compare.
     digest = sha256(encode_text(robot.description.content)).hexdigest()
     facts = (
         ("made", created.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC")),

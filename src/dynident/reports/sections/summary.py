@@ -79,13 +79,18 @@ def build_summary_section(
     Parameters
     ----------
     identification : Identification
-    runs : sequence of ReportedRun
+        The identified model, with the data of its fit.
+    runs : sequence of ReportedRecording
+        Recordings to show, each with the model's prediction.
     diagnosis : Diagnosis or None
+        The diagnosis, if there is one.
     validations : sequence of ReportedValidation
+        The results of the model's validations.
 
     Returns
     -------
     Section
+        Numbers, fitness for use, diagnosis and warnings.
     """
     content = SummaryContent(
         _build_figures(identification),
@@ -115,7 +120,9 @@ def is_recommendation_added(identification: Identification, diagnosis: Diagnosis
     Parameters
     ----------
     identification : Identification
+        The identified model, with the data of its fit.
     diagnosis : Diagnosis or None
+        The diagnosis, if there is one.
 
     Returns
     -------
@@ -124,6 +131,7 @@ def is_recommendation_added(identification: Identification, diagnosis: Diagnosis
     """
     if diagnosis is None or not diagnosis.recommended:
         return False
+    # Each with its joints and shape constants: an effect on other joints is another one.
     return all(choice in identification.choices.effects for choice in diagnosis.recommended)
 
 
