@@ -21,11 +21,10 @@ import numpy as np
 from common import FloatArray, show
 from scipy import signal
 
-from dynident.diagnosis.candidates.familywise_test import compute_familywise_p
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_contributions, score_candidates
-from dynident.diagnosis.candidates.significance import ALPHA, combine_scores
+from dynident.diagnosis.candidates.significance import ALPHA, combine_scores, compute_familywise_p
 
 JOINTS, MODEL = 3, 10
 WIDTHS = (1,) * 60 + (2,) * 20 + (3,) * 10 + (7,) * 10

@@ -45,7 +45,7 @@ from dynident.identification.recording_faults.fault_search import (
 from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata
-from dynident.recordings.sources import ArraySource
+from dynident.recordings.stored_rows import ArraySource
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import compute_described_torque
 

@@ -22,7 +22,7 @@ from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 from dynident.reports.figures.design import draw_design
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.figures.residuals import draw_residuals
-from dynident.reports.figures.torque import draw_torque
+from dynident.reports.figures.signals import draw_torque
 from dynident_service.cli import inputs
 from dynident_service.cli.design_helpers import load_proposed_design
 from dynident_service.cli.options import Reading

@@ -8,7 +8,7 @@ from functools import partial
 from math import inf, nan
 from typing import Any, get_args, get_origin
 
-from dynident_service.field_hints import resolve_hint
+from dynident.schema.fields import resolve_hint
 
 ABSURD: tuple[float, ...] = (1e300, 1e-300, inf, nan, -1, 0, 2**70)
 

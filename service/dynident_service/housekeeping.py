@@ -13,10 +13,9 @@ from pathlib import Path
 
 from dynident_service.settings import Settings
 from dynident_service.storage.database import Database
+from dynident_service.storage.deletion import IMPORT_LIFETIME, delete_expired, delete_unused_imports, sweep_objects
 from dynident_service.storage.integrity_check import REPAIRABLE, check_storage
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.retention import IMPORT_LIFETIME, delete_expired, delete_unused_imports
-from dynident_service.storage.tombstones import sweep_objects
 
 EVERY = 60.0
 """Seconds between rounds."""

@@ -23,7 +23,7 @@ from dynident_service.problems import (
     to_problem_fields,
 )
 from dynident_service.security_headers import SAFE
-from dynident_service.storage.disk_space import is_disk_full
+from dynident_service.storage.data_directory import is_disk_full
 from dynident_service.storage.retry import AWAY, describe_error
 
 REQUEST_ID = "X-Request-ID"

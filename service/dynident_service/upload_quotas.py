@@ -14,8 +14,8 @@ from dynident_service.problem_responses import respond
 from dynident_service.problems import ProblemError
 from dynident_service.request_limits import is_upload
 from dynident_service.settings import Settings
+from dynident_service.storage.data_directory import check_disk_space
 from dynident_service.storage.database import Database
-from dynident_service.storage.disk_space import check_disk_space
 from dynident_service.storage.quotas import Account, QuotaLimits, check_quota, get_account, make_bytes_error, sum_bytes
 from dynident_service.storage.records import Kind, NewResource
 from dynident_service.storage.tables import RetryRow

@@ -15,7 +15,7 @@ from dynident.errors import DynidentError
 from dynident.identification import from_bytes
 from dynident.progress import ignore_progress
 from dynident.robot import robot_from_library
-from dynident_service.demo.measurement import design_runs
+from dynident_service.demo.experiment import design_runs
 from dynident_service.demo.scenario import Scenario, find_hideable_effects
 
 ROBOT = robot_from_library("ur10")

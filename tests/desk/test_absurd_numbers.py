@@ -23,15 +23,15 @@ from dynident.identification.choices import EssentialChoices
 from dynident.identification.loads.known_load import KnownLoad
 from dynident.identification.loads.payload_data import parse_payload
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.study.essential_parameters import essential_parameters
+from dynident.identification.study.parameter_identifiability import essential_parameters
 from dynident.motion.collision.surroundings import Box, ToolRange, Wall
 from dynident.progress import ignore_progress
-from dynident.recordings.auto_filters import preprocessing_from_request
 from dynident.recordings.metadata import PreprocessingChoices
+from dynident.recordings.preprocessing import preprocessing_from_request
 from dynident.robot import robot_from_urdf
 from dynident.simulation import ActingEffect, Simulated, Warming, build_simulation_request, simulate
 from dynident.validation.request import TRIALS, ValidationData, build_trial
-from dynident_service.adapters.designs import to_reference
+from dynident_service.adapters.designs import design_to_reference
 
 NAME = "pendulum"
 SECONDS = 20
@@ -95,7 +95,7 @@ def _identified(choices: Any) -> object:
 def _simulated(stated: Any) -> object:
     robot = one_joint_robot(NAME)
     design = design_experiment(robot, replace(DESIGN, kind="random"))
-    return simulate(robot, build_simulation_request(stated, robot, to_reference(design), 100.0))
+    return simulate(robot, build_simulation_request(stated, robot, design_to_reference(design), 100.0))
 
 
 def _filtered(choices: Any) -> object:

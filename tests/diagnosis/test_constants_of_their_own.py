@@ -11,7 +11,7 @@ from hidden_physics import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.residuals.resolution import Resolution
-from dynident.diagnosis.search.per_joint_constants import merge_alike
+from dynident.diagnosis.search.refine import merge_alike
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend

@@ -24,14 +24,13 @@ from dynident.diagnosis.monitoring import (
     monitor_days,
     reduce_day,
 )
-from dynident.diagnosis.monitoring.parameter_tracks import widen_intervals
-from dynident.diagnosis.monitoring.step_columns import StepProductStack
+from dynident.diagnosis.monitoring.parameter_tracks import StepProductStack, widen_intervals
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.estimation import Reduction, concatenate_reductions, statistics, weighted
 from dynident.identification import Identification, IdentificationChoices, identify
-from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
+from dynident.reports.figures.changes import draw_parameter_tracks
 
 CHOICES = IdentificationChoices(WITH_OFFSET, preprocessing=BAND)
 COUNT = 5

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hidden_physics import NAMES, ROBOT, compared, experiment
 
+from dynident.diagnosis.ambiguities import find_misnamed, is_only_helpful_at_first
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.misattribution import find_misnamed, is_only_helpful_at_first
 from dynident.diagnosis.result import UnknownPattern, Variable
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice

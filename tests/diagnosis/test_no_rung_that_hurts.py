@@ -9,8 +9,8 @@ import pytest
 
 from dynident.diagnosis.candidates.accumulate import ConditionalRows, PhasedProducts
 from dynident.diagnosis.candidates.products import ProductStack, products_from_reduction
-from dynident.diagnosis.search import harm_check
-from dynident.diagnosis.search.harm_check import select_harmless
+from dynident.diagnosis.search import pruning
+from dynident.diagnosis.search.pruning import select_harmless
 from dynident.effects import Estimate, get_effect
 from dynident.estimation import FactorAccumulator
 
@@ -104,7 +104,7 @@ def test_a_change_may_have_either_sign_but_is_noticed_and_no_larger_than_it_come
 
 def test_what_hurts_at_first_is_tried_again_beside_what_was_added_since(monkeypatch):
     """Friction hurts as long as the torque that it is judged on is late."""
-    monkeypatch.setattr(harm_check, "_is_harmless", lambda data, base, own, noise: own != (2,) or 3 in base)
+    monkeypatch.setattr(pruning, "_is_harmless", lambda data, base, own, noise: own != (2,) or 3 in base)
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,), (4,)], NOISE) == [1, 0, 2]
-    monkeypatch.setattr(harm_check, "_is_harmless", lambda data, base, own, noise: own != (2,))
+    monkeypatch.setattr(pruning, "_is_harmless", lambda data, base, own, noise: own != (2,))
     assert select_harmless(gathered(lambda w: 0.0 * w[:, 2]), (0, 1), [(2,), (3,)], NOISE) == [1]

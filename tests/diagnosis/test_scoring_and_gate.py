@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.familywise_test import compute_familywise_p
 from dynident.diagnosis.candidates.pool import Candidate
 from dynident.diagnosis.candidates.products import RowStack, products_from_reduction, split_data_folds, split_folds
 from dynident.diagnosis.candidates.scoring import (
@@ -26,10 +25,11 @@ from dynident.diagnosis.candidates.significance import (
     ScoredCandidate,
     are_indistinguishable,
     combine_scores,
+    compute_familywise_p,
     select_simplest,
 )
-from dynident.diagnosis.candidates.stability_selection import compute_stability
 from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.search.acceptance import compute_stability
 from dynident.diagnosis.search.selection import find_richer_changes
 from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator

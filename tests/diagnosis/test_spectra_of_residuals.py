@@ -8,7 +8,7 @@ from hidden_physics import ROBOT
 from oracles import fourier_motion
 
 from dynident.diagnosis import angle_spectrum, autocorrelation, time_spectrum
-from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
+from dynident.diagnosis.comparing.autocorrelation_and_spectra import count_independent_squares
 from dynident.errors import DynidentError
 
 T = np.arange(4000) / 50.0

@@ -15,7 +15,7 @@ from dynident.effects.text_format import format_effect, parse_effects
 from dynident.errors import DynidentError
 from dynident.export.summary import describe_effect
 from dynident.identification import IdentifiedParameter, ShapeConstant
-from dynident.identification.study.removing import subtract_effects
+from dynident.identification.study.solve_again import subtract_effects
 from dynident.reports.labels import format_shape_constants
 
 ROBOT = arm("scara")

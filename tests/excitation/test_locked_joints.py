@@ -14,7 +14,7 @@ from dynident.excitation.observation.design_model import build_design_model, loc
 from dynident.excitation.optimising.design_problem import DesignProblem, Multipliers
 from dynident.motion import Surroundings
 from dynident.motion.limits.bounds import build_bounds, lock_bounds
-from dynident.motion.trajectories.fourier import FourierFamily
+from dynident.motion.trajectories.periodic import FourierFamily
 from dynident.robot import Robot, to_pinocchio
 
 LINKS = (EffectChoice("rigid_body"),)

@@ -17,8 +17,7 @@ from dynident.motion.collision.free_space import build_free_space
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.limits.margins import are_limits_kept
 from dynident.robot import Limits, robot_from_urdf
-from dynident.robot.mesh_files import find_mesh_file
-from dynident.robot.meshes import build_hulls, read_surface
+from dynident.robot.meshes import build_hulls, find_mesh_file, read_surface
 
 FRICTION = (EffectChoice("coulomb"), EffectChoice("viscous"))
 SHORT = TrajectoryRequest(duration=4.0, harmonics=3, sampling_rate=100.0)

@@ -19,9 +19,8 @@ from oracles import Motion, arm, crooked_urdf
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.errors import DynidentError
 from dynident.export.c_code import make_c_name, to_c, write_c_statements
-from dynident.export.casadi_function import to_casadi, to_casadi_bytes
+from dynident.export.casadi_function import build_torque_formula, to_casadi, to_casadi_bytes
 from dynident.export.document import model_from_json, to_json
-from dynident.export.formula import build_torque_formula
 from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.observation import FurtherSignals

@@ -13,9 +13,13 @@ from dynident.errors import DynidentError
 from dynident.estimation import ordinary, statistics
 from dynident.identification import IdentificationChoices, identify, remove
 from dynident.identification.equations.reduce_data import reduce_torque
-from dynident.identification.estimators.reference_motion import align_commanded_motion, read_whole_segments
 from dynident.identification.estimators.simulated_regressors import estimate_by_instrumental_variables
-from dynident.identification.estimators.simulator import build_movable_simulator, simulate_recording
+from dynident.identification.estimators.simulator import (
+    align_commanded_motion,
+    build_movable_simulator,
+    read_whole_segments,
+    simulate_recording,
+)
 from dynident.identification.problem import Problem
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model

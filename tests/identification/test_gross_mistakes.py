@@ -15,11 +15,11 @@ from scipy.interpolate import make_interp_spline
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
 from dynident.identification.recording_faults import held_out_fit as judging
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
+from dynident.identification.recording_faults.column_faults import estimate_delay
 from dynident.identification.recording_faults.fault_search import find_motion_faults
 from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
 from dynident.identification.recording_faults.gravity import find_mounting
 from dynident.identification.recording_faults.held_out_fit import HeldOutFit
-from dynident.identification.recording_faults.torque_delay import estimate_delay
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_excess_friction,

@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
 from dynident.identification.equations.model_equations import find_constants
-from dynident.identification.study.removing import remove
+from dynident.identification.study.solve_again import remove
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.progress import ignore_progress
 from dynident.recordings import Preprocessing, find_motion_band

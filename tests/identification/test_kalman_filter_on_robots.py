@@ -12,8 +12,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_prior
 from dynident.identification import IdentificationChoices, identify
 from dynident.identification.equations.reduce_data import reduce_to_rows
-from dynident.identification.estimators.kalman import estimate_noise
-from dynident.identification.estimators.kalman_pass import TorqueFunction, run_filter
+from dynident.identification.estimators.kalman import TorqueFunction, estimate_noise, run_filter
 from dynident.recordings import choose_preprocessing
 from dynident.regressors.model import build_model
 

@@ -18,7 +18,7 @@ from dynident.identification.recording_faults import (
     check_recording_faults,
     find_recording_faults,
 )
-from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.identification.recording_faults.fault_search import find_parallel_axes
 from dynident.identification.recording_faults.filtered_motion import filter_motion
 from dynident.identification.recording_faults.gravity import find_mounting

@@ -14,12 +14,12 @@ from dynident.errors import DynidentError
 from dynident.estimation import EstimationError, build_weighted_factor, solve
 from dynident.identification import Identification, IdentificationChoices, identify
 from dynident.identification.prior.description_prior import build_normal_prior, build_prior
-from dynident.identification.prior.normal_prior import NormalPrior, split_prior
+from dynident.identification.prior.entropic import NormalPrior, split_prior
 from dynident.identification.study.storage import from_bytes, to_bytes
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import Robot
-from dynident.robot.inertia_uncertainty import estimate_inertia_errors
+from dynident.robot.pseudo_inertia import estimate_inertia_errors
 
 LINKS = (EffectChoice("rigid_body"),)
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous"))

@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
 from dynident.recordings import Preprocessing
-from dynident.recordings.constant_velocity import find_sole_mover
+from dynident.recordings.phases import find_sole_mover
 from dynident.robot import robot_from_urdf
 
 EFFECTS = tuple(EffectChoice(name) for name in ("rigid_body", "rotor_inertia", "coulomb", "viscous", "offset"))

@@ -18,8 +18,13 @@ from dynident.identification import IdentificationChoices, identify
 from dynident.identification.equations.checks import find_undetermined_parameters
 from dynident.identification.problem import Problem
 from dynident.identification.strategies.dispatch import solve_by_strategy
-from dynident.identification.strategies.sequential import find_wrist_joints, iterate_steps, select_joints
-from dynident.identification.strategies.sequential_steps import StepEstimates, take_step
+from dynident.identification.strategies.sequential import (
+    StepEstimates,
+    find_wrist_joints,
+    iterate_steps,
+    select_joints,
+    take_step,
+)
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf

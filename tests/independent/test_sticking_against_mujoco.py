@@ -12,8 +12,8 @@ from engine.scene import Scene
 
 from dynident.robot import Robot, robot_from_library
 from dynident.simulation import Controller, Reference, Sensors, VirtualRobot, spread_over_joints
-from dynident.simulation.joint_control import compute_feed_forward_torque, compute_joint_gains
 from dynident.simulation.reference_motion import ReferencePath
+from dynident.simulation.virtual_robot import compute_feed_forward_torque, compute_joint_gains
 
 STEP = 0.25e-3
 EXACT = Sensors(sampling_rate=1 / STEP, encoder_counts=None, torque_noise=0.0)

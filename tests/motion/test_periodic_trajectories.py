@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError
-from dynident.motion.trajectories.b_spline import BSplineFamily
-from dynident.motion.trajectories.fourier import FourierFamily
 from dynident.motion.trajectories.motion import PeriodicMotion, Rest, sample_pieces
+from dynident.motion.trajectories.periodic import BSplineFamily, FourierFamily
 
 families = st.one_of(
     st.builds(FourierFamily, st.integers(2, 12), st.floats(0.5, 60.0)),

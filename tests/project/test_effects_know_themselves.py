@@ -26,7 +26,7 @@ OTHER_MEANINGS = {"payload"}
 # its help; who says "the links" there says it in the contract's words.
 CONTRACT = {
     "service/dynident_service/models/identifications.py": {choice.effect for choice in DEFAULT_EFFECTS},
-    "service/dynident_service/models/simulations.py": {choice.effect for choice in DEFAULT_EFFECTS},
+    "service/dynident_service/models/designs.py": {choice.effect for choice in DEFAULT_EFFECTS},
     "service/dynident_service/adapters/robots.py": {"rigid_body"},
     "service/dynident_service/cli/commands/demo.py": {"stribeck"},
     # A check of recordings has the name of what it looks for; a URDF's mimic joint has an offset.

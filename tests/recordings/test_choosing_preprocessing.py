@@ -14,7 +14,7 @@ from dynident.recordings import (
     preprocessing_from_request,
     recording_from_arrays,
 )
-from dynident.recordings.auto_filters import find_motion_band
+from dynident.recordings.preprocessing import find_motion_band
 from dynident.recordings.spectra import estimate_spectra
 
 

@@ -24,7 +24,7 @@ from dynident.recordings.columns import Column, Layout
 from dynident.recordings.conditioning import Conditioning
 from dynident.recordings.file_source import RawRows
 from dynident.recordings.importing import condition_arrays, scan_time
-from dynident.recordings.sources import load_stored_samples
+from dynident.recordings.stored_rows import load_stored_samples
 from dynident.simulation import Sensors, TrueEffect, VirtualRobot
 from dynident.testing.trial import build_trial_arm, build_trial_motion
 

@@ -16,10 +16,9 @@ from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
 from dynident.estimation.marginalisation import marginalise_parameters
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.study.removing import remove
+from dynident.identification.study.solve_again import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
-from dynident.regressors.base_wrench import build_wrench_model
-from dynident.regressors.equation_forms import build_wrench_form
+from dynident.regressors.equation_forms import build_wrench_form, build_wrench_model
 from dynident.regressors.model import build_model
 from dynident.robot import robot_from_urdf, to_pinocchio
 

@@ -6,8 +6,8 @@ import pytest
 
 from dynident.effects import CATALOGUE, ShapeSpec
 from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.reports.parameter_tables import build_shape_table
 from dynident.reports.report_tables import ReportedTable, make_interval_cell, make_number_cell, make_text_cells
+from dynident.reports.result_rows import build_shape_table
 
 KINDS = [(effect.id, spec) for effect in CATALOGUE.values() for spec in effect.shapes if spec.words]
 

@@ -12,10 +12,10 @@ from dynident.advice import AdvisedDiagnosis, NextExperiment, Separation
 from dynident.diagnosis.result import Adequacy, Change, ChangedValue, RankedEffect
 from dynident.effects import EffectChoice
 from dynident.estimation import Errors
+from dynident.schema.fields import resolve_hint
 from dynident.validation.outcome import ValidationOutcome
 from dynident.validation.torque_errors import TorqueValidation
-from dynident_service.adapters.serialise import from_view, to_view
-from dynident_service.field_hints import resolve_hint
+from dynident_service.adapters.conversion import from_view, to_view
 from dynident_service.models import diagnoses, validations
 
 CHOICE = EffectChoice("stribeck", ("a",), (("vs", 0.1),), ("run 1",))

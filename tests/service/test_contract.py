@@ -10,15 +10,15 @@ from fastapi.testclient import TestClient
 from versions import older_than_locked
 
 import dynident_client
-from dynident_service.client_types import (
+from dynident_service.openapi import (
     ANSWERS_FOLDER,
     DESCRIPTIONS_FILE,
     build_answer_types,
     build_description_types,
     build_request_types,
+    render_contract,
 )
-from dynident_service.client_types import FILE as TYPES
-from dynident_service.openapi import render_contract
+from dynident_service.openapi import REQUESTS_FILE as TYPES
 
 # Older ones give the same schemas other names.
 pytestmark = pytest.mark.skipif(older_than_locked("fastapi"), reason="the contract is written by a newer FastAPI")

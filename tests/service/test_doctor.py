@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 from dynident_service.cli.app import app
 from dynident_service.jobs import stored_file_reader
 from dynident_service.jobs.fork_server import ForkServer
+from dynident_service.storage.deletion import sweep_objects
 from dynident_service.storage.integrity_check import Defect, check_storage, repair
 from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import Kind, NewResource, OwnedObject
-from dynident_service.storage.tombstones import sweep_objects
 
 OLDER = Path(__file__).parent.parent / "older_versions"
 

@@ -23,10 +23,10 @@ from test_uploads import as_csv, files_in, sound, upload
 from dynident_service.routes.uploads import _SentFile
 from dynident_service.services import Services
 from dynident_service.settings import Settings
+from dynident_service.storage.deletion import delete_expired
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Dependency, NewJob, NewResource
 from dynident_service.storage.resources import Resources
-from dynident_service.storage.retention import delete_expired
 from dynident_service.storage.tables import JobRow, RetryRow
 
 

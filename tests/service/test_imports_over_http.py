@@ -12,7 +12,7 @@ import pytest
 from fastapi.testclient import TestClient
 from test_uploads import sound
 
-from dynident_service.storage.retention import delete_unused_imports
+from dynident_service.storage.deletion import delete_unused_imports
 
 
 def foreign(decimal: str = ",") -> bytes:

@@ -12,7 +12,7 @@ from test_uploads import as_csv, sound
 
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, open_recording
-from dynident.recordings.sources import ParquetSource
+from dynident.recordings.stored_rows import ParquetSource
 from dynident.robot import robot_from_modified_dh
 from dynident_service.jobs import distributed_map
 from dynident_service.jobs.distributed_map import OtherWorkers

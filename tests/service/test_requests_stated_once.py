@@ -31,10 +31,10 @@ from dynident.schema.registry import kind_to_document
 from dynident.simulation import ActingEffect, Simulated, Warming, list_drive_effects, resolve_true_effects
 from dynident.simulation.virtual_robot_request import list_usual_effects
 from dynident.validation.request import TRIALS, build_trial
+from dynident_service.adapters.conversion import to_body, to_body_value, to_request
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata, to_revision
-from dynident_service.adapters.requests import to_body, to_request, to_wire_value
 from dynident_service.cli.app import app
-from dynident_service.models import designs, identifications, simulations
+from dynident_service.models import designs, identifications
 from dynident_service.models.measurements import MeasurementMetadata
 from dynident_service.openapi import render_contract
 
@@ -47,8 +47,8 @@ PROGRAM = """
 import json, sys
 import dynident.identification.methods.estimators as home
 home.__path__.append({folder!r})
-from dynident_service.adapters.requests import to_request
-from dynident_service.client_types import build_request_types
+from dynident_service.adapters.conversion import to_request
+from dynident_service.openapi import build_request_types
 from dynident_service.models.identifications import IdentificationRequest
 from dynident.identification import IdentificationChoices
 from dynident_service.openapi import render_contract
@@ -134,7 +134,7 @@ def test_a_design_comes_back_from_the_wire_as_it_was_asked_for() -> None:
     asked = to_request(designs.DesignRequest.model_validate(body), DesignRequest)
     assert asked.model == "dynamic"
     assert asked.surroundings.boxes[0].size == (1.0, 1.0, 1.0)
-    again = designs.DesignRequest.model_validate({"robot_id": "r", **to_wire_value(asked)})
+    again = designs.DesignRequest.model_validate({"robot_id": "r", **to_body_value(asked)})
     assert to_request(again, DesignRequest) == asked
 
 
@@ -178,7 +178,7 @@ def test_every_field_of_a_simulation_says_what_it_is_and_none_stated_is_the_defa
         for one in fields(request):
             assert get_description(one).words or one.name in ("effects", "noise", "shape_parameters"), one.name
     body = {"robot_id": "r", "design_id": "d"}
-    assert to_request(simulations.SimulationRequest.model_validate(body), Simulated) == Simulated()
+    assert to_request(designs.SimulationRequest.model_validate(body), Simulated) == Simulated()
 
 
 def test_a_virtual_robot_asked_for_by_its_usual_effects_is_the_typical_one() -> None:

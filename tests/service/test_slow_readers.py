@@ -14,7 +14,7 @@ import pytest
 import uvicorn
 from service_helpers import wait_for
 
-from dynident_service.connections import UNREAD_LIMIT, create_protocol
+from dynident_service.serve import UNREAD_LIMIT, create_protocol
 from dynident_service.settings import Settings
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, UNREAD_LIMIT), reason="this system cannot limit it")

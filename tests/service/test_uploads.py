@@ -16,7 +16,7 @@ from fastapi.testclient import TestClient
 
 from dynident_service.housekeeping import sweep_folder
 from dynident_service.services import Services
-from dynident_service.storage.tombstones import sweep_objects
+from dynident_service.storage.deletion import sweep_objects
 
 Columns = dict[str, np.ndarray]
 

@@ -12,8 +12,7 @@ from oracles import pinocchio_torque
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.estimators.reference_motion import read_longest_piece
-from dynident.identification.estimators.simulator import build_simulator
+from dynident.identification.estimators.simulator import build_simulator, read_longest_piece
 from dynident.validation import filters_by_simulation, sensor_noise, validate_simulation
 
 

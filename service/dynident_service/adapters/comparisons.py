@@ -8,7 +8,7 @@ from dynident.array_types import BoolArray, FloatArray, IndexArray
 from dynident.diagnosis import Comparison, Judgement
 from dynident.diagnosis.comparing.storage import JointSignals
 from dynident.recordings.phases import Phase, PhaseArray
-from dynident_service.adapters.serialise import show_figures, to_view
+from dynident_service.adapters.conversion import show_figures, to_view
 from dynident_service.models import comparisons as wire
 from dynident_service.models.measurements import PhasesView
 

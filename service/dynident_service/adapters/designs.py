@@ -1,4 +1,4 @@
-"""Designs of experiments: requests from bodies, views of results, and stored designs read back."""
+"""Designs of experiments and simulations of them: requests from bodies, views of results, stored designs read back."""
 
 from __future__ import annotations
 
@@ -10,23 +10,71 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.interpolate import CubicSpline
 
 from dynident.effects.effect_columns import check_shape_constants, find_joints
+from dynident.errors import DynidentError
 from dynident.excitation import CriterionChoice, CriterionValues, Design, DesignRequest, TrajectoryRequest, design_table
-from dynident.excitation.clearance import find_nearest_along
 from dynident.excitation.criteria.criterion_values import Baseline
-from dynident.excitation.formats.ros2 import format_joint_trajectory
+from dynident.excitation.formats.design_files import format_joint_trajectory
 from dynident.excitation.request_checks import check_request
+from dynident.excitation.result import find_nearest_along
 from dynident.identification.shapes.shape_search import check_choices
 from dynident.motion.collision.contacts import Nearest
 from dynident.motion.collision.obstacles import Wall, build_block
 from dynident.recordings.arrow import table_column_to_floats, to_csv
 from dynident.robot import Robot
 from dynident.robot.shapes import Block
-from dynident.simulation import Reference
-from dynident_service.adapters.requests import to_body, to_request
-from dynident_service.adapters.serialise import from_view, to_view
+from dynident.simulation import Reference, SimulatedRecording
+from dynident_service.adapters.conversion import from_view, to_body, to_request, to_view
 from dynident_service.models import designs as wire
+
+RATE_OF_SAMPLES = 1000.0
+"""Sampling rate in Hz of a virtual robot that follows samples."""
+
+
+def samples_to_reference(samples: wire.Samples) -> Reference:
+    """Build a reference trajectory from samples.
+
+    Parameters
+    ----------
+    samples : Samples
+        t (m,) in s and q (m, n); dq and ddq where they are stated.
+
+    Returns
+    -------
+    Reference
+        The trajectory; missing derivatives are those of a cubic spline through q.
+
+    Raises
+    ------
+    DynidentError
+        Where t does not increase, or rows have different lengths.
+    """
+    t, q = np.array(samples.t, dtype=np.float64), _to_matrix(samples.q, "q")
+    if samples.dq is not None and samples.ddq is not None:
+        return Reference(t, q, _to_matrix(samples.dq, "dq"), _to_matrix(samples.ddq, "ddq"))
+    # A cubic spline needs four points and increasing times.
+    if len(t) != len(q) or not np.all(np.diff(t) > 0) or len(t) < 4:
+        detail = "t has to increase, with one row of q for each, four at least, for dq and ddq to follow from q"
+        raise DynidentError(detail, pointer="/trajectory/t", title="Unusable trajectory")
+    # A cubic has a continuous acceleration, which the torque needs.
+    spline = CubicSpline(t, q)
+    dq = spline(t, 1) if samples.dq is None else _to_matrix(samples.dq, "dq")
+    return Reference(t, q, dq, spline(t, 2) if samples.ddq is None else _to_matrix(samples.ddq, "ddq"))
+
+
+def describe_simulation(measurement: SimulatedRecording, rate: float) -> wire.SimulationResult:
+    """Build the view of a simulated measurement; `rate` in Hz."""
+    return to_view(wire.SimulationResult, measurement, sampling_rate=rate)
+
+
+def _to_matrix(rows: list[list[float]], name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    if len({len(row) for row in rows}) != 1:
+        detail = f"the rows of {name} have different lengths; each has a value for every joint"
+        raise DynidentError(detail, pointer=f"/trajectory/{name}", title="Unusable trajectory")
+    return np.array(rows, dtype=np.float64)
+
 
 ROWS = 65_536
 """Rows of a trajectory that are converted to CSV at a time."""
@@ -187,7 +235,7 @@ def _show_link_clearances(nearest: Nearest) -> wire.LinkClearances:
     )
 
 
-def to_reference(design: Design) -> Reference:
+def design_to_reference(design: Design) -> Reference:
     """Return the motion of a design as a reference trajectory."""
     return Reference(design.t, design.q, design.dq, design.ddq)
 

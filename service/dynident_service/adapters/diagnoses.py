@@ -10,8 +10,8 @@ from dynident.diagnosis import Evidence
 from dynident.diagnosis.monitoring import Series, SeriesChange
 from dynident.diagnosis.result import Change, ChangedValue
 from dynident.robot import Robot
+from dynident_service.adapters.conversion import from_view, to_view
 from dynident_service.adapters.designs import show_request, to_design_request
-from dynident_service.adapters.serialise import from_view, to_view
 from dynident_service.models import diagnoses as wire
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.designs import DesignRequest

@@ -1,4 +1,4 @@
-"""Recordings, their metadata, revisions and raw signals, between the contract and the library."""
+"""Recordings, their metadata, revisions, inspections and raw signals, between the contract and the library."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident.recordings import (
     phase_shares,
 )
 from dynident.robot import Robot
-from dynident_service.adapters.serialise import to_view
+from dynident_service.adapters.conversion import to_view
 from dynident_service.models import measurements as wire
 from dynident_service.problems import Problem, ProblemField, to_problem
 from dynident_service.storage.records import Resource
@@ -25,16 +25,82 @@ if TYPE_CHECKING:
     from dynident_service.storage.objects import ObjectStore
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 
 from dynident.array_types import FloatArray
+from dynident.identification.column_inference import Inspection, inspect_file
 from dynident.identification.robot_recordings import build_recorded_joints
 from dynident.recordings import RecordingMetadata, Revision
 from dynident.recordings.phases import find_phases
 from dynident.recordings.raw_signals import RecordedSignals, RobotFile
-from dynident_service.adapters.requests import to_body, to_request
-from dynident_service.adapters.serialise import from_view, to_json_numbers
-from dynident_service.models.measurements import MeasurementMetadata, RawSignals, Standstills, StandstillsOfJoint
-from dynident_service.models.revisions import RevisionRequest
+from dynident_service.adapters.conversion import from_view, to_body, to_json_numbers, to_request
+from dynident_service.models.common import to_plain_json
+from dynident_service.models.measurements import (
+    MeasurementMetadata,
+    RawSignals,
+    RevisionRequest,
+    Standstills,
+    StandstillsOfJoint,
+)
+
+
+def inspect_upload(source: Path, robot: Robot, metadata: wire.ImportMetadata, sha256: str) -> wire.ImportResult:
+    """Inspect an uploaded file and propose metadata for it.
+
+    Parameters
+    ----------
+    source : Path
+        The file.
+    robot : Robot
+        The robot that it is a recording of.
+    metadata : ImportMetadata
+        What the user states; it wins over what is guessed.
+    sha256 : str
+        The hash of the file.
+
+    Returns
+    -------
+    ImportResult
+        Guesses, open questions and the proposed metadata.
+    """
+    stated_metadata = to_request(metadata, RecordingMetadata)
+    inspection = inspect_file(source, robot, stated_metadata.rate)
+    assert inspection.proposal is not None
+    proposed = replace(
+        stated_metadata,
+        # What the user has stated stands: guesses only fill what is left open.
+        columns={**inspection.proposal.columns, **stated_metadata.columns},
+        units={**inspection.proposal.units, **stated_metadata.units},
+        effort_kind=inspection.proposal.effort_kind,
+    )
+    # A question about the columns of one kind, as tau1…, is answered by any stated key of that kind.
+    answered = {key.rstrip("0123456789") for key in (*stated_metadata.columns, *stated_metadata.units)}
+    view = describe_inspection(inspection, sha256)
+    questions = [
+        question
+        for question in view.questions
+        if question.field.rpartition("/")[2].rstrip("0123456789") not in answered
+    ]
+    document = to_plain_json(to_body(MeasurementMetadata, proposed, robot_id=metadata.robot_id))
+    return wire.ImportResult(**{**view.model_dump(), "questions": questions, "proposed": document})
+
+
+def describe_inspection(inspection: Inspection, sha256: str) -> wire.InspectionView:
+    """Build the view of an inspection; without a proposal it has no guesses and questions."""
+    proposal = inspection.proposal
+    questions = [
+        to_view(wire.QuestionView, question, choices=question.choices or None)
+        for question in (proposal.questions if proposal else ())
+    ]
+    return to_view(
+        wire.InspectionView,
+        inspection,
+        sha256=sha256,
+        guesses=proposal.guesses if proposal else [],
+        questions=questions,
+        effort_kind=proposal.effort_kind if proposal else "unknown",
+        preview=to_view(wire.PreviewView, inspection),
+    )
 
 
 def open_raw_signals(

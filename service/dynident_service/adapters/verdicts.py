@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from dynident.recordings import Recording
 from dynident.recordings.revisions import adapt_revision
 from dynident.verdict import ModelVerdict, Stop
+from dynident_service.adapters.conversion import to_view
 from dynident_service.adapters.measurements import show_revision, to_recording_metadata
-from dynident_service.adapters.serialise import to_view
 from dynident_service.models import verdicts as wire
 from dynident_service.models.measurements import MeasurementMetadata
 

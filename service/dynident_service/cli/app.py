@@ -62,10 +62,16 @@ _COMMANDS = (
     *("gains", "currents", "extend", "remove", "ladder", "report", "series", "export", "effects", "doctor"),
     *("backup", "restore", "export_robot", "import_robot", "serve"),
 )
-"""Commands in the order of the overview. Each stands in the module of `dynident_service.cli.commands` with its name."""
+"""Commands in the order of the overview."""
 
-_MODULES = dict.fromkeys(("restore", "export_robot", "import_robot"), "backup")
-"""Modules of the commands that stand in another command's module."""
+_MODULES = {
+    **dict.fromkeys(("essential", "extend", "ladder", "remove"), "identify"),
+    **dict.fromkeys(("changes", "series"), "diagnose"),
+    "simulate": "design",
+    **dict.fromkeys(("restore", "export_robot", "import_robot", "doctor"), "backup"),
+    "currents": "gains",
+}
+"""Modules of `dynident_service.cli.commands`, for commands that do not stand in the one with their name."""
 
 
 def _show_version(is_requested: bool) -> None:

@@ -16,7 +16,7 @@ from dynident.motion import Surroundings
 from dynident.reports.number_format import format_number, format_percent
 from dynident.robot import Limits, Robot
 from dynident.robot.collision import find_mesh_folders
-from dynident_service.adapters.requests import to_request
+from dynident_service.adapters.conversion import to_request
 from dynident_service.cli.files import read_json_object
 from dynident_service.cli.inputs import load_diagnosis
 from dynident_service.cli.terminal import build_table

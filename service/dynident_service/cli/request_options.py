@@ -16,10 +16,9 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 import typer
 
 from dynident.errors import DynidentError
-from dynident.schema.fields import FieldDescription, get_default, get_description
+from dynident.schema.fields import FieldDescription, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry
 from dynident_service.cli import parsing
-from dynident_service.field_hints import resolve_hint
 
 T = TypeVar("T")
 _UNUSABLE = "Unusable option"

@@ -13,19 +13,10 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.effects.text_format import format_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.study.dependence import parameter_dependence
-from dynident.identification.study.essential_parameters import EssentialPath
 from dynident.identification.study.model_selection import find_best_step
+from dynident.identification.study.parameter_identifiability import EssentialPath, parameter_dependence
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
-from dynident.reports.finding_rows import CANDIDATE_COLUMNS as CANDIDATES
-from dynident.reports.finding_rows import (
-    CHANGE_COLUMNS,
-    FRICTION_COLUMNS,
-    format_candidates,
-    format_change,
-    format_friction_difference,
-)
 from dynident.reports.labels import (
     describe_best_step,
     format_hidden_effects,
@@ -34,12 +25,18 @@ from dynident.reports.labels import (
     get_step_mark,
 )
 from dynident.reports.number_format import format_number, format_percent
-from dynident.reports.parameter_tables import (
+from dynident.reports.result_rows import CANDIDATE_COLUMNS as CANDIDATES
+from dynident.reports.result_rows import (
+    CHANGE_COLUMNS,
+    FRICTION_COLUMNS,
     GROUPING,
     TIMES_SMALLEST,
     build_essential_tables,
     build_parameter_table,
     build_shape_table,
+    format_candidates,
+    format_change,
+    format_friction_difference,
 )
 from dynident.robot import Robot
 from dynident_service.cli.inputs import LoadedRecording
@@ -50,7 +47,7 @@ if TYPE_CHECKING:
     from dynident.diagnosis import Comparison, Diagnosis, Judgement
     from dynident.diagnosis.monitoring import ParameterTrack, Series, SeriesChange
     from dynident.diagnosis.result import Change
-    from dynident.validation.drift import Drift
+    from dynident.validation.simulation import Drift
     from dynident.verdict import ModelVerdict, State
 
 _TOO_WIDE = (GROUPING, TIMES_SMALLEST)

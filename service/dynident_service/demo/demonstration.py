@@ -1,8 +1,9 @@
-"""The demonstration from beginning to end."""
+"""The demonstration from beginning to end, with the texts and tables that it prints."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -13,12 +14,194 @@ from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.identification import to_bytes
 from dynident.progress import scale_progress
+from dynident.reports.number_format import format_number, format_percent
+from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
+from dynident.robot import Robot
 from dynident_service.cli.files import write_atomically
-from dynident_service.cli.terminal import show_progress_bar
-from dynident_service.demo import console_output
-from dynident_service.demo.analysis import Analysis, analyse_recordings
-from dynident_service.demo.measurement import MeasuredRun, design_runs, record_runs, write_hidden_effect
+from dynident_service.cli.result_tables import format_choice
+from dynident_service.cli.terminal import build_table, show_progress_bar
+from dynident_service.demo.experiment import (
+    Analysis,
+    MeasuredRun,
+    analyse_recordings,
+    design_runs,
+    record_runs,
+    write_hidden_effect,
+)
 from dynident_service.demo.scenario import Scenario
+
+_SHOWN_CANDIDATES = 5
+# A residual below this multiple of the noise floor cannot be told from noise.
+_VISIBLE_RATIO = 1.15
+
+
+def print_introduction(console: Console, scenario: Scenario) -> None:
+    """Print what will happen."""
+    robot = scenario.robot
+    _print_heading(console, "The robot")
+    console.print(
+        f"A virtual {robot.name} with {robot.n} joints. Its links are up to 10 % lighter or heavier than its "
+        "description says, its friction and rotor inertias are drawn by lot"
+        + (", and one more effect is hidden in it." if scenario.hidden is not None else "."),
+    )
+    console.print(
+        "What is hidden is written to hidden.json and not read again before the end: identification and diagnosis "
+        "are given the description and the recorded files alone.",
+    )
+
+
+def print_experiment(console: Console, runs: Sequence[MeasuredRun], seconds: float) -> None:
+    """Print trajectories and recordings."""
+    _print_heading(console, "Design and measurement")
+    rows = []
+    for run in runs:
+        values, baseline = run.design.criterion_values, run.design.baseline
+        best = format_number(baseline.best.condition_number) if baseline is not None else "–"
+        kind = "optimised" if run.design.request.kind == "optimized" else "from point to point"
+        rows.append([run.path.name, kind, f"{run.design.duration:.0f} s", str(run.n_samples),
+                     format_number(values.condition_number), best])  # fmt: skip
+    columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
+    console.print(build_table("", columns, rows, right_from=2))
+    console.print(
+        f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and measure. "
+        "run2.csv is slow; validation.csv, which is never fitted to, goes from point to point and dwells in each. "
+        "All of every recording is used, standstill and all.",
+    )
+
+
+def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
+    """Print the results of identification, comparison and diagnosis."""
+    first = analysis.first
+    _print_heading(console, "Identify")
+    assert first.held_out is not None
+    console.print(
+        f"{first.model.n_parameters} base parameters: links, rotor inertia, Coulomb and viscous friction. Error "
+        f"{format_percent(first.fit.relative_total)} in the fit, "
+        f"{format_percent(first.held_out.relative_total)} held out.",
+    )
+    _print_heading(console, "Compare")
+    over = analysis.compute_floor_ratio(first)
+    worst = int(over.argmax())
+    console.print(
+        f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times what the "
+        "torque sensor's noise explains.",
+    )
+    spot = next(
+        (failure for failure in analysis.diagnosis.failure_map if failure.joint == robot.joint_names[worst]), None
+    )
+    if spot is not None:
+        console.print(
+            f"It is largest over {spot.variable}, between {format_number(spot.low)} and "
+            f"{format_number(spot.high)} {spot.unit}: "
+            f"{spot.ratio:.1f} times the joint's own.",
+        )
+    _print_heading(console, "Diagnose")
+    _print_candidates(console, robot, analysis)
+    _print_heading(console, "Add, and see the error fall")
+    _print_ladder(console, robot, analysis)
+
+
+def print_hidden_effect(
+    console: Console, scenario: Scenario, analysis: Analysis, named_right: bool, joints: Sequence[int]
+) -> None:
+    """Print what was hidden beside what was named."""
+    _print_heading(console, "The envelope is opened")
+    hidden = scenario.hidden
+    if hidden is None:
+        answer = "and nothing was found" if named_right else "but something was found: a false alarm"
+        console.print(f"Nothing was hidden, {answer}.", style="bold")
+        return
+    where = f" on {hidden.joint}" if hidden.joint else ""
+    console.print(f"Hidden: {get_effect(hidden.effect).title}{where}.", style="bold")
+    console.print(
+        "It was named." if named_right else "It was not named.",
+        style="bold green" if named_right else "bold red",
+    )
+    truth = dict(hidden.values)
+    rows = [
+        [
+            column.name,
+            column.unit,
+            format_number(truth[column.parameter], 4),
+            format_number(value, 4),
+            format_number(deviation, 2),
+        ]
+        for column, value, deviation in zip(
+            analysis.last.model.kept, analysis.last.values, analysis.last.statistics.standard_deviations, strict=True
+        )
+        if column.effect == hidden.effect and column.link in (hidden.joint, "") and column.parameter in truth
+    ]
+    for choice in analysis.diagnosis.recommended:
+        if choice.effect == hidden.effect and (not hidden.joint or hidden.joint in choice.joints):
+            true_shape = get_effect(hidden.effect).shape_with_defaults(dict(hidden.shape))
+            specs = {spec.name: spec for spec in get_effect(choice.effect).shapes}
+            rows += [
+                [
+                    name,
+                    specs[name].unit,
+                    *(
+                        specs[name].get_word(constant) or format_number(constant, 4)
+                        for constant in (true_shape[name], value)
+                    ),
+                    "",
+                ]
+                for name, value in choice.shape
+            ]
+    if named_right and rows:
+        columns = ("parameter", "unit", "true", "identified", "standard deviation")
+        console.print(build_table("", columns, rows, right_from=2))
+    # Where the first model already reaches the noise, nothing was visible: that is no failure of the diagnosis.
+    before = max(float(analysis.compute_floor_ratio(analysis.first)[j]) for j in joints)
+    if not named_right and before < _VISIBLE_RATIO:
+        console.print("On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
+    after = max(float(analysis.compute_floor_ratio(analysis.last)[j]) for j in joints)
+    console.print(f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
+
+
+def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
+    """Print where the files are, and how to repeat the analysis by hand."""
+    _print_heading(console, "Files")
+    console.print(f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
+    training = " ".join(str(run.path) for run in runs[:-1])
+    console.print("The same by hand, on the files alone:")
+    for line in (
+        f"dynident identify {robot.name} {training} -v {runs[-1].path} -o my_model.npz",
+        f"dynident diagnose my_model.npz {training} -o my_diagnosis.json",
+    ):
+        console.print(f"  {line}", soft_wrap=True, style="cyan")
+    console.print(f"Everything took {seconds:.1f} s.")
+
+
+def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> None:
+    rows = format_candidates(analysis.diagnosis.candidates[:_SHOWN_CANDIDATES], robot)
+    console.print(build_table("", CANDIDATE_COLUMNS, rows, right_from=3))
+    console.print(analysis.diagnosis.summary, style="bold")
+    for item in analysis.diagnosis.candidates:
+        if item.significant and item.equivalent:
+            console.print(f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
+
+
+def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:
+    """Print the ladder: joints as rows, models as columns: names of joints are long, of effects short."""
+    added = [", ".join(choice.effect for choice in model.step.added) for model in analysis.ladder[1:]]
+    over = [analysis.compute_floor_ratio(model) for model in analysis.ladder]
+    floor = analysis.diagnosis.noise_floor
+    rows = [
+        [joint.name, *(f"{values[j]:.2f}" for values in over), f"{floor[j]:.2g} {joint.effort_unit}"]
+        for j, joint in enumerate(robot.joints)
+    ]
+    totals = [format_percent(model.held_out.relative_total) for model in analysis.ladder if model.held_out is not None]
+    rows.append(["all joints, relative error", *totals, ""])
+    title = "Held-out residual per joint, as a multiple of the noise floor"
+    columns = ("joint", "first model", *(f"+ {name}" for name in added), "noise floor")
+    console.print(build_table(title, columns, rows))
+    for index, choice in enumerate(analysis.diagnosis.recommended):
+        console.print(f"{'+' if index == 0 else 'then +'} {format_choice(choice, robot)}")
+
+
+def _print_heading(console: Console, text: str) -> None:
+    console.print()
+    console.print(text, style="bold underline")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,21 +281,21 @@ def run_demonstration(scenario: Scenario, folder: Path, console: Console) -> Out
     """
     _make_folder(folder)
     begun = time.monotonic()
-    console_output.print_introduction(console, scenario)
+    print_introduction(console, scenario)
     with show_progress_bar("design and measure") as progress:
         designs = design_runs(scenario, scale_progress(progress, 0.0, 0.5))
         # Written before anything is analysed: nobody can say later that it was made to fit.
         write_hidden_effect(scenario, folder / "hidden.json")
         runs = record_runs(scenario, designs, folder, scale_progress(progress, 0.5, 1.0))
-    console_output.print_experiment(console, runs, time.monotonic() - begun)
+    print_experiment(console, runs, time.monotonic() - begun)
     analysis = _analyse_files(scenario, runs)
     write_atomically(folder / "first_model.npz", to_bytes(analysis.first))
     write_atomically(folder / "model.npz", to_bytes(analysis.last))
     write_atomically(folder / "report.html", encode_text(analysis.report))
     outcome = Outcome(scenario, analysis, folder, time.monotonic() - begun)
-    console_output.print_findings(console, scenario.robot, analysis)
-    console_output.print_hidden_effect(console, scenario, analysis, outcome.is_named_correctly, outcome.joints)
-    console_output.print_files(console, scenario.robot, runs, folder, outcome.seconds)
+    print_findings(console, scenario.robot, analysis)
+    print_hidden_effect(console, scenario, analysis, outcome.is_named_correctly, outcome.joints)
+    print_files(console, scenario.robot, runs, folder, outcome.seconds)
     return outcome
 
 

@@ -14,7 +14,7 @@ from dynident_service import tracing
 from dynident_service.jobs.confinement import UNLIMITED, ComputationLimits, is_out_of_memory
 from dynident_service.logs import get_current_request, set_log_context
 from dynident_service.problems import Problem, ProblemError, make_problem, to_problem
-from dynident_service.storage.disk_space import is_disk_full
+from dynident_service.storage.data_directory import is_disk_full
 
 log = logging.getLogger("dynident.job")
 

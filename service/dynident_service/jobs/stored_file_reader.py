@@ -14,7 +14,7 @@ from dynident_service.storage.records import Resource
 
 LONGEST = 120.0
 """Seconds to read one resource, including the start of the process; as long as a request that reads it may take."""
-FUNCTION = "dynident_service.work.stored_files:read_stored"
+FUNCTION = "dynident_service.work.stored_inputs:read_stored"
 
 
 class StoredFilesReader:

@@ -1,4 +1,4 @@
-"""What requests and answers have in common."""
+"""What requests and answers have in common, tables of figures for people among it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from datetime import datetime
 from math import nan
-from typing import Annotated, Any, Generic, TypeVar, cast
+from typing import Annotated, Any, Generic, Literal, TypeVar, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema
@@ -152,3 +152,44 @@ class Labelled(ViewModel):
 
     tags: list[str] = Field(default=[])
     archived: bool = Field(default=False, description="Whether lists leave it out")
+
+
+class TableColumn(ViewModel):
+    """A column of a table."""
+
+    word: str
+    figures: bool = Field(description="Whether it holds figures")
+
+
+class TableCell(ViewModel):
+    """What stands in one place of a table."""
+
+    text: str
+    value: float | None = Field(description="Of a figure, exactly")
+    mark: Literal["ok", "warning", "error", "plain"] | None = Field(description="How good the news is")
+    note: str = Field(description="What more there is to say to who asks")
+
+
+class Table(ViewModel):
+    """A table in words: the same on the command line and in reports."""
+
+    title: str
+    columns: list[TableColumn]
+    rows: list[list[TableCell]]
+    groups: list[str] = Field(description="The heading that each row stands under; [] where there are none")
+
+
+class Tables(ViewModel):
+    """Several tables."""
+
+    items: list[Table]
+
+
+class WithTables(ViewModel):
+    """What may be shown as tables."""
+
+    tables: list[Table] = Field(
+        default=[],
+        description="The figures of the result as tables for people, as on the command line and in reports; only where "
+        "it is asked for by itself, not in lists",
+    )

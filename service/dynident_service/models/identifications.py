@@ -20,11 +20,11 @@ from dynident_service.models.common import (
     NamedRequest,
     RequestModel,
     SourcePath,
+    Table,
     ViewModel,
 )
+from dynident_service.models.measurements import SeenMeasurement
 from dynident_service.models.request_bodies import derive_body, derive_query
-from dynident_service.models.revisions import SeenMeasurement
-from dynident_service.models.tables import Table
 from dynident_service.storage.records import State
 
 JUDGEMENTS = Literal["determined", "uncertain", "zero_in_interval"]

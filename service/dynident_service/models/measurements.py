@@ -1,16 +1,42 @@
-"""Measurements, and their signals as they were recorded, on the wire."""
+"""Measurements on the wire: metadata and revisions, signals as they were recorded, inspected files."""
 
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from dynident.recordings.metadata import EffortKind, RecordingMetadata, Role
+from dynident.recordings.metadata import EffortKind, RecordingMetadata, Revision, Role
 from dynident_service.models.common import Identifier, Labelled, Name, RequestModel, ViewModel
 from dynident_service.models.request_bodies import derive_body
-from dynident_service.models.revisions import RevisionRequest
+
+
+@derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
+class RevisionRequest(RequestModel):
+    """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said.
+
+    `columns`, `units`, `permutation`, `signs` and `scale` are merged with what was said, key by key. All fields but
+    `role` and `name` are also fields of an upload's metadata.
+    """
+
+    name: Name | None = None
+
+    @model_serializer(mode="wrap")
+    def _drop_unset_fields(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in handler(self).items() if value is not None}
+
+
+class SeenMeasurement(ViewModel):
+    """A measurement as a model saw it."""
+
+    id: str
+    name: str | None
+    role: Literal["identification", "validation"]
+    sha256: str = Field(description="Of the file as it was uploaded")
+    revision: int = Field(description="0: as it was uploaded")
+    parent_id: str | None = None
+    edits: list[RevisionRequest] = Field(default=[], description="What was said of the file since, in order")
 
 
 @derive_body(RecordingMetadata)
@@ -113,3 +139,70 @@ class Standstills(ViewModel):
     """When every joint of a measurement stands: there friction may hold any torque."""
 
     joints: list[StandstillsOfJoint]
+
+
+_KNOWN_BEFOREHAND = ("columns", "units", "role", "windows", "rate")
+
+
+@derive_body(RecordingMetadata, only=_KNOWN_BEFOREHAND)
+class ImportMetadata(RequestModel):
+    """What is known of a file beforehand; whatever is said here is not guessed."""
+
+    robot_id: Identifier
+    name: Name | None = Field(default=None, description="What to call it; else as the file is called")
+
+
+class GuessView(ViewModel):
+    """One thing that was guessed."""
+
+    field: str
+    value: str
+    confidence: float = Field(description="0 to 1")
+    reason: str
+
+
+class QuestionView(ViewModel):
+    """What has to be answered before the file can be used."""
+
+    field: str
+    detail: str
+    choices: list[str] | None = None
+
+
+class PreviewView(ViewModel):
+    """The first rows as they are in the file."""
+
+    columns: list[str]
+    rows: list[list[float | None]]
+
+
+class InspectionView(ViewModel):
+    """What was found in a file."""
+
+    sha256: str
+    format: str
+    guesses: list[GuessView]
+    questions: list[QuestionView]
+    effort_kind: EffortKind
+    preview: PreviewView
+
+
+class ImportResult(InspectionView):
+    """The same with the metadata that are proposed, for `POST /v1/measurements`."""
+
+    proposed: dict[str, Any] = Field(description="See MeasurementMetadata")
+
+
+class ImportView(ImportResult):
+    """A file that was looked at, and is kept for a day."""
+
+    id: str
+    created_at: datetime
+    expires_at: datetime
+
+
+class MeasurementOfImport(RequestModel):
+    """A measurement of a file that was imported; nothing is uploaded twice."""
+
+    import_id: Identifier
+    metadata: MeasurementMetadata

@@ -12,9 +12,8 @@ from pydantic import BaseModel, create_model
 from pydantic import Field as wire_field
 from pydantic.config import JsonDict, JsonValue
 
-from dynident.schema.fields import FieldDescription, NamedValues, get_default, get_description
+from dynident.schema.fields import FieldDescription, NamedValues, get_default, get_description, resolve_hint
 from dynident.schema.registry import Registry, RegistryEntry
-from dynident_service.field_hints import resolve_hint
 from dynident_service.models.common import QueryModel, RequestModel
 
 ModelT = TypeVar("ModelT", bound=BaseModel)

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.validation.method import Method
-from dynident.validation.request import TRIALS, Stated
-from dynident_service.models.common import Computed, Identifier, Name, RequestModel, SourcePath, ViewModel
+from dynident.validation.request import TRIALS, Method, Stated
+from dynident_service.models.common import Computed, Identifier, Name, RequestModel, SourcePath, ViewModel, WithTables
 from dynident_service.models.identifications import ErrorsView, UsedPreprocessing
 from dynident_service.models.request_bodies import derive_body, describe_choices
-from dynident_service.models.tables import WithTables
 
 if TYPE_CHECKING:
     ValidationKind = str

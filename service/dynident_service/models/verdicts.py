@@ -8,7 +8,7 @@ from pydantic import Field
 
 from dynident_service.models.common import ViewModel
 from dynident_service.models.identifications import ErrorsView
-from dynident_service.models.revisions import RevisionRequest
+from dynident_service.models.measurements import RevisionRequest
 
 
 class UseView(ViewModel):

@@ -17,9 +17,8 @@ from dynident_service.models.comparisons import (
     Spectrum,
 )
 from dynident_service.preload import hold_import_lock
-from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.common import depend_on, require_measurements, require_model, require_succeeded
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
 
@@ -122,6 +121,6 @@ def _open_comparison(services: Services, identifier: str) -> StoredComparison:
 
 def _to_view(view: type[ShownT], result: object, **more: object) -> ShownT:
     with hold_import_lock():
-        from dynident_service.adapters.serialise import to_view
+        from dynident_service.adapters.conversion import to_view
 
     return to_view(view, result, **more)

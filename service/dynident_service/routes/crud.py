@@ -10,8 +10,7 @@ from typing import Annotated, TypeVar, cast, get_type_hints
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
-from dynident_service.models.common import Computed, LabelsRequest, Page, to_plain_json
-from dynident_service.models.tables import Table
+from dynident_service.models.common import Computed, LabelsRequest, Page, Table, to_plain_json
 from dynident_service.routes.common import (
     LabelledQueryDep,
     ListQueryDep,

@@ -9,16 +9,14 @@ from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
-from dynident.excitation.formats.format_names import TRAJECTORY_FORMATS, TrajectoryFormat
+from dynident.excitation.request import TRAJECTORY_FORMATS, TrajectoryFormat
 from dynident_service.models.designs import DesignClearances, DesignRequest, DesignResult, DesignView, TrajectorySamples
 from dynident_service.models.request_bodies import describe_choices
 from dynident_service.preload import hold_import_lock
-from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.common import depend_on, require_measurements, require_robot, require_succeeded
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_measurements, require_robot
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.mesh_files import find_mesh_files
-from dynident_service.storage.records import Dependency, NewJob
+from dynident_service.storage.records import Dependency, NewJob, find_mesh_files
 
 router = APIRouter(prefix="/v1/designs", tags=["designs"])
 

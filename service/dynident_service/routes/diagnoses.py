@@ -10,9 +10,8 @@ from fastapi import APIRouter, Query
 from dynident_service.models.diagnoses import DiagnosisRequest, DiagnosisView, Evidence
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError, make_unusable
-from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.common import depend_on, require_measurements, require_model, require_succeeded
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob
 
@@ -34,7 +33,7 @@ def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dep
     """Find what is missing in an identified model, by name, and what to add."""
     with hold_import_lock():
         from dynident.diagnosis import DiagnosisChoices
-        from dynident_service.adapters.requests import to_request
+        from dynident_service.adapters.conversion import to_request
 
     model = require_model(services, body.identification_id)
     to_request(body, DiagnosisChoices)

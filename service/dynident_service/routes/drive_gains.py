@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from fastapi import APIRouter
 
 from dynident.errors import DynidentError
+from dynident_service.models.common import Table
 from dynident_service.models.drive_gains import DriveGainsRequest, DriveGainsResult, DriveGainsView
-from dynident_service.models.tables import Table
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
+from dynident_service.routes.common import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -21,8 +21,8 @@ router = APIRouter(prefix="/v1/drive_gains", tags=["drive gains"])
 
 def _build_tables(_: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
+        from dynident_service.adapters.conversion import show_tables
         from dynident_service.adapters.drive_gains import build_gain_tables
-        from dynident_service.adapters.tables import show_tables
 
     return show_tables(build_gain_tables(DriveGainsResult.model_validate(resource.result)))
 
@@ -76,7 +76,7 @@ def _check_loads(services: Services, body: DriveGainsRequest) -> None:
     with hold_import_lock():
         from dynident.identification.loads.known_load import KnownLoad
         from dynident.identification.loads.payload_data import parse_payload
-        from dynident_service.adapters.requests import to_request
+        from dynident_service.adapters.conversion import to_request
 
     load = to_request(body, KnownLoad)
     # Each is checked now: a job would find out only after minutes.

@@ -14,6 +14,6 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 def list_effects() -> Catalogue:
     """List every effect that the product knows."""
     with hold_import_lock():
-        from dynident_service.adapters.catalogue import show_catalogue
+        from dynident_service.adapters.conversion import show_catalogue
 
     return show_catalogue()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Query, Request, Response
 
-from dynident_service.models.common import Page, to_plain_json
+from dynident_service.models.common import Page, Tables, to_plain_json
 from dynident_service.models.identifications import (
     ExportQuery,
     ExtensionRequest,
@@ -20,25 +20,22 @@ from dynident_service.models.identifications import (
     RemovalRequest,
     StoredIdentification,
 )
-from dynident_service.models.tables import Tables
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
 from dynident_service.routes.common import (
+    HasResources,
     LabelledQueryDep,
+    PrefetchedResources,
     RetryKeyDep,
     create_or_replay,
+    require_measurements,
+    require_resource,
+    require_robot,
     require_succeeded,
     show_computed,
     show_page,
 )
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
-from dynident_service.routes.references import (
-    HasResources,
-    PrefetchedResources,
-    require_measurements,
-    require_resource,
-    require_robot,
-)
 from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry
@@ -138,8 +135,8 @@ def list_identifications(
 def get_tables(identification_id: str, services: ServicesDep) -> Tables:
     """Show the parameters and shape constants as tables for people, as on the command line and in reports."""
     with hold_import_lock():
+        from dynident_service.adapters.conversion import show_tables
         from dynident_service.adapters.identifications import build_identification_tables
-        from dynident_service.adapters.tables import show_tables
 
     identification = require_succeeded(services.resources.get("identification", identification_id))
     return Tables(
@@ -154,7 +151,7 @@ def extend_identification(
     """Add effects to an identified model: a new identification, whose parent is this one."""
     with hold_import_lock():
         from dynident.identification.shapes.shape_search import check_choices
-        from dynident_service.adapters.requests import from_wire_choices
+        from dynident_service.adapters.conversion import from_wire_choices
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))
@@ -180,8 +177,8 @@ def remove_from_identification(
 ) -> IdentificationView:
     """Take effects out of an identified model: a new identification, whose parent is this one."""
     with hold_import_lock():
-        from dynident.identification.study.removing import subtract_effects
-        from dynident_service.adapters.requests import from_wire_choices, show_choice
+        from dynident.identification.study.solve_again import subtract_effects
+        from dynident_service.adapters.conversion import from_wire_choices, show_choice
         from dynident_service.adapters.robots import restore_robot
 
     parent = require_succeeded(services.resources.get("identification", identification_id))
@@ -210,7 +207,7 @@ def get_lineage(
     and those above it whose error is larger.
     """
     with hold_import_lock():
-        from dynident_service.adapters.ladders import build_steps_of_views, compare_ladders
+        from dynident_service.adapters.identifications import build_steps_of_views, compare_ladders
 
     own = _load_ladder(services, identification_id)
     if against is None:

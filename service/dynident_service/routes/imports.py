@@ -12,14 +12,19 @@ from fastapi import APIRouter, File, Form, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import to_plain_json
-from dynident_service.models.imports import ImportMetadata, ImportView
-from dynident_service.routes.common import RetryKeyDep, create_or_replay, parse_json_body, replay_response
+from dynident_service.models.measurements import ImportMetadata, ImportView
+from dynident_service.routes.common import (
+    RetryKeyDep,
+    create_or_replay,
+    parse_json_body,
+    replay_response,
+    require_resource,
+)
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
-from dynident_service.routes.references import require_resource
 from dynident_service.routes.uploads import FURTHER, MOST_FILES, FormRoute, detect_media_type, hash_file, receive_files
 from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.deletion import IMPORT_LIFETIME
 from dynident_service.storage.records import Dependency, NewResource, Resource, Retry
-from dynident_service.storage.retention import IMPORT_LIFETIME
 
 router = APIRouter(prefix="/v1/imports", tags=["imports"], route_class=FormRoute)
 

@@ -13,8 +13,7 @@ from dynident_service.models.common import Page, Progress
 from dynident_service.models.jobs import JobResource, JobView
 from dynident_service.routes.common import ListQueryDep, resource_path
 from dynident_service.services import ServicesDep
-from dynident_service.storage.identifiers import KINDS
-from dynident_service.storage.records import Job, JobKind, State
+from dynident_service.storage.records import KINDS, Job, JobKind, State
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 

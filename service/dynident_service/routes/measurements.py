@@ -17,12 +17,23 @@ from starlette.background import BackgroundTask
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import to_plain_json
-from dynident_service.models.imports import MeasurementOfImport
-from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RawSignals, Standstills
+from dynident_service.models.measurements import (
+    MeasurementMetadata,
+    MeasurementOfImport,
+    MeasurementView,
+    RawSignals,
+    Standstills,
+)
 from dynident_service.problems import ProblemError, ProblemField, make_not_found, make_unusable, make_validation_problem
-from dynident_service.routes.common import RetryKey, RetryKeyDep, create_or_replay, parse_json_body, replay_response
+from dynident_service.routes.common import (
+    RetryKey,
+    RetryKeyDep,
+    create_or_replay,
+    parse_json_body,
+    replay_response,
+    require_resource,
+)
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
-from dynident_service.routes.references import require_resource
 from dynident_service.routes.uploads import (
     FURTHER,
     MEDIA_TYPES,
@@ -34,8 +45,8 @@ from dynident_service.routes.uploads import (
     require_room_for,
 )
 from dynident_service.services import Services, ServicesDep
+from dynident_service.storage.deletion import ObjectGone
 from dynident_service.storage.records import Dependency, NewResource, OwnedObject, Resource, Retry
-from dynident_service.storage.tombstones import ObjectGone
 
 router = APIRouter(prefix="/v1/measurements", tags=["measurements"], route_class=FormRoute)
 

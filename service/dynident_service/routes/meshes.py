@@ -12,15 +12,13 @@ from fastapi import APIRouter, File, Request, Response, UploadFile
 
 from dynident_service.jobs.confinement import ComputationLimits
 from dynident_service.models.common import MOST_ITEMS
-from dynident_service.models.geometry import GeometryView, PosesView, PosturesRequest
-from dynident_service.models.robots import MeshesView
+from dynident_service.models.robots import GeometryView, MeshesView, PosesView, PosturesRequest
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.references import require_resource
+from dynident_service.routes.common import require_resource
 from dynident_service.routes.uploads import FormRoute, receive_files
 from dynident_service.services import Services, ServicesDep
-from dynident_service.storage.mesh_files import GEOMETRY, find_mesh_files, get_mesh_role, list_meshes
-from dynident_service.storage.records import OwnedObject
+from dynident_service.storage.records import GEOMETRY, OwnedObject, find_mesh_files, get_mesh_role, list_meshes
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"], route_class=FormRoute)
 
@@ -82,8 +80,7 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
     if (geometry := robot.objects.get(GEOMETRY)) is not None:
         return Response(services.objects.get(geometry.key), media_type="application/json")
     with hold_import_lock():
-        from dynident_service.adapters.geometry import describe_geometry
-        from dynident_service.adapters.robots import restore_robot
+        from dynident_service.adapters.robots import describe_geometry, restore_robot
 
     return describe_geometry(restore_robot(robot.request))
 
@@ -94,8 +91,7 @@ def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> P
     with hold_import_lock():
         import numpy as np
 
-        from dynident_service.adapters.geometry import describe_poses
-        from dynident_service.adapters.robots import restore_robot
+        from dynident_service.adapters.robots import describe_poses, restore_robot
 
     robot = restore_robot(services.resources.get("robot", robot_id).request)
     for index, posture in enumerate(body.positions):

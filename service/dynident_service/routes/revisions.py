@@ -10,8 +10,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
 from dynident_service.models.common import to_plain_json
-from dynident_service.models.measurements import MeasurementMetadata, MeasurementView
-from dynident_service.models.revisions import RevisionRequest
+from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RevisionRequest
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import Problem, ProblemError, make_unusable
 from dynident_service.routes.common import RetryKeyDep

@@ -16,8 +16,7 @@ from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
 from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
-from dynident_service.storage.mesh_files import list_meshes
-from dynident_service.storage.records import NewResource, Resource
+from dynident_service.storage.records import NewResource, Resource, list_meshes
 
 router = APIRouter(prefix="/v1/robots", tags=["robots"])
 ZIP = "application/zip"

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
-from dynident_service.models.designs import Trajectory
-from dynident_service.models.simulations import Samples, SimulationRequest, SimulationView
+from dynident_service.models.designs import Samples, SimulationRequest, SimulationView, Trajectory
 from dynident_service.preload import hold_import_lock
+from dynident_service.routes.common import depend_on, require_design, require_robot
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_design, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -42,15 +41,14 @@ def _check_request(body: SimulationRequest, robot_resource: Resource) -> None:
     """Refuse at once what would fail later."""
     with hold_import_lock():
         from dynident.simulation import Simulated, check_acting_effects
-        from dynident_service.adapters.designs import build_random_design
-        from dynident_service.adapters.requests import to_request
+        from dynident_service.adapters.conversion import to_request
+        from dynident_service.adapters.designs import build_random_design, samples_to_reference
         from dynident_service.adapters.robots import restore_robot
-        from dynident_service.adapters.simulations import to_reference
 
     robot = restore_robot(robot_resource.request)
     check_acting_effects(to_request(body, Simulated), robot)
     # Building it is the check: samples must increase in time, and a family of motions must fit the limits.
     if isinstance(body.trajectory, Samples):
-        to_reference(body.trajectory)
+        samples_to_reference(body.trajectory)
     elif isinstance(body.trajectory, Trajectory):
         build_random_design(body.trajectory, robot)

@@ -19,7 +19,7 @@ from dynident_service.storage.records import Resource
 AWAITED = "dynident_service.work.interactive"
 MOST_OUTCOMES = 100
 """Validations of a model that are looked through, the newest first."""
-JUDGE = "dynident_service.work.verdicts:judge_model"
+JUDGE = "dynident_service.work.interactive:judge_model"
 
 router = APIRouter(prefix="/v1/identifications", tags=["identifications"])
 

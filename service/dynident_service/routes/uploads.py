@@ -15,7 +15,7 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from dynident.recordings.recording_files import MOST_FILES, pack_files
 from dynident_service.problems import make_unusable
 from dynident_service.services import Services, get_services
-from dynident_service.storage.disk_space import check_disk_space
+from dynident_service.storage.data_directory import check_disk_space
 from dynident_service.storage.objects import compute_digest
 
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from fastapi import APIRouter
 
+from dynident_service.models.common import Table
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.tables import Table
 from dynident_service.models.validations import ValidationRequest, ValidationResult, ValidationView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
+from dynident_service.routes.common import depend_on, require_measurements, require_model
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
-from dynident_service.routes.references import depend_on, require_measurements, require_model
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 
@@ -21,8 +21,8 @@ router = APIRouter(prefix="/v1/validations", tags=["validations"])
 
 def _build_tables(services: Services, resource: Resource) -> list[Table]:
     with hold_import_lock():
-        from dynident_service.adapters.tables import show_tables
-        from dynident_service.adapters.validation_tables import build_validation_tables
+        from dynident_service.adapters.conversion import show_tables
+        from dynident_service.adapters.validations import build_validation_tables
 
     model = services.resources.get("identification", resource.get_dependency("identification"))
     joints = [] if model.result is None else model.result["joints"]

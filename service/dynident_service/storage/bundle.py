@@ -34,10 +34,10 @@ from dynident_service.storage.backup import (
     put_object,
 )
 from dynident_service.storage.database import Database
-from dynident_service.storage.identifiers import KINDS
+from dynident_service.storage.deletion import lock_objects, raise_tombstones
 from dynident_service.storage.objects import ObjectStore
-from dynident_service.storage.records import FINAL, Kind, OwnedObject, Resource
-from dynident_service.storage.resource_queries import JOB_COLUMNS, RESOURCE_COLUMNS, to_resource
+from dynident_service.storage.records import FINAL, KINDS, Kind, OwnedObject, Resource
+from dynident_service.storage.resource_rows import JOB_COLUMNS, RESOURCE_COLUMNS, to_resource
 from dynident_service.storage.retry import describe_error
 from dynident_service.storage.tables import (
     DependencyRow,
@@ -49,7 +49,6 @@ from dynident_service.storage.tables import (
     UtcDateTime,
     get_table,
 )
-from dynident_service.storage.tombstones import lock_objects, raise_tombstones
 
 LARGEST, LARGEST_BIG = 2**31 - 1, 2**63 - 1
 """Largest values of PostgreSQL's integer columns; SQLite would take larger ones."""

@@ -20,7 +20,7 @@ from dynident_service.storage import job_transitions
 from dynident_service.storage.database import AT_ONCE, Database, get_database_time
 from dynident_service.storage.job_transitions import Claim
 from dynident_service.storage.records import FINAL, Job, JobEvent, NewJob, State
-from dynident_service.storage.resource_queries import JOB_COLUMNS
+from dynident_service.storage.resource_rows import JOB_COLUMNS
 from dynident_service.storage.tables import EVENTS, JOBS, JobRow
 
 LEASE = timedelta(seconds=30)

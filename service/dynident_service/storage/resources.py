@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from dynident_service.problems import Dependent, ProblemError, make_not_found
 from dynident_service.storage.database import Database
+from dynident_service.storage.deletion import raise_tombstones
 from dynident_service.storage.objects import ObjectStore, StoredObject, compute_digest
 from dynident_service.storage.quotas import (
     Account,
@@ -23,8 +24,15 @@ from dynident_service.storage.quotas import (
     lock_account,
 )
 from dynident_service.storage.records import FINAL, Kind, NewResource, OwnedObject, Page, Resource, Retry
-from dynident_service.storage.resource_insertion import insert_objects, insert_resource, insert_resources
-from dynident_service.storage.resource_queries import WITH_JOBS, complete_resources, read_resource, read_resources
+from dynident_service.storage.resource_rows import (
+    WITH_JOBS,
+    complete_resources,
+    insert_objects,
+    insert_resource,
+    insert_resources,
+    read_resource,
+    read_resources,
+)
 from dynident_service.storage.tables import (
     RESOURCES,
     DependencyRow,
@@ -34,7 +42,6 @@ from dynident_service.storage.tables import (
     RetryRow,
     check_text,
 )
-from dynident_service.storage.tombstones import raise_tombstones
 
 MOST_DEPENDENTS = 20
 """Upper limit for the dependents that an error lists."""

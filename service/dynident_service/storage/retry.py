@@ -11,7 +11,7 @@ from obstore.exceptions import BaseError
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnection
 
-from dynident_service.storage.tombstones import ObjectGone
+from dynident_service.storage.deletion import ObjectGone
 
 T = TypeVar("T")
 

@@ -15,7 +15,6 @@ from dynident_service.work import (
     series,
     simulations,
     validations,
-    verdicts,
 )
 
 __all__ = [
@@ -29,5 +28,4 @@ __all__ = [
     "series",
     "simulations",
     "validations",
-    "verdicts",
 ]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dynident.identification import identify_currents
 from dynident.identification.loads.payload_data import PLAIN_EFFECTS
-from dynident_service.adapters.requests import from_wire_choices
-from dynident_service.adapters.serialise import to_view
+from dynident_service.adapters.conversion import from_wire_choices, to_view
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
-from dynident_service.models.current_models import CurrentModelsRequest, CurrentModelsResult
+from dynident_service.models.drive_gains import CurrentModelsRequest, CurrentModelsResult
 from dynident_service.work.stored_inputs import load_stored_robot, open_stored_recordings
 
 

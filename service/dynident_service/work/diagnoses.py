@@ -6,8 +6,8 @@ from dynident.advice import advise
 from dynident.diagnosis import DiagnosisChoices, evidence, examine
 from dynident.diagnosis.changes import identify_on_both
 from dynident.progress import scale_progress
+from dynident_service.adapters.conversion import to_request
 from dynident_service.adapters.diagnoses import describe_diagnosis, write_evidence
-from dynident_service.adapters.requests import to_request
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.diagnoses import DiagnosisRequest

@@ -13,8 +13,8 @@ from dynident.identification.loads.known_load import KnownLoad
 from dynident.progress import Progress, scale_progress
 from dynident.recordings import Recording
 from dynident.robot import Robot
+from dynident_service.adapters.conversion import to_request
 from dynident_service.adapters.drive_gains import describe_gains
-from dynident_service.adapters.requests import to_request
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.drive_gains import DriveGainsRequest

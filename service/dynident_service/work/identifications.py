@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dynident.identification import Identification, extend, identify, remove, to_bytes
+from dynident_service.adapters.conversion import from_wire_choices
 from dynident_service.adapters.identifications import describe_identification, to_choices
-from dynident_service.adapters.requests import from_wire_choices
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.identifications import StoredIdentification
-from dynident_service.models.revisions import SeenMeasurement
+from dynident_service.models.measurements import SeenMeasurement
 from dynident_service.work.stored_inputs import load_stored_model, load_stored_robot, open_stored_recordings
 
 

@@ -1,39 +1,119 @@
-"""Computations that requests wait for: plain values in, plain values out, as they cross a pipe."""
+"""Computations that requests wait for, verdicts on models among them: plain values in and out, as they cross a pipe."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict
 
 from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, from_bytes
-from dynident.identification.study.dependence import parameter_dependence
-from dynident.identification.study.essential_parameters import essential_parameters
-from dynident.recordings import RecordingError, open_recording
+from dynident.identification.study.parameter_identifiability import essential_parameters, parameter_dependence
+from dynident.recordings import Check, RecordingError, open_recording
+from dynident.recordings.metadata import Status
 from dynident.robot.collision import list_collision_meshes
+from dynident.validation import ValidationOutcome, Verdict
+from dynident.verdict import Outcome, verdict
+from dynident_service.adapters.conversion import to_view
 from dynident_service.adapters.designs import compute_clearances
 from dynident_service.adapters.exports import export_file
-from dynident_service.adapters.geometry import assign_mesh_files, describe_geometry_with_meshes, place_mesh_files
 from dynident_service.adapters.identifications import describe_essential
-from dynident_service.adapters.imports import inspect_upload
 from dynident_service.adapters.measurements import (
     describe_file_problem,
     describe_recording,
     describe_standstills,
     import_file,
+    inspect_upload,
     open_raw_signals,
     stream_raw_signals,
     thin_raw_signals,
 )
-from dynident_service.adapters.robots import build_robot, describe_robot, find_base_parameters, restore_robot
-from dynident_service.adapters.serialise import to_view
+from dynident_service.adapters.robots import (
+    assign_mesh_files,
+    build_robot,
+    describe_geometry_with_meshes,
+    describe_robot,
+    find_base_parameters,
+    place_mesh_files,
+    restore_robot,
+)
+from dynident_service.adapters.verdicts import SeenMeasurement, show_verdict
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.designs import DesignRequest
 from dynident_service.models.identifications import CorrelationView
-from dynident_service.models.imports import ImportMetadata
-from dynident_service.models.measurements import MeasurementMetadata
+from dynident_service.models.measurements import ImportMetadata, MeasurementMetadata
 from dynident_service.models.robots import MeshView, RobotRequest
 from dynident_service.problems import ProblemError
+
+
+class SentCheck(TypedDict):
+    """Check of a recording, as sent to the child process."""
+
+    name: str
+    status: Status
+    detail: str
+
+
+class SentMeasurement(TypedDict):
+    """Measurement as sent to the child process; `recording` is a path."""
+
+    id: str
+    recording: str
+    request: Mapping[str, object]
+    checks: Sequence[SentCheck]
+
+
+class SentOutcome(TypedDict):
+    """Finished validation, as sent to the child process."""
+
+    kind: str
+    verdict: Verdict
+    reason: str
+
+
+def judge_model(
+    model: str,
+    fitted: Sequence[SentMeasurement],
+    held_out: Sequence[SentMeasurement],
+    outcomes: Sequence[SentOutcome] = (),
+) -> dict[str, object]:
+    """Return what the model in a file is fit for.
+
+    Parameters
+    ----------
+    model : str
+        Path of the model.
+    fitted, held_out : sequence of SentMeasurement
+        Measurements that the model was fitted to, and others.
+    outcomes : sequence of SentOutcome
+        Finished validations of the model.
+    """
+    names: set[str] = set()
+    opened = (
+        [_open_measurement(measurement, names) for measurement in fitted],
+        [_open_measurement(measurement, names) for measurement in held_out],
+    )
+    pairs = zip([*opened[0], *opened[1]], [*fitted, *held_out], strict=True)
+    checks = {measurement.recording.name: _build_checks(sent) for measurement, sent in pairs}
+    recordings, validation = ([measurement.recording for measurement in group] for group in opened)
+    ended = [Outcome(outcome["kind"], ValidationOutcome(outcome["verdict"], outcome["reason"])) for outcome in outcomes]
+    result = verdict(from_bytes(Path(model).read_bytes()), recordings, validation, checks, ended)
+    return to_plain_json(show_verdict(result, [*opened[0], *opened[1]]))
+
+
+def _build_checks(measurement: SentMeasurement) -> list[Check]:
+    return [Check(check["name"], check["status"], check["detail"]) for check in measurement["checks"]]
+
+
+def _open_measurement(measurement: SentMeasurement, names: set[str]) -> SeenMeasurement:
+    recording = open_recording(Path(measurement["recording"]))
+    # The verdict refers to recordings by name, and two measurements may have the same one.
+    name = recording.name if recording.name not in names else f"{recording.name} ({measurement['id']})"
+    names.add(name)
+    return SeenMeasurement(
+        measurement["id"], replace(recording, name=name), MeasurementMetadata.model_validate(measurement["request"])
+    )
 
 
 def describe_requested_robot(request: Mapping[str, object]) -> dict[str, object]:

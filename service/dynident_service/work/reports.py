@@ -13,12 +13,11 @@ from dynident.identification import Identification
 from dynident.progress import scale_progress
 from dynident.reports import ReportedRecording, ReportedValidation, html_report, render_pdf
 from dynident.reports.request import MEDIA_TYPES, ReportChoices
+from dynident_service.adapters.conversion import show_errors, show_figures, to_request
 from dynident_service.adapters.designs import restore_design
 from dynident_service.adapters.diagnoses import restore_diagnosis
 from dynident_service.adapters.measurements import restore_checks, to_recording_metadata, to_revision
-from dynident_service.adapters.requests import to_request
-from dynident_service.adapters.serialise import show_errors, show_figures
-from dynident_service.adapters.validation_tables import build_reported_validation
+from dynident_service.adapters.validations import build_reported_validation
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.identifications import StoredIdentification

@@ -18,7 +18,7 @@ from dynident.diagnosis.monitoring import monitor_days as series_of
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.progress import scale_progress
-from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
+from dynident.reports.figures.changes import draw_parameter_tracks
 from dynident_service.adapters.diagnoses import describe_series
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json

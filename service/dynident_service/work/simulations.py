@@ -10,14 +10,13 @@ from dynident.progress import scale_progress
 from dynident.recordings import RecordingMetadata
 from dynident.robot import Robot
 from dynident.simulation import Reference, Simulated, build_simulation_request, simulate, write_simulated_recording
-from dynident_service.adapters import designs, simulations
+from dynident_service.adapters import designs
+from dynident_service.adapters.conversion import to_body, to_request
 from dynident_service.adapters.measurements import describe_recording, import_file
-from dynident_service.adapters.requests import to_body, to_request
 from dynident_service.jobs.task import Outcome, Task
 from dynident_service.models.common import to_plain_json
-from dynident_service.models.designs import DesignResult
+from dynident_service.models.designs import DesignResult, Samples, SimulationRequest
 from dynident_service.models.measurements import MeasurementMetadata
-from dynident_service.models.simulations import Samples, SimulationRequest
 from dynident_service.storage.records import Dependency, NewResource
 from dynident_service.work.stored_inputs import load_stored_robot
 
@@ -49,7 +48,7 @@ def measure_virtual_robot(task: Task) -> Outcome:
             rests_on=(Dependency(sent_request.robot_id, "robot", "robot", "/robot_id"),),
             objects=(original, canonical),
         )
-    result = simulations.describe_simulation(simulated, request.sensors.sampling_rate)
+    result = designs.describe_simulation(simulated, request.sensors.sampling_rate)
     return Outcome(to_plain_json(result), creates=measurement)
 
 
@@ -57,11 +56,11 @@ def _plan_motion(task: Task, sent_request: SimulationRequest, robot: Robot, seed
     """Return the motion to simulate, and its sampling rate in Hz."""
     # Three sources of a motion: samples as they are, a random motion of a family, or a stored design.
     if isinstance(sent_request.trajectory, Samples):
-        return simulations.to_reference(sent_request.trajectory), simulations.RATE_OF_SAMPLES
+        return designs.samples_to_reference(sent_request.trajectory), designs.RATE_OF_SAMPLES
     if sent_request.trajectory is not None:
         request = designs.build_random_design(sent_request.trajectory, robot, seed)
         design = design_experiment(robot, request, scale_progress(task.progress, 0.0, 0.3))
-        return designs.to_reference(design), design.sampling_rate
+        return designs.design_to_reference(design), design.sampling_rate
     stored = task.resources.get("design", sent_request.design_id or "")
     result = DesignResult.model_validate(stored.result)
     path = task.objects.fetch_file(stored.objects["trajectory"].key)

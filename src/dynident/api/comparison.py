@@ -77,7 +77,7 @@ class ComparedRecording(Framed):
         DynidentError
             For a joint that the robot does not have.
         """
-        from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
+        from dynident.reports.figures.signals import JOINTS_PER_FIGURE, draw_torque
 
         names = self.comparison.joint_names
         # A misspelt joint is refused: leaving it out would look as if all had been drawn.

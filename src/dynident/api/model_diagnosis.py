@@ -26,8 +26,8 @@ from dynident.effects.text_format import format_effect
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress
-from dynident.reports.finding_rows import CANDIDATE_COLUMNS, format_candidates
 from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
+from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
 from dynident.result_display import format_text_table, join_html, render_list, render_paragraph, render_table
 
 _MOST_BARS, _MOST_PANELS = 12, 8

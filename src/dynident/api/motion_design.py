@@ -15,12 +15,11 @@ from dynident.effects import EffectChoice
 from dynident.encoding import encode_text
 from dynident.errors import DynidentError
 from dynident.excitation import Design, DesignRequest, design_experiment, write_design
-from dynident.excitation.formats.design_files import design_table
-from dynident.excitation.formats.ros2 import format_joint_trajectory
+from dynident.excitation.formats.design_files import design_table, format_joint_trajectory
 from dynident.excitation.request import Kind
 from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow import table_column_to_numbers
-from dynident.recordings.sources import list_signal_units
+from dynident.recordings.stored_rows import list_signal_units
 from dynident.reports.number_format import format_number, format_percent
 from dynident.result_display import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.robot import Robot

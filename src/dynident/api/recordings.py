@@ -16,7 +16,7 @@ from dynident.api.figure import Figure, join_figures
 from dynident.errors import DynidentError
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.recording_files import compute_digest, split_path
-from dynident.recordings.sources import StoredSamples, load_stored_samples
+from dynident.recordings.stored_rows import StoredSamples, load_stored_samples
 from dynident.result_display import join_html, render_list, render_paragraph, render_table
 from dynident.robot import Robot
 
@@ -112,7 +112,7 @@ class CheckedRecording(Framed):
         Figure
             Positions and torques over time; times outside of the windows are grey.
         """
-        from dynident.reports.figures.recording import draw_recording
+        from dynident.reports.figures.signals import draw_recording
 
         # Without a robot the kinds of the joints are not known, and all are drawn as revolute.
         slides = () if self.robot is None else tuple(joint.kind == "prismatic" for joint in self.robot.joints)

@@ -17,8 +17,8 @@ from dynident.diagnosis import Change, examine
 from dynident.errors import DynidentError
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.reports.finding_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
 from dynident.reports.labels import format_hidden_effects, format_joints
+from dynident.reports.result_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
 from dynident.result_display import (
     format_text_table,
     join_html,
@@ -105,7 +105,7 @@ class FollowedRobot(Sequence["SeriesChange"], Framed):
         Figure
             The values of each parameter, day by day.
         """
-        from dynident.reports.figures.parameter_tracks import draw_parameter_tracks
+        from dynident.reports.figures.changes import draw_parameter_tracks
 
         return join_figures([draw_parameter_tracks(self.series)], f"{len(self.days)} days of {self.model.robot.name}")
 

@@ -17,9 +17,15 @@ from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
 from dynident.robot.formats import FORMATS, DescriptionFormat
-from dynident.robot.json_fields import expect_mapping, expect_number, expect_numbers, expect_text, parse_json
-from dynident.robot.json_pointer import join_names
-from dynident.robot.ros_packages import find_package
+from dynident.robot.json_fields import (
+    expect_mapping,
+    expect_number,
+    expect_numbers,
+    expect_text,
+    join_names,
+    parse_json,
+)
+from dynident.robot.meshes import find_package
 from dynident.robot.xml_text import read_root
 
 _XACRO_TITLE = "Unusable xacro"

@@ -8,11 +8,15 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.diagnosis.ambiguities import Doubt
-    from dynident.diagnosis.comparing.assessment import Judgement, RepeatedMotion, judge
-    from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
+    from dynident.diagnosis.comparing.autocorrelation_and_spectra import (
+        Autocorrelation,
+        ResidualSpectrum,
+        angle_spectrum,
+        autocorrelation,
+        time_spectrum,
+    )
     from dynident.diagnosis.comparing.compare import Comparison, WorstStretch, compare
-    from dynident.diagnosis.comparing.noise import LackOfFit, NoiseFloor, floor_of
-    from dynident.diagnosis.comparing.spectrum import ResidualSpectrum, angle_spectrum, time_spectrum
+    from dynident.diagnosis.comparing.noise import Judgement, LackOfFit, NoiseFloor, RepeatedMotion, floor_of, judge
     from dynident.diagnosis.examination import Examination, diagnose, examine
     from dynident.diagnosis.partial_residuals import Evidence, evidence
     from dynident.diagnosis.request import DiagnosisChoices

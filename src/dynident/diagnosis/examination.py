@@ -10,7 +10,13 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
-from dynident.diagnosis.ambiguities import Doubt, list_doubts
+from dynident.diagnosis.ambiguities import (
+    Doubt,
+    find_dependent_findings,
+    find_misnamed,
+    is_only_helpful_at_first,
+    list_doubts,
+)
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.changes import (
@@ -23,15 +29,14 @@ from dynident.diagnosis.changes import (
 from dynident.diagnosis.comparing.compare import Comparison, compare
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
-from dynident.diagnosis.misattribution import find_dependent_findings, find_misnamed, is_only_helpful_at_first
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, check_candidates
 from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
 from dynident.diagnosis.residuals.resolution import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
 from dynident.diagnosis.search.contacts import find_contacts
-from dynident.diagnosis.search.detection_power import find_invisible, find_too_uncertain
 from dynident.diagnosis.search.forward_selection import search_findings
+from dynident.diagnosis.search.identifiability import find_invisible, find_too_uncertain
 from dynident.diagnosis.search.refine import RecordedSource, refine_findings
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.diagnosis.search.static_friction import find_static_friction

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from dynident.array_types import FloatArray
-from dynident.estimation.cluster_robust import FEWEST_CLUSTERS, estimate_cluster_covariance, find_occupied_blocks
 from dynident.estimation.factors import Reduction
 from dynident.estimation.least_squares import (
     MOST_ROUNDS,
@@ -28,7 +27,14 @@ from dynident.estimation.least_squares import (
 from dynident.estimation.prior_information import PriorInformation
 from dynident.estimation.qr import compute_r_factor
 from dynident.estimation.residual_correlation import compute_overstatement
-from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom
+from dynident.estimation.uncertainty import (
+    FEWEST_CLUSTERS,
+    CovarianceName,
+    Statistics,
+    compute_row_freedom,
+    estimate_cluster_covariance,
+    find_occupied_blocks,
+)
 
 # Smallest part of a column of Z or W that must be independent of the columns before it.
 _SINGULAR = 1e-10

@@ -6,20 +6,19 @@ from collections.abc import Sequence
 
 from dynident.blas_threads import single_threaded
 from dynident.excitation.criteria.design_criterion import add_rivals, build_design_criterion
-from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask
-from dynident.excitation.experiments.earlier_runs import build_earlier_rows
+from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, build_earlier_rows
 from dynident.excitation.experiments.periodic import design_periodic
 from dynident.excitation.experiments.point_to_point import design_point_to_point
 from dynident.excitation.experiments.single_joint import design_joint_by_joint
 from dynident.excitation.observation.design_model import build_design_model, lock_model, note_locked_joints
-from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.design_problem import Budget
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.excitation.request_checks import check_request
 from dynident.excitation.result import Design
 from dynident.excitation.sets.sequential_design import design_sequential
-from dynident.motion.collision.reach import note_reach
+from dynident.motion.collision.obstacles import note_reach
 from dynident.motion.limits.bounds import build_bounds, lock_bounds, select_moving_joints
-from dynident.motion.moves.home import check_home, list_home_candidates
+from dynident.motion.moves.paths import check_home, list_home_candidates
 from dynident.motion.trajectories.motion import sample_pieces
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, make_monotonic
 from dynident.recordings import Recording

@@ -12,12 +12,11 @@ from dynident.excitation.criteria.design_criterion import build_design_criterion
 from dynident.excitation.experiments.periodic import build_family, search_trajectory
 from dynident.excitation.experiments.single_joint import Stroke, plan_stroke_moves, plan_strokes
 from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.period_sampling import count_period_samples
+from dynident.excitation.optimising.design_problem import Budget, count_period_samples
 from dynident.excitation.request import JOINT_BY_JOINT, DesignRequest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.limits.postures import compute_static_torque
-from dynident.motion.moves.home import list_home_candidates
+from dynident.motion.moves.paths import list_home_candidates
 from dynident.motion.trajectories.motion import Motion, PeriodicMotion, concatenate_motions, sample_pieces
 
 # Random motions of a quick rehearsal, and postures of a joint's strokes whose static torque is checked.

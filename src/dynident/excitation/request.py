@@ -1,4 +1,4 @@
-"""Request for the design of an experiment."""
+"""Request for the design of an experiment, and the formats of its trajectory."""
 
 from __future__ import annotations
 
@@ -10,8 +10,17 @@ from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoi
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.observation.row_model_names import ROW_MODELS, RowModelName
 from dynident.motion.collision.surroundings import Surroundings
-from dynident.robot.limits import Limits
+from dynident.robot.settings import Limits
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
+
+TrajectoryFormat = Literal["csv", "parquet", "json", "ros2"]
+TRAJECTORY_FORMATS = OneOf(
+    Choice("csv", "CSV: t, q, dq, ddq"),
+    Choice("parquet", "Parquet"),
+    Choice("json", "JSON"),
+    Choice("ros2", "ROS 2 JointTrajectory (YAML)"),
+)
+
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 DESIGN_KINDS = OneOf(

@@ -1,8 +1,10 @@
-"""Result of a design."""
+"""Result of a design, and the clearance along its motion, body by body, for a picture of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,9 +12,44 @@ from dynident.array_types import FloatArray, IntArray
 from dynident.excitation.criteria.criterion_values import Baseline, CriterionValues
 from dynident.excitation.criteria.parameter_variances import ExpectedParameter
 from dynident.excitation.request import DesignRequest
-from dynident.motion.collision.reach import FLOOR_ALONE, NOTHING_STATED
+from dynident.motion.collision.contacts import Nearest
+from dynident.motion.collision.obstacles import FLOOR_ALONE, NOTHING_STATED
+from dynident.motion.limits.bounds import build_bounds
 from dynident.motion.limits.margins import Margin
 from dynident.robot.collision import UNCHECKED
+from dynident.robot.model import Robot
+
+
+def find_nearest_along(
+    robot: Robot, request: DesignRequest, q: FloatArray, mesh_folders: Sequence[Path] = ()
+) -> tuple[Nearest, ...]:
+    """Return for every body that a design keeps clear what it is nearest to at postures q.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, as its description gives it.
+    request : DesignRequest
+        The design request, with its limits and surroundings.
+    q : (m, n)
+        Postures along the motion, rad or m.
+    mesh_folders : sequence of Path
+        Folders of the description's meshes.
+
+    Returns
+    -------
+    tuple of Nearest
+        For each body, what it is nearest to; empty where nothing is kept clear of.
+
+    Raises
+    ------
+    DynidentError
+        Where the request does not fit the robot.
+    """
+    around = replace(request.surroundings, mesh_folders=tuple(map(str, mesh_folders)))
+    space = build_bounds(robot, request.limits, torque_margin=request.torque_margin, surroundings=around).space
+    return () if space is None or space.contacts is None else tuple(space.contacts.find_nearest(q))
+
 
 _WARNINGS = (UNCHECKED, NOTHING_STATED, FLOOR_ALONE)
 """Beginnings of notes that say what was not checked."""

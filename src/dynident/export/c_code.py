@@ -14,8 +14,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from dynident.errors import DynidentError
-from dynident.export.casadi_function import build_function
-from dynident.export.formula import Argument, TorqueFormula, build_torque_formula
+from dynident.export.casadi_function import Argument, TorqueFormula, build_function, build_torque_formula
 from dynident.export.summary import (
     SIGNS,
     describe_identification,

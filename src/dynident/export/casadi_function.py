@@ -1,15 +1,139 @@
-"""Export the identified torque as a CasADi function, to call, differentiate, or use in optimal control."""
+"""The torque of an identified model as one CasADi expression of the motion, and as a function."""
 
 from __future__ import annotations
 
 import math
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
 
-from dynident.export.formula import TorqueFormula, build_torque_formula
-from dynident.identification import Identification
+from dynident.effects import MemorySignal, RunSignal, Signals
+from dynident.effects.closed_loops import build_all_positions
+from dynident.effects.hysteresis_states import build_step_expression
+from dynident.identification import Estimate, Identification
+from dynident.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Argument:
+    """One input of the formula.
+
+    Parameters
+    ----------
+    name : str
+        Its name in exported programs.
+    symbol : SX (k, 1)
+        The column vector that stands for it in the expression.
+    meaning : str
+        What it is, with its unit.
+    """
+
+    name: str
+    symbol: ca.SX
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Number of its entries."""
+        return int(self.symbol.numel())
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueFormula:
+    """Γ = W χ of [12.4] with the identified χ, as a function of `arguments`.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot that the model is of.
+    arguments : tuple of Argument
+        The inputs that the torque depends on; q, dq and ddq in any case.
+    torque : SX (n, 1)
+        The expression, in N m, or N.
+    memory : tuple of MemorySignal
+        Hysteresis states that the model carries from sample to sample, in the order of `z`.
+    runs : tuple of RunSignal
+        In the order of the argument `runs`.
+    z_next : SX (number of memory signals, 1)
+        The states after the step from `q_before` to `q`.
+    """
+
+    robot: Robot
+    arguments: tuple[Argument, ...]
+    torque: ca.SX
+    memory: tuple[MemorySignal, ...]
+    runs: tuple[RunSignal, ...]
+    z_next: ca.SX
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the arguments, in their order."""
+        return tuple(argument.name for argument in self.arguments)
+
+
+def build_torque_formula(estimate: Estimate) -> TorqueFormula:
+    """Return the torque that an identified model predicts, with all constants as numbers.
+
+    q, dq and ddq are always among the arguments; dddq, ddddq, time, period, temperature, runs, and z with q_before only
+    if an effect of the model needs them.
+    """
+    model = estimate.model
+    signals, observation = model.signals, model.observation
+    torque = ca.SX(model.robot.n, 1)
+    for column, value in zip(observation.columns, estimate.values, strict=True):
+        torque += column.torque * float(value)
+    reference = estimate.reference.vector
+    # Loads that effects depend on are predicted with these parameters, which are numbers of the model and no inputs.
+    torque = ca.substitute(ca.densify(torque), signals.reference, ca.SX(ca.DM(reference)))
+    # The model's columns contain the state at the sample itself; the exported formula computes it from the state and
+    # the position of the sample before.
+    states = [signals.memory(item) for item in observation.memory]
+    arguments = _list_motion_arguments(signals, torque)
+    z_next = ca.SX(0, 1)
+    if states:
+        before, z = ca.SX.sym("q_before", model.robot.n), ca.SX.sym("z", len(states))
+        moved = build_all_positions(model.robot, signals.q) - build_all_positions(model.robot, before)
+        z_next = ca.vertcat(
+            *(build_step_expression(item, z[k], moved[item.joint]) for k, item in enumerate(observation.memory))
+        )
+        torque = ca.substitute(torque, ca.vertcat(*states), z_next)
+        arguments += [
+            Argument("z", z, "hysteresis states, -1 to 1, before the step; 0 at the start of a run"),
+            Argument("q_before", before, "q of the sample before; q itself at the start of a run"),
+        ]
+    if observation.runs:
+        present = ca.vertcat(*(signals.in_runs(item) for item in observation.runs))
+        arguments.append(Argument("runs", present, describe_runs(observation.runs)))
+    return TorqueFormula(model.robot, tuple(arguments), torque, observation.memory, observation.runs, z_next)
+
+
+def describe_runs(runs: tuple[RunSignal, ...]) -> str:
+    """Return a text on the meaning of the entries of the argument `runs`."""
+    kinds = [
+        f"those like {', '.join(signal.runs)}" if signal.runs else "those that carry the payload" for signal in runs
+    ]
+    return "1 in runs of a kind, 0 in others: " + "; ".join(kinds)
+
+
+def _list_motion_arguments(signals: Signals, torque: ca.SX) -> list[Argument]:
+    """Return the signals that the torque depends on, and position, velocity and acceleration in any case."""
+    candidates = (
+        Argument("q", signals.q, "joint positions, rad or m"),
+        Argument("dq", signals.dq, "joint velocities, rad/s or m/s"),
+        Argument("ddq", signals.ddq, "joint accelerations, rad/s^2 or m/s^2"),
+        Argument("dddq", signals.dddq, "third derivative of q, rad/s^3 or m/s^3"),
+        Argument("ddddq", signals.ddddq, "fourth derivative of q, rad/s^4 or m/s^4"),
+        Argument("time", signals.time, "time since the session began, s"),
+        Argument("period", signals.period, "sampling period, s"),
+        Argument("temperature", signals.temperature, "temperature of each joint, degrees Celsius"),
+    )
+    return [
+        argument
+        for argument in candidates
+        if argument.name in ("q", "dq", "ddq") or ca.depends_on(torque, argument.symbol)
+    ]
 
 
 def to_casadi(identification: Identification) -> ca.Function:

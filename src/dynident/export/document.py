@@ -11,8 +11,8 @@ import numpy as np
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
+from dynident.export.casadi_function import build_torque_formula
 from dynident.export.feasible_completion import complete_parameters
-from dynident.export.formula import build_torque_formula
 from dynident.export.predicting_model import PredictingModel
 from dynident.identification import Identification
 from dynident.regressors.base_parameters import BaseParameters

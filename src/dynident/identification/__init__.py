@@ -13,15 +13,12 @@ if TYPE_CHECKING:
     from dynident.identification.loads.payload_weighing import PayloadVerdict, payload_from_pair
     from dynident.identification.parameters.standard_parameters import StandardParameters
     from dynident.identification.shapes.shape_constants import ShapeConstant
-    from dynident.identification.study.estimate import Estimate, IdentifiedParameter
     from dynident.identification.study.extending import extend
     from dynident.identification.study.fit_model import identify_model
-    from dynident.identification.study.identifying import identify
+    from dynident.identification.study.identifying import check_same_recordings, identify
     from dynident.identification.study.reduced_data import ReducedData
-    from dynident.identification.study.reidentify import reidentify
-    from dynident.identification.study.removing import remove
-    from dynident.identification.study.result import Identification, LadderStep
-    from dynident.identification.study.same_recordings import check_same_recordings
+    from dynident.identification.study.result import Estimate, Identification, IdentifiedParameter, LadderStep
+    from dynident.identification.study.solve_again import reidentify, remove
     from dynident.identification.study.storage import from_bytes, to_bytes
 
 __all__ = [

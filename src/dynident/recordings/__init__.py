@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.recordings.auto_filters import choose_preprocessing, find_motion_band, preprocessing_from_request
     from dynident.recordings.importing import FurtherColumns, import_recording, recording_from_arrays
     from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata, Revision
     from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter, low_pass
     from dynident.recordings.phases import PhaseShares, phase_shares
     from dynident.recordings.position_filter import compute_edge_margin, filtered_blocks
-    from dynident.recordings.preprocessing import Preprocessing
+    from dynident.recordings.preprocessing import (
+        Preprocessing,
+        choose_preprocessing,
+        find_motion_band,
+        preprocessing_from_request,
+    )
     from dynident.recordings.recording import JointLimits, RecordedJoints, Recording, SampleBlock, Segment
-    from dynident.recordings.sources import open_recording
+    from dynident.recordings.stored_rows import open_recording
 
 __all__ = [
     "Check",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dynident.recordings.columns import Layout
+from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata import ACCEPTED, Check, RecordingError, RecordingMetadata
 from dynident.recordings.position_checks import check_motion
-from dynident.recordings.raw_sample import RawSample
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 from dynident.recordings.revisions import adapt_cures
 from dynident.recordings.torque_checks import check_torque

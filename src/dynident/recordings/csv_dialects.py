@@ -9,15 +9,15 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from dynident.recordings.formats.text_rewriting import (
+from dynident.recordings.formats.text_streams import (
     count_list_items,
     flatten_lists,
     has_lists,
     join_open_lists,
     squeeze_spaces,
 )
-from dynident.recordings.list_cells import make_counted_names
 from dynident.recordings.metadata import RecordingError
+from dynident.recordings.text_cells import make_counted_names
 
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _UNIT = re.compile(r"^[\[(]?[A-Za-zµμ°%‰·*./^²0-9 -]{0,12}[\])]?$")

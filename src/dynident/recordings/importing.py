@@ -15,11 +15,10 @@ from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.checks import run_checks
 from dynident.recordings.columns import Column, Layout, check_surplus_columns, find_columns, mark_not_recorded
 from dynident.recordings.conditioning import Conditioning
-from dynident.recordings.file_source import FileSource, RawRows, RawSource
+from dynident.recordings.file_source import FileSource, RawRows, RawSample, RawSource, SampleCollector
 from dynident.recordings.formats import open_source
 from dynident.recordings.metadata import Check, RecordingError, RecordingMetadata, Windows
 from dynident.recordings.poses import POSES, read_poses, report_poses, write_poses
-from dynident.recordings.raw_sample import RawSample, SampleCollector
 from dynident.recordings.recording import (
     WRENCH_NAMES,
     ModelChecks,
@@ -30,9 +29,8 @@ from dynident.recordings.recording import (
 )
 from dynident.recordings.revisions import exclude_from_windows
 from dynident.recordings.segmenting import Segmenter
-from dynident.recordings.sinks import ArraySink, ParquetSink
-from dynident.recordings.sources import ArraySource, ParquetSource
-from dynident.recordings.time_restarts import RestartingSource
+from dynident.recordings.stored_rows import ArraySink, ArraySource, ParquetSink, ParquetSource
+from dynident.recordings.time_columns import RestartingSource
 from dynident.recordings.timebase import TimeBase, TimeScan, check_time
 
 

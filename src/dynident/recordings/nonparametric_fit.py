@@ -16,11 +16,10 @@ from scipy.interpolate import CubicSpline
 
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.errors import DynidentError
-from dynident.recordings.auto_filters import choose_preprocessing
 from dynident.recordings.parallel_filter import FilteredRows, ParallelFilter
 from dynident.recordings.phases import Phase, Phases, find_phases
 from dynident.recordings.position_filter import filtered_blocks
-from dynident.recordings.preprocessing import Preprocessing
+from dynident.recordings.preprocessing import Preprocessing, choose_preprocessing
 from dynident.recordings.recording import Recording, SampleBlock, Segment
 
 MAX_ROWS = 10_000

@@ -13,7 +13,7 @@ from dynident.recordings.file_source import RawRows, RawSource
 from dynident.recordings.metadata import Check
 from dynident.recordings.recording import Recording, Segment, are_readings
 from dynident.recordings.segmenting import GridRows
-from dynident.recordings.sinks import ArraySink, ParquetSink
+from dynident.recordings.stored_rows import ArraySink, ParquetSink
 from dynident.recordings.timebase import LONGEST_PERIOD, TimeBase
 
 POSES = "poses"

@@ -8,9 +8,9 @@ import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.recordings.columns import Column, Layout
+from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata import Check, Revision, Status
 from dynident.recordings.phases import phase_shares
-from dynident.recordings.raw_sample import RawSample
 from dynident.recordings.recording import JointLimits, Recording
 
 DEGREE = pi / 180.0

@@ -1,12 +1,309 @@
-"""Preprocessing: cut-off frequencies, filter order and decimation, between a recording and the equations."""
+"""Preprocessing of a recording for the equations: cut-offs, order and decimation, stated or chosen from the data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from math import isfinite
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from math import floor, isfinite, log10
+from weakref import WeakKeyDictionary
 
+import numpy as np
+from scipy import special
+
+from dynident.array_types import FloatArray
 from dynident.recordings.metadata import PreprocessingChoices, RecordingError
+from dynident.recordings.poses import has_poses
+from dynident.recordings.recording import Recording
+from dynident.recordings.spectra import Spectra, estimate_spectra
+
+MOTION_SHARE = 0.99
+"""The band of the motion holds so much of the velocity's power."""
+
+HARMONICS = 15.0
+"""Cut-off over the band of the motion: products of joint motions and the corners of friction are its harmonics."""
+
+NOISE_SHARE = 0.05
+"""Position noise may be so large in the acceleration, beside the motion's own."""
+
+LEAST_HARMONICS = 4.0
+"""However large the noise, so many harmonics of the motion are kept."""
+
+WIDER, WIDER_NOISE_SHARE = 1.4, 0.01
+"""The position cut-off over the torque's, where noise is so small a share of the acceleration even there. What the
+filter of the positions takes away below the torque's cut-off lacks in W, while the torque has it: half of it at the
+cut-off itself, or 6 % where theirs lies half an octave higher. Of machines whose joints break loose that is most of
+the error."""
+
+NYQUIST_SHARE = 0.7
+"""A cut-off nearer to the Nyquist frequency filters nothing."""
+
+OVERSAMPLING = 4.0
+"""Rows are decimated to no less than so many times the torque cut-off."""
+
+SUNK = 3.0
+"""Times the noise below which nothing of the motion is left at a frequency."""
+
+LINES_APART = 3.0
+"""Two harmonics of a periodic motion may be missing between two that are there."""
+
+CREEPING = 1e-2
+"""A joint whose velocity is below this share of the fastest joint's may vibrate more than it moves: what lies beyond a
+gap in its spectrum is no line of the motion."""
+
+MOVING = 1e-3
+"""A joint whose velocity is below this share of the fastest joint's does not count."""
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """What one recording says, in Hz: the band of its motion, the cut-off at which noise takes over."""
+
+    motion: float
+    noise: float
+    noise_rms: float
+    little_noise: float
+    """Up to here noise is a small share yet."""
+
+
+def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
+    """Choose cut-off frequencies and decimation for recordings that are identified together ("auto").
+
+    The torque cut-off is 15 times the band that holds 99 % of the velocity's power (the median over the joints that
+    move, the widest of the recordings), but no more than the frequency up to which differentiating the position noise
+    (encoder quantisation, mostly) twice stays below 5 % of the motion's own acceleration: what is above it cannot be
+    explained by filtered positions. Theirs lies half an octave higher, as far as that share stays below 1 % there. Rows
+    are decimated to no less than 4 times the torque cut-off.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings that are identified together.
+
+    Returns
+    -------
+    Preprocessing
+        With the reasons for its values.
+
+    Raises
+    ------
+    DynidentError
+        If a recording is too short to have a spectrum.
+    """
+    if not recordings:
+        raise ValueError("no recordings to choose from")
+    if all(has_poses(recording) for recording in recordings):
+        return Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
+    all_bands = [_load_bands(recording) for recording in recordings]
+    rate = min(recording.sampling_rate for recording in recordings)
+    motion = max(bands.motion for bands in all_bands)
+    noisiest = min(all_bands, key=lambda bands: bands.noise)
+    needed, ceiling = HARMONICS * motion, NYQUIST_SHARE * 0.5 * rate
+    # In this order: what the motion needs, but no more than noise allows, except for the least number of harmonics,
+    # and never beyond the Nyquist frequency.
+    cutoff = _round_down(min(needed, max(noisiest.noise, LEAST_HARMONICS * motion), ceiling))
+    wider = min(WIDER * needed, min(bands.little_noise for bands in all_bands), ceiling)
+    position = max(cutoff, _round_down(wider))
+    first = "Torque" if position > cutoff else "Position"
+    because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
+    if needed <= min(noisiest.noise, ceiling):
+        because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
+    elif noisiest.noise < ceiling:
+        because += (
+            f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} rad rms, differentiated "
+            "twice, would exceed 5 % of the acceleration."
+        )
+    else:
+        because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
+    other = _explain_position_cutoff(position) if position > cutoff else _explain_torque_cutoff(cutoff)
+    return _add_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
+
+
+def find_motion_band(recordings: Sequence[Recording]) -> float:
+    """Return the frequency below which 99 % of the velocity's power lies, as `choose_preprocessing` finds it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings that are identified together.
+
+    Returns
+    -------
+    float
+        Hz, the highest of the recordings.
+
+    Raises
+    ------
+    DynidentError
+        If a recording is too short to have a spectrum.
+    """
+    return max(_load_bands(recording).motion for recording in recordings)
+
+
+def preprocessing_from_request(
+    request: Mapping[str, object] | str | None, recordings: Sequence[Recording]
+) -> Preprocessing:
+    """Return the preprocessing that a user asked for; what the user left open is chosen from the data.
+
+    Parameters
+    ----------
+    request : mapping, "auto" or None
+        Any of position_cutoff, torque_cutoff, decimation, filter_order; "auto" or None leave all open.
+    recordings : sequence of Recording
+        Recordings that are identified together.
+
+    Returns
+    -------
+    Preprocessing
+        All four values, with the reasons for those that were chosen.
+
+    Raises
+    ------
+    RecordingError
+        For a value that is impossible: names the Nyquist frequency, and points to "/preprocessing/…".
+    """
+    rate = min(recording.sampling_rate for recording in recordings)
+    fields = {} if request is None or request == "auto" else values_from_request(request)
+    if not fields:
+        return choose_preprocessing(recordings)
+    if "position_cutoff" in fields and "torque_cutoff" in fields:
+        preprocessing = Preprocessing(_read_cutoff(fields, "position_cutoff"), _read_cutoff(fields, "torque_cutoff"))
+    else:
+        automatic = choose_preprocessing(recordings)
+        position = _read_cutoff(fields, "position_cutoff") if "position_cutoff" in fields else automatic.position_cutoff
+        if "torque_cutoff" in fields:
+            torque = _read_cutoff(fields, "torque_cutoff")
+        else:
+            # Torque is worth no more than the positions that have to explain it.
+            torque = automatic.torque_cutoff if position is None else min(position, NYQUIST_SHARE * 0.5 * rate)
+        reasons = automatic.reasons if position == automatic.position_cutoff else (_explain_torque_cutoff(torque),)
+        preprocessing = Preprocessing(position, torque, reasons=reasons)
+    preprocessing = replace(
+        preprocessing, filter_order=int(fields.get("filter_order", preprocessing.filter_order) or 0)
+    )
+    if "decimation" in fields:
+        preprocessing = replace(preprocessing, decimation=int(fields["decimation"] or 0))
+    else:
+        # The cut-offs have to be possible at this rate before a decimation is computed from them.
+        preprocessing.check_against(rate)
+        preprocessing = _add_decimation(preprocessing, rate)
+    named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in fields.items())
+    preprocessing = replace(preprocessing, reasons=(*preprocessing.reasons, f"Given: {named}."))
+    preprocessing.check_against(rate)
+    return preprocessing
+
+
+def _read_cutoff(fields: Mapping[str, float | int | None], name: str) -> float | None:
+    value = fields[name]
+    return None if value is None else float(value)
+
+
+def _add_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing:
+    if preprocessing.torque_cutoff is None:
+        return preprocessing
+    decimation = max(1, floor(rate / (OVERSAMPLING * preprocessing.torque_cutoff)))
+    ratio = rate / decimation / preprocessing.torque_cutoff
+    because = (
+        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {ratio:.2g} "
+        "times the torque cut-off: rows closer together repeat each other."
+    )
+    return replace(preprocessing, decimation=decimation, reasons=(*preprocessing.reasons, because))
+
+
+def _explain_position_cutoff(cutoff: float) -> str:
+    return f"Position cut-off {cutoff:g} Hz: higher, so that this filter takes away little of what explains the torque."
+
+
+def _explain_torque_cutoff(cutoff: float | None) -> str:
+    if cutoff is None:
+        return "No parallel filter, as asked."
+    return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
+
+
+_known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
+
+
+def _load_bands(recording: Recording) -> _Bands:
+    """Return the bands of a recording, computed once: its spectra take as long as reading it."""
+    if recording not in _known:
+        _known[recording] = _find_bands(estimate_spectra(recording))
+    return _known[recording]
+
+
+def _find_bands(averages: Spectra) -> _Bands:
+    step = averages.frequency[1]
+    gain = averages.velocity_gain[:, None]
+    noise = averages.noise * gain
+    motion: list[float] = []
+    limit: list[float] = []
+    little: list[float] = []
+    # The motion's own power, without that of the noise.
+    power = np.maximum(averages.velocity - noise, 0.0)
+    moving = np.flatnonzero(power.sum(axis=0) > MOVING**2 * power.sum(axis=0).max())
+    # The strongest frequency of all joints stands in for the base frequency of a periodic motion. The lowest three hold
+    # what the taper leaks from zero.
+    reach = LINES_APART * float(averages.frequency[3:][int(np.argmax(power[3:].sum(axis=1)))])
+    slow = power[averages.frequency <= reach].sum(axis=0)
+    for joint in moving:
+        # Of a joint that hardly moves, lines beyond a gap may be those of vibration.
+        own_reach = reach if slow[joint] > CREEPING**2 * slow.max() else 0.0
+        band = _find_band_end(
+            averages.frequency, averages.velocity[:, joint], noise[:, joint], averages.windows, own_reach
+        )
+        if power[:band, joint].sum() <= 0.0:
+            continue
+        below = np.cumsum(power[:band, joint]) / power[:band, joint].sum()
+        motion.append(averages.frequency[int(np.searchsorted(below, MOTION_SHARE))])
+        # The motion's own acceleration, inside its band: the measure of the noise that follows.
+        own = float((power[:band, joint] * gain[:band, 0]).sum())
+        # Noise in the acceleration, up to each frequency: its density grows with the fourth power of the frequency.
+        spoiled = np.cumsum(noise[:, joint] * gain[:, 0])
+        for share, limits in ((NOISE_SHARE, limit), (WIDER_NOISE_SHARE, little)):
+            limits.append(averages.frequency[min(int(np.searchsorted(spoiled, share**2 * own)), len(gain) - 1)])
+    rms = np.sqrt(averages.noise[moving] * 0.5 * averages.rate)
+    if not motion:
+        raise RecordingError(
+            "No joint moves in the windows of the recording: there is nothing to choose the filters from.",
+            pointer="/preprocessing",
+            title="No motion",
+        )
+    # The median over the joints: one joint that vibrates, or one coarse encoder, does not decide for all.
+    band, noise_at, little_at = (max(float(np.median(frequencies)), step) for frequencies in (motion, limit, little))
+    return _Bands(band, noise_at, float(np.median(rms)), little_at)
+
+
+def _find_band_end(frequency: FloatArray, power: FloatArray, noise: FloatArray, windows: int, reach: float) -> int:
+    """Return the number of frequencies, from 0 on, below which the motion is above the noise.
+
+    A periodic motion is a row of lines a base frequency apart, with noise between them and below the first. A gap is
+    therefore crossed where the lines within `reach` (Hz), `LINES_APART` times the frequency of the strongest one, which
+    is the base frequency or a multiple of it, hold a share of the power that counts. Vibrations and mains hum lie
+    farther from the motion, or hold less.
+    """
+    first = 3
+    # The lowest frequencies hold what the taper leaks from zero.
+    sunk = first + np.flatnonzero(power[first:] < SUNK * noise[first:])
+    # A mean of so many squared normal pairs exceeds this in one of 10⁵ frequencies of noise alone.
+    bar = max(SUNK, float(special.gammainccinv(windows, 1e-5)) / windows)
+    risen = first + np.flatnonzero(power[first:] > bar * noise[first:])
+    if not len(sunk) or not len(risen):
+        return int(sunk[0]) if len(sunk) else len(power)
+    own = power - noise
+    end = int(sunk[0])
+    while True:
+        # Cross one gap after another, as long as what lies behind it holds a share of the power that counts.
+        lines = risen[(risen > end) & (frequency[risen] <= frequency[end] + reach)]
+        if own[lines].sum() <= (1.0 - MOTION_SHARE) * max(own[:end].sum(), 0.0) or not len(lines):
+            return end
+        after = int(np.searchsorted(sunk, lines[0]))
+        if after == len(sunk):
+            return len(power)
+        end = int(sunk[after])
+
+
+def _round_down(value: float) -> float:
+    """Round down to two significant digits."""
+    digits = 1 - floor(log10(value))
+    return floor(value * 10**digits + 1e-9) / 10**digits if digits > 0 else float(floor(value))
 
 
 @dataclass(frozen=True)

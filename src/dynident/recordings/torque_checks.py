@@ -8,9 +8,9 @@ from scipy.optimize import linear_sum_assignment
 from dynident.array_types import BoolArray, FloatArray, IntArray
 from dynident.recordings import nonparametric_fit as against_motion
 from dynident.recordings.columns import NOT_RECORDED, Layout
+from dynident.recordings.file_source import RawSample
 from dynident.recordings.metadata import COMMANDED, DELAY, Check, Revision, Status
 from dynident.recordings.nonparametric_fit import TorqueEvidence
-from dynident.recordings.raw_sample import RawSample
 from dynident.recordings.recording import JointLimits, ModelChecks, Recording
 
 SATURATED = 5e-3

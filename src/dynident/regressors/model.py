@@ -31,8 +31,8 @@ from dynident.regressors.base_parameters import (
 )
 from dynident.regressors.observation import Observation
 from dynident.regressors.row_phases import build_rest_observation
-from dynident.robot.inertia_uncertainty import estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.model import INERTIAL_NAMES, Robot
+from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias
 
 # Rows of the random observation matrix for every column: twice as many as would do.
 _STATES_PER_COLUMN = 2

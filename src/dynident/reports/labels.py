@@ -15,7 +15,7 @@ from dynident.identification.thresholds import ParameterJudgement
 from dynident.reports.number_format import format_estimate
 from dynident.reports.report_tables import Mark
 from dynident.robot import Robot
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 
 if TYPE_CHECKING:
     # For type checkers alone: most users of this module need no diagnosis, which takes long to load.

@@ -13,8 +13,7 @@ from dynident.diagnosis import Diagnosis
 from dynident.errors import DynidentError
 from dynident.excitation import Design
 from dynident.identification import Identification
-from dynident.reports.report_data import ReportedRecording, ReportedValidation
-from dynident.reports.section import Section
+from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
 from dynident.reports.sections.accuracy import build_errors_section, build_residuals_section, build_validation_section
 from dynident.reports.sections.data import build_data_section
 from dynident.reports.sections.design import build_design_section, build_promises_section

@@ -1,13 +1,36 @@
-"""Recordings and validations as a report shows them."""
+"""What a report shows: its sections, and recordings and validations in them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from dynident.diagnosis import Comparison
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.reports.report_tables import ReportedTable
 from dynident.validation import ValidationOutcome
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """One section of a report: a template and the content that fills it.
+
+    Attributes
+    ----------
+    anchor : str
+        The target of links in the table of contents.
+    title : str
+        Heading of the section.
+    template : str
+        File name of the template without its ending.
+    content : object
+        What the template sees under the name `it`.
+    """
+
+    anchor: str
+    title: str
+    template: str
+    content: Any
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,18 @@ from scipy.spatial.transform import Rotation
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.joint import Joint, JointKind
-from dynident.robot.json_fields import parse_json
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names, parse_json
 from dynident.robot.kinematics import joint_motion
-from dynident.robot.mesh_files import find_mesh_file, list_candidate_files
-from dynident.robot.meshes import Surface, build_hulls, read_surface
+from dynident.robot.meshes import (
+    Surface,
+    build_hulls,
+    find_mesh_file,
+    list_candidate_files,
+    list_package_folders,
+    read_surface,
+)
 from dynident.robot.model import Robot
 from dynident.robot.modified_dh import TITLE, read_capsules_and_rows
-from dynident.robot.ros_packages import list_package_folders
 from dynident.robot.shapes import Block, Capsule, Cylinder, Shape
 from dynident.robot.urdf import make_urdf_error, parse_urdf
 from dynident.robot.xml_text import Element

@@ -6,7 +6,7 @@ import json
 from importlib.resources import files
 
 from dynident.errors import DynidentError
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 from dynident.robot.model import Robot
 from dynident.robot.modified_dh import robot_from_modified_dh
 

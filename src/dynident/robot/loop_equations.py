@@ -26,7 +26,7 @@ from dynident.robot.cut_joints import (
     to_sparse_constant,
 )
 from dynident.robot.joint import Joint
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 from dynident.robot.loop_numbers import Pivots, choose_pivots, compute_condition, group_equations, solve_sparse
 
 CLOSED = 1e-9

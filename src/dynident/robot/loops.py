@@ -18,7 +18,7 @@ from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.expressions.angles import AngleTerms, substitute_angles
 from dynident.robot.cut_joints import LOOP_TITLE, make_approximation_error
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 from dynident.robot.loop_equations import CLOSED, SINGULAR, LoopEquations
 from dynident.robot.loop_numbers import compute_condition
 from dynident.robot.passive_positions import build_passive_positions

@@ -73,20 +73,21 @@ from dynident.robot.json_fields import (
     expect_number,
     expect_numbers,
     expect_text,
+    join_names,
+    make_pointer,
     parse_json,
 )
-from dynident.robot.json_pointer import join_names, make_pointer
-from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.model import INERTIAL_NAMES, Description, Robot, Tie
 from dynident.robot.pinocchio_model import (
+    ROUNDING_TOLERANCE,
     DescribedJoints,
     from_dynamic_parameters,
     from_pinocchio,
+    mend_placement,
     to_dynamic_parameters,
 )
-from dynident.robot.rounding import ROUNDING_TOLERANCE, mend_placement
-from dynident.robot.settings import check_limits, gravity_from, settings_from
+from dynident.robot.settings import Drive, Limits, check_limits, gravity_from, settings_from
 from dynident.robot.shapes import Capsule
 
 _BASE_NAME = "base"

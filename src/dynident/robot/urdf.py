@@ -9,13 +9,11 @@ from dataclasses import replace
 import pinocchio as pin
 
 from dynident.errors import DynidentError
-from dynident.robot.json_pointer import join_names
-from dynident.robot.limits import Drive, Limits
+from dynident.robot.json_fields import join_names
 from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.model import Description, Robot, Tie
-from dynident.robot.pinocchio_model import DescribedJoints, from_pinocchio
-from dynident.robot.rounding import ROUNDING_TOLERANCE
-from dynident.robot.settings import settings_from
+from dynident.robot.pinocchio_model import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio
+from dynident.robot.settings import Drive, Limits, settings_from
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
@@ -378,7 +376,7 @@ def robot_from_urdf(
     gravity : sequence of float, optional
         Acceleration of gravity in the base frame (m/s²); (0, 0, -9.81) by default.
     rounding_tolerance : float
-        Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.rounding`.
+        Constants this near to 0, ±1/2, ±1 are mended, see `dynident.robot.pinocchio_model`.
     pointer : str
         JSON pointer to the text in the caller's request.
 

@@ -8,7 +8,7 @@ from xml.parsers import expat
 
 from dynident.encoding import NOT_XML
 from dynident.errors import DynidentError
-from dynident.robot.json_pointer import check_unicode
+from dynident.robot.json_fields import check_unicode
 
 MOST_ELEMENTS = 100_000
 """Most elements of a text, visual ones included: a robot of 2000 links has about 50 000."""

@@ -1,6 +1,6 @@
 """Registries of interchangeable classes, such as estimators, of which a request names one.
 
-Each class is a frozen dataclass in a file of its own, with its description and its options as fields.
+Each class is a frozen dataclass, with its description and its options as fields.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class RegistryEntry:
 class Registry(Generic[EntryT]):
     """The registry of all kinds that the modules of a package define, by their names.
 
-    A new file in the package is a new kind.
+    Each class in a file of the package is a kind.
 
     Parameters
     ----------

@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING
 from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
-    from dynident.simulation.ground_truth import TrueEffect, spread_over_joints
-    from dynident.simulation.joint_control import Controller
+    from dynident.simulation.ground_truth import (
+        TrueEffect,
+        build_typical_effect,
+        list_drive_effects,
+        spread_over_joints,
+    )
     from dynident.simulation.reference_motion import Reference, add_warming
     from dynident.simulation.request_resolution import (
-        build_simulation_request,
-        check_acting_effects,
-        replace_usual_effects,
-        resolve_true_effects,
-    )
-    from dynident.simulation.session_runs import (
         SimulationRequest,
         StandardParameters,
+        build_simulation_request,
         build_standard_parameters,
+        check_acting_effects,
         check_run_labels,
+        replace_usual_effects,
+        resolve_true_effects,
         simulate,
     )
     from dynident.simulation.simulated_recording import (
@@ -30,8 +32,7 @@ if TYPE_CHECKING:
         join_runs,
         write_simulated_recording,
     )
-    from dynident.simulation.typical_effects import build_typical_effect, list_drive_effects
-    from dynident.simulation.virtual_robot import VirtualRobot
+    from dynident.simulation.virtual_robot import Controller, VirtualRobot
     from dynident.simulation.virtual_robot_request import ActingEffect, Sensors, Session, Simulated, Warming
 
 __all__ = [

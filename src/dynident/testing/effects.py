@@ -27,9 +27,8 @@ from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
 from dynident.robot import Robot, to_pinocchio
 from dynident.simulation import TrueEffect, build_typical_effect
-from dynident.simulation.typical_effects import list_drive_effects
-from dynident.testing.errors import ConformanceError, require
-from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial
+from dynident.simulation.ground_truth import list_drive_effects
+from dynident.testing.trial import ConformanceError, TrialRecordings, build_trial_arm, record_trial, require
 
 _COUNT = 30
 _STEP = 1e-4

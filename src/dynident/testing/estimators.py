@@ -13,9 +13,8 @@ from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import Estimator
 from dynident.identification.problem import Problem
 from dynident.regressors.model import Model
-from dynident.simulation.typical_effects import list_drive_effects
-from dynident.testing.errors import require
-from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial
+from dynident.simulation.ground_truth import list_drive_effects
+from dynident.testing.trial import TrialRecordings, build_trial_arm, record_trial, require
 
 _NOISE = 0.2
 """Noise of the torque in N m."""

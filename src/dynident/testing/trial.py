@@ -1,4 +1,4 @@
-"""A small arm, its motions and its recordings, on which effects and estimators are checked."""
+"""A small arm with recordings, on which effects and estimators are checked, and the error of failed checks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,30 @@ import numpy as np
 from dynident.recordings import FurtherColumns, Recording, recording_from_arrays
 from dynident.robot import Robot, robot_from_urdf
 from dynident.simulation import Reference, Sensors, SimulatedRecording, TrueEffect, VirtualRobot, Warming, add_warming
+
+
+class ConformanceError(AssertionError):
+    """Error: an effect or an estimator does not meet a requirement; the message tells which."""
+
+
+def require(holds: object, message: str) -> None:
+    """Raise `ConformanceError` with the message unless `holds` is true.
+
+    Parameters
+    ----------
+    holds : object
+        The requirement; true where it is met.
+    message : str
+        What is wrong, for the author of the effect or estimator.
+
+    Raises
+    ------
+    ConformanceError
+        Where the requirement is not met.
+    """
+    if not holds:
+        raise ConformanceError(message)
+
 
 _LINKS = (
     # axis, where the joint sits, mass, centre, moments of inertia

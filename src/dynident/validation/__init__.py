@@ -9,13 +9,18 @@ from dynident.lazy_loader import make_lazy_getattr
 
 if TYPE_CHECKING:
     from dynident.validation.bootstrap import BootstrapValidation, DrawnParameter, validate_bootstrap
-    from dynident.validation.filter_choice import FiltersBySimulation, FilterTrial, filters_by_simulation
+    from dynident.validation.filter_choice import (
+        FiltersBySimulation,
+        FilterTrial,
+        SensorNoise,
+        filters_by_simulation,
+        sensor_noise,
+    )
     from dynident.validation.inertia_matrix import InertiaMatrixValidation, validate_inertia_matrix
     from dynident.validation.known_load import PayloadValidation, validate_payload
-    from dynident.validation.method import Method, available_methods, get_method
     from dynident.validation.method_comparison import MethodResult, MethodsValidation, validate_methods
-    from dynident.validation.noise import SensorNoise, sensor_noise
     from dynident.validation.outcome import ValidationOutcome, Verdict, combine_verdicts
+    from dynident.validation.request import Method, available_methods, get_method
     from dynident.validation.simulation import SimulationValidation, validate_simulation
     from dynident.validation.torque_errors import RecordingErrors, TorqueValidation, validate_cross, validate_direct
 

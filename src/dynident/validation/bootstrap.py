@@ -15,10 +15,10 @@ import numpy as np
 from dynident.blas_threads import single_threaded
 from dynident.estimation import Bootstrap, Drawing, Reduction, Solution, Statistics, bootstrap_estimates
 from dynident.estimation.block_bootstrap import DRAWS
-from dynident.estimation.cluster_robust import FEWEST_CLUSTERS, find_occupied_blocks
+from dynident.estimation.uncertainty import FEWEST_CLUSTERS, find_occupied_blocks
 from dynident.identification import Identification
-from dynident.identification.shapes.shape_columns import list_shape_variables
 from dynident.identification.shapes.shape_constants import linearise_shapes
+from dynident.identification.shapes.shape_refinement import list_shape_variables
 from dynident.progress import Progress, ignore_progress
 from dynident.validation.outcome import ValidationOutcome
 

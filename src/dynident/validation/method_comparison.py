@@ -20,8 +20,8 @@ from dynident.identification.problem_options import ModelName
 from dynident.identification.strategies.dispatch import solve_by_strategy
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Recording
-from dynident.validation.method import Method, available_methods
 from dynident.validation.outcome import ValidationOutcome
+from dynident.validation.request import Method, available_methods
 
 # A method agrees where its error is within this factor of the best one's …
 _AS_GOOD = 1.15

@@ -3,9 +3,8 @@
 from dynident.diagnosis.comparing.data_leakage import DataOverlap, find_overlaps
 from dynident.verdict.detectable_loads import DetectableForce
 from dynident.verdict.evidence import Outcome
-from dynident.verdict.model_verdict import ModelVerdict, is_stopped, verdict
-from dynident.verdict.stop_causes import Stop
-from dynident.verdict.use import MARKS, State, Use, UseName
+from dynident.verdict.model_verdict import ModelVerdict, Stop, is_stopped, verdict
+from dynident.verdict.use_findings import MARKS, State, Use, UseName
 
 __all__ = [
     "MARKS",

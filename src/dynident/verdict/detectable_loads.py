@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
-from dynident.diagnosis.comparing.autocorrelation import count_independent_squares
+from dynident.diagnosis.comparing.autocorrelation_and_spectra import count_independent_squares
 from dynident.diagnosis.comparing.compare import Comparison
 from dynident.estimation.uncertainty import NORMAL_95
 from dynident.recordings.phases import Phase

@@ -1,1 +1,1 @@
-"""One module a command: its options, and what it does with them."""
+"""The commands, alone or with their relatives: their options, and what they do with them."""

@@ -1,12 +1,101 @@
-"""`dynident diagnose`."""
+"""`dynident diagnose`, `dynident changes` and `dynident series`."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from dynident.diagnosis.request import DiagnosisChoices
-from dynident_service.cli.options import Measurements, ModelArgument, OutputOptions, Reading
+from dynident.encoding import encode_text
+from dynident_service.cli.files import READABLE_FILE
+from dynident_service.cli.options import Json, Measurements, ModelArgument, OutputOptions, Reading, file_option
 from dynident_service.cli.request_options import RequestOptions, TypedValues
+
+
+def series(
+    model: ModelArgument,
+    days: Annotated[
+        list[Path],
+        typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
+        READABLE_FILE,
+    ],
+    reading: Reading,
+    keep: Annotated[
+        Path | None,
+        file_option(
+            "--keep", help="Where days are kept: those in it come first and are not read again, new ones are added."
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
+    ] = None,
+    out: Annotated[Path | None, file_option("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what has changed in a robot over many days, and from which day on.
+
+    The first day is what the others are compared with; motions may differ from day to day.
+    """
+    from dynident.diagnosis.monitoring import days_to_bytes
+    from dynident.diagnosis.monitoring import monitor_days as series_of
+    from dynident.progress import scale_progress
+    from dynident.reports.figures.changes import draw_parameter_tracks
+    from dynident_service.adapters.diagnoses import describe_series
+    from dynident_service.cli import files, inputs, output, result_tables, table_files, terminal
+    from dynident_service.cli.series_days import load_continued_days
+
+    identification = inputs.load_model(model)
+    if out is not None:
+        table_files.check_ending(out)
+    with terminal.show_progress_bar("compare the days") as progress:
+        measure, measured = load_continued_days(identification, days, reading, keep, scale_progress(progress, 0.0, 0.5))
+        monitored = series_of(measure, measured, scale_progress(progress, 0.5, 1.0))
+    if keep is not None:
+        files.write_atomically(keep, days_to_bytes(measure, measured))
+    if figure is not None:
+        files.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
+    if out is not None:
+        table_files.write_table(table_files.build_courses_table(monitored), out)
+    outputs = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+    output.print_result(
+        as_json,
+        lambda: describe_series(monitored),
+        lambda console: result_tables.show_series(console, monitored, identification.model.robot),
+        *(f"{label} {path}" for path, label in outputs if path is not None),
+    )
+
+
+def changes(
+    model: ModelArgument,
+    before: Annotated[list[Path], file_option("--before", help="Earlier measurement; may be repeated."), READABLE_FILE],
+    after: Annotated[list[Path], file_option("--after", help="Later measurement; may be repeated."), READABLE_FILE],
+    reading: Reading,
+    result: OutputOptions,
+) -> None:
+    """Say what has changed in a robot between two sets of measurements.
+
+    The motions may differ. --out writes the diagnosis, changes included, as JSON.
+    """
+    from dynident.advice import advise
+    from dynident.diagnosis import examine
+    from dynident_service.adapters.diagnoses import describe_diagnosis
+    from dynident_service.cli import inputs, output, result_tables
+
+    identification = inputs.load_model(model)
+    robot = identification.model.robot
+    with inputs.read_recordings("compare the days", [*before, *after], robot, reading, share=0.3) as data:
+        # All files are read together, so that equal names are told apart.
+        earlier, later = data.recordings[: len(before)], data.recordings[len(before) :]
+        diagnosis = advise(examine(identification, later, baseline=earlier, progress=data.progress))
+    output.write_result(
+        result,
+        "diagnosis",
+        lambda: describe_diagnosis(diagnosis, robot.name),
+        lambda console: result_tables.show_changes(console, diagnosis, robot),
+    )
 
 
 def diagnose(

@@ -31,7 +31,7 @@ def effects(as_json: Json = False) -> None:
     table = terminal.build_table("", columns, rows, right_from=len(columns))
 
     def describe_catalogue() -> BaseModel:
-        from dynident_service.adapters.catalogue import show_catalogue
+        from dynident_service.adapters.conversion import show_catalogue
 
         return show_catalogue()
 

@@ -1,4 +1,4 @@
-"""`dynident identify`."""
+"""`dynident identify`, and what goes on from a model: `extend`, `remove`, `essential` and `ladder`."""
 
 from __future__ import annotations
 
@@ -25,6 +25,139 @@ from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 if TYPE_CHECKING:
     from rich.console import Console
+from typing import TYPE_CHECKING
+
+from dynident.identification.choices import EssentialChoices
+from dynident_service.cli.options import (
+    Json,
+    ModelArgument,
+    Reading,
+    SomeFile,
+    file_option,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def ladder(
+    model: ModelArgument,
+    against: Annotated[
+        Path | None,
+        typer.Option("--against", metavar="MODEL", help="Another model, whose ladder is set beside it."),
+        READABLE_FILE,
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show the models that led to one, and their errors; which predicts held-out data best, and where that rises."""
+    from dynident.errors import DynidentError
+    from dynident_service.adapters.identifications import build_steps, compare_ladders
+    from dynident_service.cli import inputs, output, result_tables
+    from dynident_service.models.identifications import Lineage
+
+    identification = inputs.load_model(model)
+    other = None if against is None else inputs.load_model(against)
+    if other is not None and other.model.robot.joint_names != identification.model.robot.joint_names:
+        raise DynidentError(f"{against} is a model of another robot", pointer="--against", title="Another robot")
+
+    def describe_ladder() -> Lineage:
+        own = build_steps(identification, model.stem)
+        if other is None or against is None:
+            return Lineage(items=own)
+        data_sets = (step.data for top in (identification, other) for step in top.ladder())
+        data = {(data_set.measurement_names, data_set.validation_names) for data_set in data_sets}
+        return compare_ladders(own, build_steps(other, against.stem, (identification, model.stem)), len(data) == 1)
+
+    def print_ladder(console: Console) -> None:
+        if other is None or against is None:
+            result_tables.show_ladder(console, identification)
+        else:
+            result_tables.show_ladders(console, (model.stem, identification), (against.stem, other))
+
+    output.print_result(as_json, describe_ladder, print_ladder)
+
+
+def essential(
+    model: ModelArgument,
+    request_options: Annotated[TypedValues, RequestOptions(EssentialChoices)],
+    result: OutputOptions,
+) -> None:
+    """Find the essential parameters of a model by backward elimination.
+
+    --out writes the model with the essential parameters estimated anew, the others at zero.
+    """
+    from dynident.identification import to_bytes
+    from dynident.identification.study.parameter_identifiability import essential_parameters
+    from dynident_service.adapters.identifications import describe_essential
+    from dynident_service.cli import inputs, output, result_tables
+
+    path = essential_parameters(inputs.load_model(model), request_options.build_request(EssentialChoices).ratio)
+    output.write_result(
+        result,
+        "model",
+        lambda: describe_essential(path),
+        lambda console: result_tables.show_essential(console, path),
+        lambda: to_bytes(path.identification),
+    )
+
+
+def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> None:
+    """Take effects out of a model.
+
+    No measurement is needed: the model's file holds the reduced data.
+    """
+    from dynident.errors import DynidentError
+    from dynident.identification import remove as remove_effects
+    from dynident_service.cli import inputs, output
+
+    identification = inputs.load_model(model)
+    removed = inputs.parse_unchecked_effects(effects)
+    if not removed:
+        raise DynidentError("say what to remove: --effects", pointer="--effects")
+    reduced_model = remove_effects(identification, removed)
+    output.write_extended_model(result, reduced_model, model.stem, identification)
+
+
+def extend(
+    model: ModelArgument,
+    measurements: Measurements,
+    validation: Validation,
+    reading: Reading,
+    effects: Effects,
+    result: OutputOptions,
+    diagnosis: Annotated[
+        SomeFile, file_option("--diagnosis", help="Add what a diagnosis recommends (`dynident diagnose --out`).")
+    ] = None,
+) -> None:
+    """Add effects to a model.
+
+    Give the measurements that it was identified from. Ends with the verdict on the model, as `identify` does.
+    """
+    from dynident.errors import DynidentError
+    from dynident.identification import extend as extend_model
+    from dynident.verdict import verdict
+    from dynident_service.cli import inputs, output, result_tables
+
+    identification = inputs.load_model(model)
+    robot = identification.model.robot
+    added = inputs.read_effects(effects, robot)
+    if diagnosis is not None:
+        stored_diagnosis = inputs.load_diagnosis(diagnosis)
+        added += stored_diagnosis.recommended
+        if not added:
+            why = f"Nothing is added: the diagnosis recommends nothing. {stored_diagnosis.summary}"
+            output.write_unchanged_model(result, identification, why)
+            return
+    if not added:
+        raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
+    with inputs.read_recordings("extend", measurements, robot, reading, validation) as data:
+        extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
+        checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
+        model_verdict = verdict(extended, data.recordings, data.other_recordings, checks)
+    output.write_extended_model(result, extended, model.stem, identification, model_verdict)
+    if model_verdict.stop is not None:
+        raise typer.Exit(result_tables.EXIT_STOPPED)
+
 
 _FILTERS = ", ".join(
     f"{filter_field.name} ({unit})" if (unit := get_description(filter_field).unit) else filter_field.name

@@ -49,7 +49,7 @@ def report(
     from dynident.identification import check_same_recordings
     from dynident.progress import scale_progress
     from dynident.reports import html_report, render_pdf
-    from dynident_service.adapters.validation_tables import build_reported_validation
+    from dynident_service.adapters.validations import build_reported_validation
     from dynident_service.cli import files, inputs, output
     from dynident_service.cli.model_validation import load_validation
     from dynident_service.cli.report_contents import build_reported_runs

@@ -54,7 +54,7 @@ def validate(
     Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
-    from dynident_service.cli import inputs, model_validation, output, validation_result_tables
+    from dynident_service.cli import inputs, model_validation, output
 
     identification = inputs.load_model(model)
     options: Any = request_options.build_request(Stated, methods=model_validation.parse_methods(further.methods or []))
@@ -77,7 +77,7 @@ def validate(
         result,
         "result",
         lambda: outcome,
-        lambda console: validation_result_tables.show_validation(console, outcome, robot),
+        lambda console: model_validation.show_validation(console, outcome, robot),
     )
     if outcome.verdict == "fail":
         raise typer.Exit(1)

@@ -12,15 +12,16 @@ import pyarrow.parquet as pq
 from scipy.stats import binned_statistic_2d
 
 from dynident.array_types import BoolArray, FloatArray, IndexArray
-from dynident.diagnosis.comparing.autocorrelation import Autocorrelation, autocorrelation
-from dynident.diagnosis.comparing.compare import Comparison
-from dynident.diagnosis.comparing.spectrum import (
+from dynident.diagnosis.comparing.autocorrelation_and_spectra import (
     HIGHEST_IN_A_METRE,
     HIGHEST_IN_A_RADIAN,
+    Autocorrelation,
     ResidualSpectrum,
     angle_spectrum,
+    autocorrelation,
     time_spectrum,
 )
+from dynident.diagnosis.comparing.compare import Comparison
 from dynident.errors import DynidentError
 from dynident.recordings.arrow import table_column_to_floats, table_from_arrays
 from dynident.recordings.phases import Phase

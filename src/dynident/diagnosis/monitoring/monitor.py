@@ -14,9 +14,16 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import ScoredCandidate
 from dynident.diagnosis.change_estimates import Estimates, yield_changes
 from dynident.diagnosis.monitoring.days import Day, Measure
-from dynident.diagnosis.monitoring.parameter_tracks import estimate_tracks, widen_intervals
-from dynident.diagnosis.monitoring.result import Series, SeriesChange
-from dynident.diagnosis.monitoring.step_columns import StepColumn, build_step_pool, combine_days, gather_step_products
+from dynident.diagnosis.monitoring.parameter_tracks import (
+    Series,
+    SeriesChange,
+    StepColumn,
+    build_step_pool,
+    combine_days,
+    estimate_tracks,
+    gather_step_products,
+    widen_intervals,
+)
 from dynident.diagnosis.search.identifiability import is_determined
 from dynident.diagnosis.search.pruning import prune_findings
 from dynident.diagnosis.search.selection import select_candidate

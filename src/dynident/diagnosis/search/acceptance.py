@@ -1,19 +1,233 @@
-"""Decide which candidates are findings, beyond their significance: a gain above the sensor's noise, and more."""
+"""Conditions for a candidate besides significance: gain above noise, physical constraints, and stable selection.
+
+Physical constraints: friction takes energy, a mass or a compliance is above zero. Stability: the same name is found
+where blocks of time are drawn anew, and where each run is left out.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+
 import numpy as np
 
-from dynident.array_types import FloatArray
+from dynident.array_types import FloatArray, IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
+from dynident.diagnosis.candidates.blocks import JointBlocks
+from dynident.diagnosis.candidates.pool import Pool
+from dynident.diagnosis.candidates.products import Products
+from dynident.diagnosis.candidates.scoring import compute_deviations
 from dynident.diagnosis.candidates.significance import (
     SMALLEST_GAIN_AT_REVERSALS,
     SMALLEST_GAIN_OVER_NOISE,
     ScoredCandidate,
 )
 from dynident.diagnosis.search.state import State
-from dynident.effects import Effect, get_effect
+from dynident.effects import Effect, Estimate, get_effect, get_spec
 from dynident.effects.effect_columns import is_lasting_change
+
+FOUND_AGAIN = 0.9
+"""In so many of the resamplings a name has to come first again."""
+
+# Resamplings: a share of 0.9 is then known to within 0.02.
+_DRAWS = 200
+_SEED = 21
+
+_MORE = 0.2
+"""A candidate with more parameters takes the place of a simpler one if it gains so much more."""
+
+
+def compute_stability(names: Sequence[ScoredCandidate], rivals: Sequence[ScoredCandidate], run: IndexArray) -> float:
+    """Return the share of resamplings in which one of these names for a finding is not overtaken by another.
+
+    Parameters
+    ----------
+    names : sequence of ScoredCandidate
+        The names that the data do not tell apart, the chosen one first.
+    rivals : sequence of ScoredCandidate
+        Candidates that would take its place, beside which nothing of it is left.
+    run : (s,)
+        Number of the run of each block: without any one of several runs, the name has to stand as well.
+
+    Returns
+    -------
+    float
+        Share from 0 to 1.
+    """
+    if not rivals:
+        return 1.0
+    # Gains are sums over blocks, so that the margin of a resample is a weighted sum of these.
+    margins = np.array([[_compute_margin(name, rival) for rival in rivals] for name in names])
+    s = len(names[0].gains)
+    # Bootstrap: how often each block is drawn stands for the block itself, since gains are sums over blocks.
+    drawn = np.random.default_rng(_SEED).multinomial(s, np.full(s, 1.0 / s), size=_DRAWS).astype(np.float64)
+    share = _compute_share_ahead(margins, drawn)
+    runs = np.unique(run)
+    if len(runs) < 2:
+        return share
+    without = np.array([run != left_out_run for left_out_run in runs], dtype=np.float64)
+    # Leaving out a run is the harder test: blocks of one run resemble each other.
+    return min(share, _compute_share_ahead(margins, without))
+
+
+def _compute_share_ahead(margins: FloatArray, counts: FloatArray) -> float:
+    """Return the share of draws (d, s) in which any name is ahead of all rivals, from margins (f, r, s)."""
+    return float((margins @ counts.T >= 0.0).all(axis=1).any(axis=0).mean())
+
+
+def is_other_name(chosen: ScoredCandidate, rival: ScoredCandidate) -> bool:
+    """Return whether a candidate would be another name: another effect that is not known to be the same function.
+
+    Parameters
+    ----------
+    chosen, rival : ScoredCandidate
+        The candidates to compare.
+    """
+    mine, theirs = get_effect(chosen.candidate.effect), get_effect(rival.candidate.effect)
+    if theirs.id == mine.id:
+        return False
+    return theirs.id not in mine.same_function and mine.id not in theirs.covers and theirs.id not in mine.covers
+
+
+def _compute_margin(chosen: ScoredCandidate, rival: ScoredCandidate) -> FloatArray:
+    """Return (s,): how much each block speaks for the chosen candidate; below zero in sum it would not be chosen."""
+    if rival.complexity > chosen.complexity:
+        return np.asarray(chosen.gains - (1.0 - _MORE) * rival.gains)
+    return np.asarray(chosen.gains - rival.gains)
+
+
+# Share of the work that friction may give back: filters and other errors make some of it.
+_GIVEN_BACK = 0.1
+# A parameter of the wrong sign counts from so many standard deviations on; filtered rows are worth a tenth each.
+_DEVIATIONS, _CORRELATION = 2.0, 10.0
+
+
+def is_physically_possible(
+    data: PhasedProducts, pool: Pool, base: tuple[int, ...], noise: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Return whether a candidate beside a model is physically possible with the amplitudes that the data ask for.
+
+    Parameters
+    ----------
+    data : PhasedProducts
+        Products of all columns.
+    pool : Pool
+        Model and candidates.
+    base : tuple of int
+        Columns of the model.
+    noise : (n,)
+        Standard deviation of the noise of each joint, N m or N.
+    scored : ScoredCandidate
+        The candidate.
+    """
+    columns = np.array(base + scored.candidate.columns, dtype=np.intp)
+    rows = data.select_for_model(columns)
+    values, doubts = _fit_columns(rows, columns, noise)
+    if get_effect(scored.candidate.effect).is_friction and not _is_dissipative(rows, pool, columns, values, scored):
+        return False
+    estimates = _build_estimates(values, doubts)
+    if get_effect(scored.candidate.effect).is_friction and not _keeps_friction_sign(pool, base, estimates, scored):
+        return False
+    own = estimates[len(base) :]
+    if pool.is_change(scored.candidate):
+        # Filtered rows of two days differ more than those of one: what they tell of a difference says its own doubt.
+        difference_deviations = compute_deviations(
+            JointBlocks.from_products(rows, columns[: len(base)], [scored.candidate]), 1, noise
+        )[0]
+        return _is_possible_change(pool, base, scored, _build_estimates(values[len(base) :], difference_deviations))
+    return all(
+        get_effect(scored.candidate.effect).is_plausible(known) for _, known in _group_by_link(pool, scored, own)
+    )
+
+
+def _build_estimates(values: FloatArray, deviations: FloatArray) -> list[Estimate]:
+    return [
+        Estimate(float(value), float(_DEVIATIONS * deviation))
+        for value, deviation in zip(values, deviations, strict=True)
+    ]
+
+
+def _group_by_link(
+    pool: Pool, scored: ScoredCandidate, own: Sequence[Estimate]
+) -> Iterable[tuple[str, Mapping[str, Estimate]]]:
+    """Return a candidate's parameters by name, on each joint that it acts on."""
+    by_link: dict[str, dict[str, Estimate]] = {}
+    for k, estimate in zip(scored.candidate.columns, own, strict=True):
+        # An effect on several joints has to be possible on each of them.
+        column = pool.observation.columns[k]
+        by_link.setdefault(column.link, {})[column.parameter] = estimate
+    return by_link.items()
+
+
+def _is_possible_change(pool: Pool, base: tuple[int, ...], scored: ScoredCandidate, own: Sequence[Estimate]) -> bool:
+    """Return whether the later days may differ in this way: by less, too, where there is something to lose.
+
+    Friction wears in, a mass is taken off; what the other days do not have can only be added.
+    """
+    effect = get_effect(scored.candidate.effect)
+    columns = [pool.observation.columns[k] for k in base]
+    # Where the model has the effect on all days, the later days may have less of it.
+    had = {column.link for column in columns if column.effect == effect.id}
+    return all(
+        effect.is_plausible_change(known) and (link in had or effect.is_plausible(known))
+        for link, known in _group_by_link(pool, scored, own)
+    )
+
+
+def _keeps_friction_sign(
+    pool: Pool, base: tuple[int, ...], estimates: Sequence[Estimate], scored: ScoredCandidate
+) -> bool:
+    """Return whether the friction that the model has on a candidate's joints keeps its sign beside it.
+
+    A large power of the velocity less a large multiple of the velocity fits a bend, and says nothing of other speeds.
+    """
+    joints = {pool.observation.robot.joint_names[j] for j in scored.joints}
+    for k, estimate in zip(base, estimates, strict=False):
+        column = pool.observation.columns[k]
+        effect = get_effect(column.effect)
+        if effect.is_friction and column.link in joints:
+            spec = get_spec(column)
+            if spec is not None and not spec.admits(estimate):
+                return False
+    return True
+
+
+def _is_dissipative(
+    data: Products, pool: Pool, columns: IndexArray, values: FloatArray, scored: ScoredCandidate
+) -> bool:
+    """Return whether friction still takes energy from every joint on the whole, the candidate's friction included.
+
+    The work of a joint's friction is measured against the Coulomb column: Σ sign(q̇) τf over each stretch.
+    """
+    for j in scored.joints:
+        where = data.position[j]
+        coulomb = columns[pool.is_dry[columns] & (where[columns] >= 0)]
+        friction = np.flatnonzero(pool.is_friction[columns] & (where[columns] >= 0))
+        # Without a Coulomb column there is no sign of the velocity to measure the work against.
+        if not len(coulomb) or not len(friction):
+            continue
+        places = where[columns[friction]]
+        work = data.take_products(j, where[coulomb[:1]], places) @ values[friction]
+        if float(np.minimum(work, 0.0).sum()) < -_GIVEN_BACK * float(np.abs(work).sum()):
+            return False
+    return True
+
+
+def _fit_columns(data: Products, columns: IndexArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters (k,) of columns, fitted to all blocks, and their standard deviations (k,)."""
+    k = len(columns)
+    normal, right = np.zeros((k, k)), np.zeros(k)
+    for joint, (where, sigma) in enumerate(zip(data.position, noise, strict=True)):
+        have = np.flatnonzero(where[columns] >= 0)
+        places = where[columns[have]]
+        total = data.sum_products(joint, np.append(places, -1)) / sigma**2
+        normal[np.ix_(have, have)] += total[:-1, :-1]
+        right[have] += total[:-1, -1]
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    # The pseudo-inverse leaves undetermined parameters at zero, which no check of signs takes offence at.
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    deviations = np.sqrt(_CORRELATION * np.maximum(np.diag(inverse), 0.0)) / scale
+    return np.asarray(inverse @ (right / scale) / scale), np.asarray(deviations)
+
 
 VISIBLE = 0.02
 """Share of a column that has to be left beside the model for the data to show its effect at all."""

@@ -15,8 +15,8 @@ from scipy.special import fdtri
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
-from dynident.diagnosis.candidates.stability_selection import FOUND_AGAIN, compute_stability
 from dynident.diagnosis.residuals.time_blocks import compute_t
+from dynident.diagnosis.search.acceptance import FOUND_AGAIN, compute_stability
 from dynident.diagnosis.search.selection import is_seldom_change, select_candidate
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice

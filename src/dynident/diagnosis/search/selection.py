@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from dynident.array_types import IndexArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
-from dynident.diagnosis.candidates.physical_constraints import is_physically_possible
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.significance import (
     ALPHA,
@@ -16,12 +15,15 @@ from dynident.diagnosis.candidates.significance import (
     has_larger_gain,
     select_simplest,
 )
-from dynident.diagnosis.candidates.stability_selection import FOUND_AGAIN, compute_stability, is_other_name
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import (
+    FOUND_AGAIN,
     VISIBLE,
+    compute_stability,
     has_gain_on_joint,
     is_acceptable,
+    is_other_name,
+    is_physically_possible,
     is_too_small,
     is_too_small_for_runs,
 )

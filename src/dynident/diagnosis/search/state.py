@@ -10,12 +10,16 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts
 from dynident.diagnosis.candidates.blocks import JointBlocks
-from dynident.diagnosis.candidates.familywise_test import compute_familywise_p
 from dynident.diagnosis.candidates.fold_fit import ProductSums
 from dynident.diagnosis.candidates.pool import Candidate, Pool
 from dynident.diagnosis.candidates.products import Products
 from dynident.diagnosis.candidates.scoring import compute_block_contributions, compute_held_out_errors, score_blocks
-from dynident.diagnosis.candidates.significance import BaselineErrors, ScoredCandidate, combine_scores
+from dynident.diagnosis.candidates.significance import (
+    BaselineErrors,
+    ScoredCandidate,
+    combine_scores,
+    compute_familywise_p,
+)
 from dynident.effects import get_effect
 from dynident.estimation.least_squares import floor_noise
 

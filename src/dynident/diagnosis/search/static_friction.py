@@ -15,12 +15,11 @@ from scipy import stats
 
 from dynident.array_types import FloatArray
 from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_products
-from dynident.diagnosis.candidates.familywise_test import compute_evenness, compute_single_p
 from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_choices
 from dynident.diagnosis.candidates.scoring import compute_fitted_errors, score_candidates
-from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate
+from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, compute_evenness, compute_single_p
 from dynident.diagnosis.comparing.compare import Comparison, compare
-from dynident.diagnosis.search.harm_check import select_harmless
+from dynident.diagnosis.search.pruning import select_harmless
 from dynident.diagnosis.search.state import KINDS, Finding
 from dynident.effects import CATALOGUE, Effect, EffectChoice
 from dynident.errors import DynidentError

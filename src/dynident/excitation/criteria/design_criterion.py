@@ -11,11 +11,15 @@ from dynident.array_types import FloatArray
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
-from dynident.excitation.criteria.criterion_values import CriterionValues, compute_true_values
+from dynident.excitation.criteria.criterion_values import (
+    Criterion,
+    CriterionValues,
+    build_smooth_criterion,
+    compute_true_values,
+)
 from dynident.excitation.criteria.parameter_variances import ParameterSelection
-from dynident.excitation.criteria.smooth_criteria import Criterion, build_smooth_criterion
 from dynident.excitation.observation.design_model import DesignModel
-from dynident.robot.json_pointer import join_names, make_pointer
+from dynident.robot.json_fields import join_names, make_pointer
 
 # Of the largest parameter of the same unit: smaller ones cannot be told from zero anyway, and must not rule.
 _SMALLEST_SHARE = 0.01

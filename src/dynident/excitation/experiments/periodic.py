@@ -12,19 +12,15 @@ from dynident.excitation.criteria.criterion_values import compute_baseline
 from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.optimising.augmented_lagrangian import Resumption, optimise_trajectories
-from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.checkpoint import read_checkpoint
-from dynident.excitation.optimising.design_problem import DesignProblem
+from dynident.excitation.optimising.augmented_lagrangian import Resumption, optimise_trajectories, read_checkpoint
+from dynident.excitation.optimising.design_problem import Budget, DesignProblem
 from dynident.excitation.optimising.random_trajectories import Candidate, CandidateEvaluator, draw_candidates
 from dynident.excitation.request import DesignRequest, TrajectoryRequest
-from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
-from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error
-from dynident.motion.moves.home import plan_home_moves
-from dynident.motion.trajectories.b_spline import BSplineFamily
-from dynident.motion.trajectories.fourier import FourierFamily
+from dynident.motion.limits.margins import AmplitudeScaler, Margin, are_limits_kept, build_limit_error
+from dynident.motion.moves.paths import plan_home_moves
 from dynident.motion.trajectories.motion import Family, PeriodicMotion
+from dynident.motion.trajectories.periodic import BSplineFamily, FourierFamily
 from dynident.progress import Checkpoints, NoCheckpoints, Progress, ignore_progress, scale_progress
 
 # Samples of a period that the reported values are computed from.

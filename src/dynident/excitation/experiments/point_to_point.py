@@ -11,14 +11,21 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_values import compute_baseline
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask
 from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.points.point_search import EvaluatedSequence, FreePoints, draw_sequences, improve_sequence
-from dynident.excitation.points.point_sequence import MovePlanner, PointSequence, evaluate_moves
+from dynident.excitation.optimising.design_problem import Budget
+from dynident.excitation.points.point_sequence import (
+    EvaluatedSequence,
+    FreePoints,
+    MovePlanner,
+    PointSequence,
+    draw_sequences,
+    evaluate_moves,
+    improve_sequence,
+)
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.limits.margins import Margin, are_limits_kept, build_limit_error, find_tightest
 from dynident.motion.limits.postures import draw_holdable_postures
-from dynident.motion.moves.home import plan_home_moves
 from dynident.motion.moves.jerk_limited import move_within_torque
+from dynident.motion.moves.paths import plan_home_moves
 from dynident.motion.trajectories.motion import Piece, Rest
 from dynident.progress import scale_progress
 

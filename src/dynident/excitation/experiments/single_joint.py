@@ -13,9 +13,8 @@ from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.request import DesignRequest
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, select_moving_joints
 from dynident.motion.limits.margins import are_limits_kept, build_limit_error
-from dynident.motion.moves.home import list_home_candidates, note_home
 from dynident.motion.moves.jerk_limited import move_within_torque
-from dynident.motion.moves.paths import plan_path
+from dynident.motion.moves.paths import list_home_candidates, note_home, plan_path
 from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, ignore_progress, scale_progress
 

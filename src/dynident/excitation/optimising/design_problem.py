@@ -1,19 +1,114 @@
-"""Optimisation problem of a design: criterion and limits as one smooth function of the coefficients."""
+"""Optimisation problem of a design: criterion and limits as one smooth function of the coefficients.
+
+The budget of the search and the sampling of a period during the design belong to it.
+"""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from dynident.array_types import FloatArray
-from dynident.excitation.criteria.smooth_criteria import Criterion
-from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.observation.observation_gradient import ObservationGradient
+from dynident.effects import get_effect
+from dynident.excitation.criteria.criterion_values import Criterion
+from dynident.excitation.observation.design_model import DesignModel, ObservationGradient
 from dynident.excitation.observation.row_models import RowModelName, build_row_model
-from dynident.excitation.optimising.period_sampling import choose_sign_rounding, count_period_samples
 from dynident.motion.limits.bounds import Bounds
 from dynident.motion.trajectories.motion import Family
+
+
+class Budget:
+    """Limits of an optimisation's time and number of starts.
+
+    Parameters
+    ----------
+    starts : int, optional
+        Largest number of starts.
+    seconds : float, optional
+        Longest time, counted from now.
+    """
+
+    def __init__(self, starts: int | None, seconds: float | None) -> None:
+        self.starts, self.seconds = starts, seconds
+        self._began = time.monotonic()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds that have passed, those before an interruption included."""
+        return time.monotonic() - self._began
+
+    def add_elapsed(self, seconds: float) -> None:
+        """Count the time that passed before the search was interrupted."""
+        self._began -= seconds
+
+    @property
+    def share_spent(self) -> float:
+        """Share of the time that has passed; 0 where time is not limited."""
+        return 0.0 if self.seconds is None else (time.monotonic() - self._began) / self.seconds
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the time is over."""
+        return self.share_spent >= 1.0
+
+    def fraction(self, starts: float) -> float:
+        """Return the share of the budget used when so many starts are done, parts of them included."""
+        shares = [] if self.starts is None else [starts / self.starts]
+        if self.seconds is not None:
+            shares.append(self.share_spent)
+        return min(1.0, max(shares))
+
+
+# Samples of a period, and samples of each wave of the highest frequency.
+_N_SAMPLES = 100
+_SAMPLES_PER_WAVE = 16
+# Hysteresis and low-speed friction happen within a few per cent of a period.
+_N_CLOSE_SAMPLES = 600
+# Share of the velocity limit over which sign(q̇) is rounded while optimising, and at most so much of a shape constant.
+_SMOOTH_SIGN = 0.01
+_SHARE_OF_SHAPE = 0.25
+
+
+def count_period_samples(model: DesignModel, family: Family) -> int:
+    """Return the number of samples N of one period that the criterion is computed from.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    family : Family
+        Family of trajectories.
+    """
+    close = model.needs_path or bool(_find_narrow_speeds(model))
+    # The fastest wave of the family must be sampled well, or the motion could break limits between the samples.
+    return max(_N_CLOSE_SAMPLES if close else _N_SAMPLES, _SAMPLES_PER_WAVE * family.waves)
+
+
+def choose_sign_rounding(model: DesignModel, bounds: Bounds) -> float:
+    """Return the velocity (rad/s, m/s) over which sign(q̇) is rounded, small compared to limits and friction peaks.
+
+    Parameters
+    ----------
+    model : DesignModel
+        Model of the design.
+    bounds : Bounds
+        Limits of the motion.
+    """
+    narrow = [_SHARE_OF_SHAPE * speed for speed in _find_narrow_speeds(model)]
+    return min([_SMOOTH_SIGN * float(bounds.velocity.min()), *narrow])
+
+
+def _find_narrow_speeds(model: DesignModel) -> list[float]:
+    """Return the shape constants of the model that are a speed near rest."""
+    return [
+        dict(column.shape)[spec.name]
+        for column in model.base_columns[: model.n_parameters]
+        for spec in get_effect(column.effect).shapes
+        if spec.resolved_by == "speed" and spec.name in dict(column.shape)
+    ]
+
 
 # Between the samples a motion swings out a little further than on them.
 _SHARE_OF_LIMITS = 0.99

@@ -12,9 +12,9 @@ from dynident.excitation.criteria.criterion_values import CriterionValues
 from dynident.excitation.criteria.design_criterion import DesignCriterion
 from dynident.excitation.observation.design_model import DesignModel
 from dynident.excitation.observation.row_models import RowModelName, build_row_model
-from dynident.excitation.optimising.period_sampling import count_period_samples
-from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
+from dynident.excitation.optimising.design_problem import count_period_samples
 from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.motion.limits.postures import draw_holdable_postures
 from dynident.motion.trajectories.motion import Family
 from dynident.progress import Progress, ignore_progress

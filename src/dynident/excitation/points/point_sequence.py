@@ -1,23 +1,318 @@
-"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), and their criterion values."""
+"""Sequences of rest-to-rest moves through intermediate points (§12.3.4.1), their criterion values, and their search.
+
+The criterion is not smooth in the points: a move's path changes where another joint or limit becomes the slowest. So
+random sequences are tried, then the best of them are improved by accepted variations.
+A move depends on its two ends alone, so a varied point costs two moves, as in exchange algorithms of optimal design
+(Fedorov 1972); the size of the variations follows the share of those that succeed (Rechenberg's one-fifth rule).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from dynident.array_types import BoolArray, FloatArray
 from dynident.excitation.criteria.criterion_values import CriterionValues
 from dynident.excitation.criteria.design_criterion import DesignCriterion
-from dynident.excitation.observation.design_model import DesignModel
-from dynident.excitation.observation.observation_gradient import ObservationGradient
-from dynident.excitation.optimising.period_sampling import choose_sign_rounding
+from dynident.excitation.observation.design_model import DesignModel, ObservationGradient
+from dynident.excitation.optimising.design_problem import Budget, choose_sign_rounding
 from dynident.motion.collision.free_space import FreeSpace
-from dynident.motion.limits.bounds import Bounds
+from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError
 from dynident.motion.moves.jerk_limited import plan_move
 from dynident.motion.trajectories.motion import Piece
+from dynident.progress import Progress
+
+# Smallest share of the velocity and acceleration limits: slower moves take long and show little inertia.
+_SMALLEST_SHARE = 0.2
+_FRESH = 0.1
+"""Probability that a point is drawn again instead of being moved."""
+
+
+class PointSpace(Protocol):
+    """Sequences to search in."""
+
+    def draw(self, rng: np.random.Generator) -> PointSequence:
+        """Return a random sequence."""
+
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+        """Return another one, drawn because the move to point k breaks a limit."""
+
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+        """Return a neighbour; `size` is in shares of the ranges."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreePoints:
+    """Sequences of free points, with free shares of the velocity and acceleration limits.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that points are drawn from, rad or m.
+    count : int
+        Number of points.
+    fastest : float
+        Largest share of the velocity and acceleration limits.
+    """
+
+    bounds: Bounds
+    postures: FloatArray
+    count: int
+    fastest: float = 1.0
+
+    def draw(self, rng: np.random.Generator) -> PointSequence:
+        """Return random postures that can be held."""
+        points = self.postures[rng.integers(len(self.postures), size=self.count)]
+        shares = self.fastest * rng.uniform(_SMALLEST_SHARE, 1.0, (self.count, 2))
+        return PointSequence(points, shares)
+
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+        """Return a sequence with another point k.
+
+        Everything begins from the first point: instead of it, the last one is drawn again.
+        """
+        points = sequence.points.copy()
+        points[k if k else -1] = self.postures[rng.integers(len(self.postures))]
+        return PointSequence(points, sequence.shares)
+
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+        """Return a sequence with one point moved, and other shares for the two moves that it belongs to.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
+        points, shares = sequence.points.copy(), sequence.shares.copy()
+        k = int(rng.integers(self.count))
+        # Now and then a point is drawn anew, so that the search can leave a place where small changes gain nothing.
+        if rng.random() < _FRESH:
+            points[k] = self.postures[rng.integers(len(self.postures))]
+        else:
+            points[k] = _clip_posture(
+                self.bounds, points[k] + size * self.bounds.half_range * rng.standard_normal(len(points[k]))
+            )
+        # A point belongs to two moves: the one to it and the one from it.
+        touched = [k, (k + 1) % self.count]
+        shares[touched] += self.fastest * size * rng.standard_normal((2, 2))
+        low, high = _SMALLEST_SHARE * self.fastest, self.fastest
+        return PointSequence(points, np.clip(shares, low, high))
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPoints:
+    """Sequences back and forth between two points around a free posture, as fast as the limits allow.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of the motion.
+    postures : (m, n)
+        Postures that the middle is drawn from, rad or m.
+    shortest : (n,)
+        Shortest way of each joint, rad or m; zero for one that is locked.
+    longest : (n,)
+        Longest way of each joint, rad or m.
+    """
+
+    bounds: Bounds
+    postures: FloatArray
+    shortest: FloatArray
+    longest: FloatArray
+
+    def draw(self, rng: np.random.Generator) -> PointSequence:
+        """Return a sequence around a random posture that can be held."""
+        way = rng.uniform(self.shortest, self.longest) * rng.choice([-1.0, 1.0], len(self.shortest))
+        return self._build_around(self.postures[rng.integers(len(self.postures))], way)
+
+    def redraw(self, sequence: PointSequence, k: int, rng: np.random.Generator) -> PointSequence:
+        """Return a sequence around another posture."""
+        return self.draw(rng)
+
+    def vary(self, sequence: PointSequence, rng: np.random.Generator, size: float) -> PointSequence:
+        """Return a sequence around a nearby posture, by other distances.
+
+        Parameters
+        ----------
+        sequence : PointSequence
+            The sequence.
+        rng : np.random.Generator
+            Generator of all that is drawn.
+        size : float
+            Size of the variation as a share of the ranges.
+        """
+        middle = sequence.points.mean(axis=0) + size * self.bounds.half_range * rng.standard_normal(len(self.shortest))
+        way = sequence.points[1] - sequence.points[0]
+        length = np.abs(way) + size * self.longest * rng.standard_normal(len(way))
+        sign = np.where(rng.random(len(way)) < _FRESH, -1.0, 1.0) * np.where(way < 0, -1.0, 1.0)
+        return self._build_around(
+            _clip_posture(self.bounds, middle), sign * np.clip(length, self.shortest, self.longest)
+        )
+
+    def _build_around(self, middle: FloatArray, way: FloatArray) -> PointSequence:
+        # The middle stays so far from the ends of the range that both points lie within it.
+        room = self.bounds.half_range - np.abs(way) / 2
+        centre = np.clip(middle, self.bounds.middle - room, self.bounds.middle + room)
+        return PointSequence(np.stack([centre - way / 2, centre + way / 2]), np.ones((2, 2)))
+
+
+def _clip_posture(bounds: Bounds, posture: FloatArray) -> FloatArray:
+    """Return a posture moved inside the position limits."""
+    return np.clip(posture, bounds.position_low, bounds.position_high)
+
+
+_REDRAWN = 20
+"""Number of times that a point may be drawn again."""
+# Sizes of the variations as shares of the ranges: the first, the smallest and the largest.
+_FIRST_SIZE, _SMALLEST_SIZE, _LARGEST_SIZE = 0.2, 0.005, 0.5
+_GROWTH = 1.3
+"""Growth of the variations after a success; four failures undo it."""
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedSequence:
+    """A sequence that keeps the limits, and its criterion values.
+
+    Parameters
+    ----------
+    sequence : PointSequence
+        The points, and the shares of the limits.
+    values : CriterionValues
+        Criterion values of its moves.
+    """
+
+    sequence: PointSequence
+    values: CriterionValues
+
+
+def draw_sequences(
+    space: PointSpace,
+    legs: MovePlanner,
+    yardstick: DesignCriterion,
+    *,
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress,
+    enough: Callable[[], bool] = lambda: False,
+) -> list[EvaluatedSequence]:
+    """Return `count` random sequences that keep the limits, best first; fewer where `enough` says so once there is one.
+
+    Parameters
+    ----------
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    count : int
+        Number of sequences to draw.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    enough : callable
+        Asked before each draw; True ends the drawing once there is a sequence.
+
+    Raises
+    ------
+    ImpossibleLimitsError
+        None of many keeps the limits.
+    """
+    sequences: list[EvaluatedSequence] = []
+    for index in range(count):
+        if sequences and enough():
+            break
+        progress(index / count, f"random sequence {index + 1} of {count}")
+        sequence = _draw_within_limits(space, legs, rng)
+        moves = legs.plan_sequence(sequence)
+        if moves is not None:
+            sequences.append(EvaluatedSequence(sequence, evaluate_moves(moves, yardstick)))
+    if not sequences:
+        raise ImpossibleLimitsError(
+            f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, keeps the limits of "
+            "torque and clearance; raise them, or let fewer points do.",
+            pointer="/limits",
+            title="Impossible limits",
+        )
+    return sorted(sequences, key=lambda candidate: candidate.values.criterion)
+
+
+def _draw_within_limits(space: PointSpace, legs: MovePlanner, rng: np.random.Generator) -> PointSequence:
+    """Return a random sequence, point after point drawn again until the moves keep the limits, or many times."""
+    sequence = space.draw(rng)
+    # A sequence that still breaks a limit after so many draws is given up by the caller.
+    for _ in range(_REDRAWN * len(sequence.points)):
+        k = legs.find_first_broken(sequence)
+        if k is None:
+            break
+        # Only the point that a broken move leads to is drawn again: a whole new sequence would seldom keep every limit
+        # at once.
+        sequence = space.redraw(sequence, k, rng)
+    return sequence
+
+
+def improve_sequence(
+    first: PointSequence,
+    space: PointSpace,
+    legs: MovePlanner,
+    yardstick: DesignCriterion,
+    *,
+    variations: int,
+    rng: np.random.Generator,
+    budget: Budget,
+    progress: Progress,
+) -> tuple[PointSequence, bool]:
+    """Return the sequence after so many variations, and whether the time allowed all of them.
+
+    Parameters
+    ----------
+    first : PointSequence
+        The sequence to begin with, which keeps the limits.
+    space : PointSpace
+        Sequences to search in.
+    legs : MovePlanner
+        Plans the moves of sequences.
+    yardstick : DesignCriterion
+        Measure of a motion.
+    variations : int
+        Number of variations to try.
+    rng : np.random.Generator
+        Generator of all that is drawn.
+    budget : Budget
+        Time and number of starts.
+    progress : Progress
+        Called with the fraction done and a message; may raise to cancel.
+    """
+    criterion = yardstick.smooth_criterion
+    # The first sequence was drawn within the limits, so that its moves exist.
+    moves = legs.plan_sequence(first)
+    assert moves is not None
+    best, value, size = first, criterion(stack_rows(moves))[0], _FIRST_SIZE
+    for index in range(variations):
+        if budget.is_spent:
+            return best, False
+        progress(index / variations, f"variation {index + 1}: criterion {np.exp(value):.4g}")
+        neighbour = space.vary(best, rng, size)
+        moves = legs.plan_sequence(neighbour)
+        # A neighbour that breaks a limit is worse than any that keeps them all.
+        reached = np.inf if moves is None else criterion(stack_rows(moves))[0]
+        if reached < value:
+            best, value, size = neighbour, reached, min(_GROWTH * size, _LARGEST_SIZE)
+        else:
+            size = max(size * _GROWTH**-0.25, _SMALLEST_SIZE)
+    return best, True
+
 
 # Samples of a move during the search.
 _SAMPLES_OF_A_MOVE = 16

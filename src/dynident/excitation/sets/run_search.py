@@ -20,14 +20,21 @@ from dynident.excitation.experiments.design_task import DesignTask
 from dynident.excitation.experiments.periodic import build_family, fit_within_limits
 from dynident.excitation.experiments.point_to_point import select_first_fitting
 from dynident.excitation.optimising.augmented_lagrangian import optimise_trajectories
-from dynident.excitation.optimising.budget import Budget
-from dynident.excitation.optimising.design_problem import DesignProblem
+from dynident.excitation.optimising.design_problem import Budget, DesignProblem
 from dynident.excitation.optimising.random_trajectories import CandidateEvaluator, draw_candidates
-from dynident.excitation.points.point_search import FreePoints, PointSpace, TwoPoints, draw_sequences, improve_sequence
-from dynident.excitation.points.point_sequence import MovePlanner, PointSequence, stack_rows
+from dynident.excitation.points.point_sequence import (
+    FreePoints,
+    MovePlanner,
+    PointSequence,
+    PointSpace,
+    TwoPoints,
+    draw_sequences,
+    improve_sequence,
+    stack_rows,
+)
 from dynident.excitation.sets.planned_runs import BetweenTwoPoints, FreeMotion, PlannedRun
-from dynident.motion.limits.amplitude_scaling import AmplitudeScaler
 from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
+from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.motion.limits.postures import draw_holdable_postures
 from dynident.motion.trajectories.motion import Piece
 from dynident.progress import Progress, scale_progress

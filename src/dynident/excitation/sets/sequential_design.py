@@ -12,16 +12,15 @@ from dynident.excitation.criteria.criterion_values import Baseline, CriterionVal
 from dynident.excitation.experiments.design_task import DesignedExperiment, DesignTask, MotionValues
 from dynident.excitation.experiments.point_to_point import check_no_path, verify_pieces
 from dynident.excitation.observation.row_models import DYNAMIC_ROWS
-from dynident.excitation.optimising.budget import Budget
+from dynident.excitation.optimising.design_problem import Budget
 from dynident.excitation.result import Run
 from dynident.excitation.sets.planned_runs import BetweenTwoPoints, PlannedRun, plan_runs
 from dynident.excitation.sets.run_search import RunMotion, RunSearch, factor_information
 from dynident.motion.limits.bounds import ImpossibleLimitsError
-from dynident.motion.moves.home import list_home_candidates, note_home
-from dynident.motion.moves.paths import plan_path
+from dynident.motion.moves.paths import list_home_candidates, note_home, plan_path
 from dynident.motion.trajectories.motion import Motion, Piece, sample_pieces
 from dynident.progress import Progress, scale_progress
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 
 # Motions that are searched for a run until one can be reached from the run before.
 _TRIES = 4

@@ -18,7 +18,7 @@ from dynident.identification.study.poses import measure_unexplained_at_rest
 from dynident.recordings import Check, JointLimits, RecordedJoints, Recording, recording_from_arrays
 from dynident.recordings.importing import condition_arrays
 from dynident.recordings.metadata import RecordingError
-from dynident.recordings.time_restarts import RunLabels
+from dynident.recordings.time_columns import RunLabels
 from dynident.robot import Robot
 
 

@@ -46,7 +46,7 @@ from dynident.identification.column_inference.unnamed_columns import (
     sort_by_number,
 )
 from dynident.identification.column_inference.working_proposal import WorkingProposal
-from dynident.identification.recording_faults.description_units import find_description_units
+from dynident.identification.recording_faults.description_fit import find_description_units
 from dynident.recordings.columns import NOT_RECORDED
 from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.metadata import EffortKind

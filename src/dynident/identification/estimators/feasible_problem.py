@@ -20,8 +20,7 @@ from dynident.estimation.least_squares import build_weighted_factor, compute_cor
 from dynident.estimation.uncertainty import compute_null_space, compute_standard_deviations
 from dynident.identification.parameters.standard_parameters import Body, StandardParameters, find_bodies
 from dynident.identification.prior.description_prior import build_normal_prior
-from dynident.identification.prior.entropic import EntropicPrior, build_entropic_prior
-from dynident.identification.prior.normal_prior import NormalPrior, split_prior
+from dynident.identification.prior.entropic import EntropicPrior, NormalPrior, build_entropic_prior, split_prior
 from dynident.identification.problem_options import DescriptionTrust
 from dynident.regressors.model import Model
 from dynident.robot.pseudo_inertia import PSEUDO_INERTIA_PARTS

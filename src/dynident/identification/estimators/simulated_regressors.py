@@ -16,15 +16,13 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, solve_instrumental, statistics, weighted
 from dynident.identification.equations.reduce_data import Data
-from dynident.identification.estimators.reference_motion import (
-    RecordedMotion,
-    align_commanded_motion,
-    read_whole_segments,
-)
 from dynident.identification.estimators.simulator import (
     BANDWIDTH,
+    RecordedMotion,
     SimulatedMotion,
+    align_commanded_motion,
     build_movable_simulator,
+    read_whole_segments,
     simulate_recording,
 )
 from dynident.identification.fit import Fit

@@ -1,5 +1,5 @@
-"""The ways to identify: models, strategies, estimators and priors, each in a file of its own.
+"""The ways to identify: models, strategies, estimators and priors.
 
-A file says what its kind is called and what it is for, and loads what it computes with when it computes: the command
+A class says what its kind is called and what it is for, and loads what it computes with when it computes: the command
 line and the contract read all of them.
 """

@@ -13,13 +13,11 @@ from dynident.estimation import PriorInformation
 from dynident.estimation.uncertainty import find_prior_dominated
 from dynident.identification.equations.reduce_data import Data
 from dynident.identification.fit import Fit
-from dynident.identification.prior.entropic import build_entropic_prior
-from dynident.identification.prior.normal_prior import NormalPrior, split_prior
+from dynident.identification.prior.entropic import NormalPrior, build_entropic_prior, split_prior
 from dynident.identification.problem_options import DescriptionTrust
 from dynident.regressors.model import Model
-from dynident.robot.inertia_uncertainty import estimate_inertia_errors, estimate_rotor_inertias
 from dynident.robot.model import INERTIAL_NAMES, Robot
-from dynident.robot.pseudo_inertia import smallest_pseudo_inertia
+from dynident.robot.pseudo_inertia import estimate_inertia_errors, estimate_rotor_inertias, smallest_pseudo_inertia
 
 _TITLE = "No prior"
 # Inertias of links within this share of one another are the same: placeholders.

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.blas_threads import single_threaded
 from dynident.identification.recording_faults.column_faults import ColumnFault, FaultKind, Motion
-from dynident.identification.recording_faults.description_units import DescriptionUnits, find_description_units
+from dynident.identification.recording_faults.description_fit import DescriptionUnits, find_description_units
 from dynident.identification.recording_faults.fault_search import (
     ALIKE,
     MOST_JOINTS,

@@ -13,8 +13,11 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.effects import OFFSETS
 from dynident.identification.recording_faults.column_faults import (
+    BESIDE_OFFSETS,
     ColumnFault,
+    Delay,
     Motion,
+    estimate_delay,
     list_possible_faults,
     silence_others,
 )
@@ -26,7 +29,6 @@ from dynident.identification.recording_faults.held_out_fit import (
     UnexplainedTorque,
     find_moving_joints,
 )
-from dynident.identification.recording_faults.torque_delay import BESIDE_OFFSETS, Delay, estimate_delay
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,
     find_excess_friction,

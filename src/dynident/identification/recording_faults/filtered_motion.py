@@ -12,8 +12,8 @@ from dynident.errors import DynidentError
 from dynident.identification.recording_faults.column_faults import Motion
 from dynident.identification.recording_faults.held_out_fit import BLOCKS
 from dynident.recordings import Recording, choose_preprocessing
-from dynident.recordings.auto_filters import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.nonparametric_fit import shorten_recording
+from dynident.recordings.preprocessing import LEAST_HARMONICS, OVERSAMPLING, find_motion_band
 from dynident.recordings.recording import SampleBlock
 from dynident.regressors.filtered_rows import filter_in_parallel
 

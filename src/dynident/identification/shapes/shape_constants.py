@@ -19,7 +19,7 @@ from dynident.estimation import (
     Solution,
     linearise_constants,
 )
-from dynident.identification.shapes.shape_columns import ShapeVariable, list_shape_variables
+from dynident.identification.shapes.shape_refinement import ShapeVariable, list_shape_variables
 from dynident.identification.shapes.shape_search import DOWN, UP
 from dynident.identification.thresholds import DETERMINED
 from dynident.regressors.model import Model

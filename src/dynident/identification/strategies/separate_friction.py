@@ -20,10 +20,9 @@ from dynident.estimation import EquationFactors, Reduction
 from dynident.identification.fit import Fit
 from dynident.identification.methods.bases import StrategyChoices
 from dynident.identification.problem import Problem
-from dynident.identification.strategies.sequential import check_estimator
-from dynident.identification.strategies.sequential_steps import StepEstimates, conclude_steps, take_step
+from dynident.identification.strategies.sequential import StepEstimates, check_estimator, conclude_steps, take_step
 from dynident.recordings import Preprocessing, Recording, SampleBlock, choose_preprocessing, filtered_blocks
-from dynident.recordings.constant_velocity import find_sole_mover
+from dynident.recordings.phases import find_sole_mover
 from dynident.regressors.filtered_rows import SampleFunction
 from dynident.regressors.model import Model
 

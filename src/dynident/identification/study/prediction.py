@@ -12,7 +12,7 @@ from dynident.array_types import FloatArray
 from dynident.effects import get_effect
 from dynident.effects.hysteresis_states import MemoryStates
 from dynident.errors import DynidentError
-from dynident.identification.study.estimate import Estimate
+from dynident.identification.study.result import Estimate
 from dynident.regressors.observation import Observation
 
 

@@ -1,28 +1,244 @@
-"""The result of an identification: an estimate, its errors, and the data that further steps start from."""
+"""The result of an identification: parameters with their uncertainty, errors, and the reduced data for further steps.
+
+An estimate is enough to predict torque without any data. Reduced data are the recordings as factors, all that later
+steps need instead of the recordings.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynident.array_types import FloatArray
 from dynident.blas_threads import single_threaded
-from dynident.effects import EffectChoice
+from dynident.effects import EffectChoice, ReferenceParameters, get_role
+from dynident.effects.text_format import format_constant
 from dynident.estimation import (
     Errors,
+    Solution,
     Statistics,
     compute_condition_number,
     compute_moving_errors,
+    compute_row_noise,
     count_effective_rows,
 )
+from dynident.estimation.least_squares import floor_noise
+from dynident.estimation.uncertainty import find_prior_dominated
 from dynident.identification.choices import IdentificationChoices
+from dynident.identification.parameters.standard_parameters import StandardParameters
 from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.identification.study.estimate import Estimate, IdentifiedParameter
 from dynident.identification.study.reduced_data import ReducedData
+from dynident.identification.thresholds import ParameterJudgement, judge_parameter
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import Model
 from dynident.regressors.row_cache import CachedRows
+
+_EXACT = 1e-12
+"""Relative standard deviation that is none."""
+
+
+@dataclass(frozen=True)
+class IdentifiedParameter:
+    """One base parameter with its uncertainty.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    value : float
+        Its estimate in `unit`.
+    unit : str
+        Its unit, "-" where it has none.
+    standard_deviation : float
+        Standard deviation in `unit`. It counts correlated samples for what they are worth, in blocks of time.
+    relative_standard_deviation : float
+        The standard deviation over the value, a fraction.
+    judgement : str
+        "determined" by the data, "uncertain" (also where it is known from elsewhere rather than from the data), or
+        "zero_in_interval".
+    times_smallest : float
+        Its relative standard deviation over the smallest one of all, which §12.7 wants below ten.
+    effect : str
+        The effect that it belongs to.
+    link : str
+        The joint whose link or drive it belongs to; "" for the whole robot.
+    grouping : str
+        The standard parameters that it is a sum of.
+    shape : tuple of (name, value)
+        Shape constants of the effect.
+    interval : tuple of float
+        Ends in `unit` of the interval that holds the true value with a probability of 95 %.
+    essential : bool
+        Whether it is essential; False where it was set to zero as not essential.
+    """
+
+    name: str
+    value: float
+    unit: str
+    standard_deviation: float
+    relative_standard_deviation: float
+    judgement: ParameterJudgement
+    times_smallest: float
+    effect: str
+    link: str
+    grouping: str
+    shape: tuple[tuple[str, float], ...] = ()
+    interval: tuple[float, float] = (-inf, inf)
+    essential: bool = True
+
+    def __repr__(self) -> str:
+        constants = "".join(f", {format_constant(self.effect, name, value)}" for name, value in self.shape)
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return (
+            f"IdentifiedParameter({self.name} = {self.value:.4g}{unit}, standard deviation "
+            f"{self.standard_deviation:.2g}{unit}; {self.effect} on {self.link or 'the robot'}{constants}; "
+            f"{self.judgement if self.essential else 'not essential'})"
+        )
+
+    @property
+    def well_identified(self) -> bool:
+        """Whether the data determine the parameter."""
+        return self.judgement == "determined"
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Estimates of a model's base parameters, and how sure they are.
+
+    Parameters
+    ----------
+    model : Model
+        The robot with the effects that were identified.
+    reference : ReferenceParameters
+        The parameters that the torque in the model's columns is predicted with.
+    solution : Solution
+        The estimates (b,), with the factor of W that they come from.
+    statistics : Statistics
+        Covariance of the estimates.
+    noise : (n,)
+        Standard deviation of every joint's residual, in N m or N.
+    owed_to_known : (b,)
+        Which parameters are known for what was known beside the data rather than for the data.
+    standard : StandardParameters or None
+        The standard parameters, where the estimator solved for these.
+    not_essential : tuple of int
+        Numbers of the parameters that were set to zero as not essential.
+    shape_constants : tuple of ShapeConstant
+        Shape constants of the effects, with what the joints' torques say of them.
+    """
+
+    model: Model
+    reference: ReferenceParameters
+    solution: Solution
+    statistics: Statistics
+    noise: FloatArray
+    owed_to_known: NDArray[np.bool_]
+    standard: StandardParameters | None = None
+    not_essential: tuple[int, ...] = ()
+    shape_constants: tuple[ShapeConstant, ...] = ()
+
+    @classmethod
+    def from_solution(
+        cls,
+        model: Model,
+        data: ReducedData,
+        reference: ReferenceParameters,
+        solution: Solution,
+        statistics: Statistics,
+        *,
+        standard: StandardParameters | None = None,
+        not_essential: tuple[int, ...] = (),
+        shape_constants: tuple[ShapeConstant, ...] = (),
+    ) -> Estimate:
+        """Return the estimate of a solution, with the noise of every joint and what is owed to prior knowledge.
+
+        Parameters
+        ----------
+        model : Model
+            The robot with the effects that were identified.
+        data : ReducedData
+            The data that the solution comes from.
+        reference : ReferenceParameters
+            What the torque in the model's columns was predicted with.
+        solution : Solution
+            Parameters (b,).
+        statistics : Statistics
+            Covariance of the parameters.
+        standard : StandardParameters, optional
+            The standard parameters, where the estimator solved for these.
+        not_essential : tuple of int
+            Numbers of parameters that were set to zero.
+        shape_constants : tuple of ShapeConstant
+            Shape constants with their uncertainty.
+
+        Returns
+        -------
+        Estimate
+            The estimate, with the noise of every joint.
+        """
+        # Rows that are weighted, or of another equation type, do not give the residual in N m.
+        noise = statistics.noise if data.has_equal_weights else compute_row_noise(data.training, solution.values)
+        # A joint without rows has no residual, and what is divided by its noise must stay a number.
+        noise = floor_noise(noise)
+        owed = find_prior_dominated(data.equations, solution)
+        return cls(model, reference, solution, statistics, noise, owed, standard, not_essential, shape_constants)
+
+    def __repr__(self) -> str:
+        return f"Estimate({self.model.robot.name}: {self.model.n_parameters} base parameters)"
+
+    @property
+    def values(self) -> FloatArray:
+        """Base parameters χ (b,)."""
+        return self.solution.values
+
+    @property
+    def parameters(self) -> tuple[IdentifiedParameter, ...]:
+        """The base parameters in the order of the model."""
+        relative = self.statistics.relative_standard_deviations(self.values)
+        # A parameter that a prior fixes exactly has no deviation; dividing by it would make all others infinite.
+        smallest = max(float(np.min(relative, initial=inf)), _EXACT)
+        deviations = self.statistics.standard_deviations
+        # Half-widths by Student's t: few independent samples give wider intervals than a normal distribution.
+        half = self.statistics.half_widths()
+        return tuple(
+            IdentifiedParameter(
+                name=column.name,
+                value=float(self.values[k]),
+                unit=column.unit,
+                standard_deviation=float(deviations[k]),
+                relative_standard_deviation=float(relative[k]),
+                judgement=judge_parameter(
+                    float(self.values[k]), float(deviations[k]), float(half[k]), bool(self.owed_to_known[k])
+                ),
+                times_smallest=float(relative[k] / smallest),
+                effect=column.effect,
+                link=column.link,
+                grouping=self.model.base.groupings[k],
+                shape=column.shape,
+                interval=(float(self.values[k] - half[k]), float(self.values[k] + half[k])),
+                essential=k not in self.not_essential,
+            )
+            for k, column in enumerate(self.model.kept)
+        )
+
+    def standard_inertia(self) -> FloatArray:
+        """Return standard inertial parameters (10 n,) that give the same torque.
+
+        They are the feasible ones where the estimator solved for these.
+        """
+        # Feasible parameters are one of many solutions with the same torque; without them the model chooses one.
+        if self.standard is not None and any(get_role(column) == "link" for column in self.model.columns):
+            return self.standard.to_inertias(self.model).reshape(-1)
+        return self.model.compute_standard_inertia(self.values)
+
+    def next_reference(self) -> ReferenceParameters:
+        """Return the parameters that later models' loads and motor torques are predicted with."""
+        return self.model.build_reference(self.values)
 
 
 @dataclass(frozen=True, eq=False)

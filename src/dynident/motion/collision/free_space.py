@@ -36,7 +36,7 @@ from dynident.motion.collision.obstacles import (
     list_half_spaces,
 )
 from dynident.robot.collision import BASE, Body, CollisionGeometry, collision_geometry
-from dynident.robot.json_pointer import join_names
+from dynident.robot.json_fields import join_names
 from dynident.robot.kinematics import tool_path
 from dynident.robot.model import Robot
 from dynident.robot.shapes import drop_contained, enclose_shape

@@ -15,7 +15,7 @@ from dynident.motion.collision.free_space import FreeSpace, build_free_space
 from dynident.motion.collision.obstacles import Surroundings, check_surroundings
 from dynident.robot import Limits, Robot
 from dynident.robot.joint import WIDEST_RANGE, Joint
-from dynident.robot.json_pointer import join_names, make_pointer
+from dynident.robot.json_fields import join_names, make_pointer
 from dynident.robot.settings import check_limits
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dynident.array_types import FloatArray
 from dynident.motion.limits.bounds import Bounds, ImpossibleLimitsError, TorqueModel
-from dynident.robot.json_pointer import make_pointer
+from dynident.robot.json_fields import make_pointer
 
 # So many random postures leave some that are clear and can be held, even for arms in a narrow place.
 _POSTURES = 2000

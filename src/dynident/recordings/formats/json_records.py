@@ -30,8 +30,8 @@ from dynident.recordings.file_limits import (
 from dynident.recordings.file_source import FileSource
 from dynident.recordings.formats.arrays import FEWEST_ROWS, ArrayFileSource, StoredArray
 from dynident.recordings.formats.text_streams import TextContent
-from dynident.recordings.list_cells import make_counted_names
 from dynident.recordings.metadata import RecordingError
+from dynident.recordings.text_cells import make_counted_names
 
 START = re.compile(rb"^(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 """An object with a name in it, or an array of objects or arrays."""

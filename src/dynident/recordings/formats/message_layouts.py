@@ -1,4 +1,4 @@
-"""Fast reading of binary messages that are built alike: where their numbers lie is learned from one message.
+"""Messages of a bag in packed form, and fast reading of those alike: where numbers lie is learned from one of them.
 
 All messages of a topic are usually of one length, with the same names in the same places. Such a message is written
 again by the package of its format twice, with numbers that mark their places; of all others only the numbers are read,
@@ -19,6 +19,53 @@ from dynident.array_types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Fielddefs
+from typing import NamedTuple
+
+JOINT_STATES = "sensor_msgs/msg/JointState"
+WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
+DYNAMIC_STATES = "control_msgs/msg/DynamicJointState"
+CONTROLLER_STATES = (
+    "control_msgs/msg/JointTrajectoryControllerState",
+    "control_msgs/msg/JointControllerState",
+)
+_LBR = {
+    "measured_joint_position": "position",
+    "measured_torque": "torque",
+    "commanded_joint_position": "commanded_position",
+    "commanded_torque": "commanded_torque",
+    "external_torque": "external_torque",
+}
+ARRAYS: dict[str, dict[str, str]] = {
+    "franka_msgs/msg/FrankaState": {
+        "q": "position",
+        "dq": "velocity",
+        "tau_J": "torque",
+        "q_d": "commanded_position",
+        "tau_J_d": "commanded_torque",
+        "tau_ext_hat_filtered": "external_torque",
+    },
+    "lbr_fri_msgs/msg/LBRState": _LBR,
+    "lbr_fri_idl/msg/LBRState": _LBR,
+}
+"""Fields with a number a joint, and what they are called here, of messages that name no joints."""
+FRANKA_ROBOT = "franka_msgs/msg/FrankaRobotState"
+KNOWN = (JOINT_STATES, *WRENCHES, DYNAMIC_STATES, *CONTROLLER_STATES, *ARRAYS, FRANKA_ROBOT)
+
+
+class PackedMessage(NamedTuple):
+    """A message as it is stored; `definition` is the text of its type where the file gives it."""
+
+    topic: str
+    type: str
+    definition: str
+    stamp: int
+    data: bytes
+
+
+def normalise_type(type_name: str) -> str:
+    """Return the type's name as ROS 2 writes it: sensor_msgs/JointState of ROS 1 is sensor_msgs/msg/JointState."""
+    return type_name if "/msg/" in type_name else type_name.replace("/", "/msg/", 1)
+
 
 MessageT = TypeVar("MessageT", bound="Message")
 

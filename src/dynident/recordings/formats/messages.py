@@ -25,18 +25,19 @@ from dynident.recordings.file_limits import (
     check_columns,
 )
 from dynident.recordings.formats.mcap_files import read_mcap_messages
-from dynident.recordings.formats.message_layouts import Content, Layout, learn_layout
-from dynident.recordings.formats.packed_messages import (
+from dynident.recordings.formats.message_layouts import (
     ARRAYS,
     DYNAMIC_STATES,
     FRANKA_ROBOT,
     JOINT_STATES,
     WRENCHES,
+    Content,
+    Layout,
     PackedMessage,
+    learn_layout,
     normalise_type,
 )
-from dynident.recordings.formats.ros1_bags import read_ros1_messages
-from dynident.recordings.formats.ros2_bags import read_ros2_messages
+from dynident.recordings.formats.ros_bags import read_ros1_messages, read_ros2_messages
 from dynident.recordings.metadata import RecordingError
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from dynident.recordings.arrow import batch_from_arrays
 from dynident.recordings.file_limits import MOST_TEXT, TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource, to_float_column
 from dynident.recordings.formats.text_streams import ProducedStream, TextContent
-from dynident.recordings.list_cells import make_counted_names
 from dynident.recordings.metadata import RecordingError
 from dynident.recordings.recording_files import MOST_FILES
 from dynident.recordings.series_join import JoinedSamples, SampleSeries, TimeJoin
-from dynident.recordings.time_parsing import is_time_name
+from dynident.recordings.text_cells import make_counted_names
+from dynident.recordings.time_columns import is_time_name
 
 _LOOKED_AT = 1000
 _WORKBOOK = "[Content_Types].xml"

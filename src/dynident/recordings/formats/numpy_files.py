@@ -11,8 +11,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 from numpy.lib import format as numpy_format
 
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked
-from dynident.recordings.formats.array_storage import ArrayPlace, BoundedFile, UnpackedParts
-from dynident.recordings.formats.arrays import ArrayFileSource, StoredArray
+from dynident.recordings.formats.arrays import ArrayFileSource, ArrayPlace, BoundedFile, StoredArray, UnpackedParts
 from dynident.recordings.metadata import RecordingError
 
 _HEADERS = {(1, 0): numpy_format.read_array_header_1_0, (2, 0): numpy_format.read_array_header_2_0}

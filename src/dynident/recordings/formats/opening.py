@@ -14,9 +14,9 @@ from dynident.recordings.formats.tables import CsvFileSource, ParquetFileSource
 from dynident.recordings.formats.text_streams import TextContent
 from dynident.recordings.metadata import Format, RecordingError
 from dynident.recordings.recording_files import split_path
-from dynident.recordings.sparse_tables import join_sparse_rows
+from dynident.recordings.series_join import join_sparse_rows
+from dynident.recordings.text_cells import read_word_cells
 from dynident.recordings.time_columns import add_stated_time, join_split_stamps
-from dynident.recordings.word_cells import read_word_cells
 
 FORMATS: tuple[str, ...] = get_args(Format)
 

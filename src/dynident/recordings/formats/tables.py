@@ -16,10 +16,9 @@ from dynident.recordings.arrow import open_parquet_stream, parse_numbers
 from dynident.recordings.csv_dialects import Dialect, detect_dialect, dialect_bytes
 from dynident.recordings.file_limits import TITLE, check_columns, check_unpacked, choose_block_rows
 from dynident.recordings.file_source import FileSource
-from dynident.recordings.formats.text_rewriting import RewrittenText
-from dynident.recordings.formats.text_streams import TextContent
-from dynident.recordings.list_cells import expand_lists, expand_names, find_stored_name, list_columns, name_list_places
+from dynident.recordings.formats.text_streams import RewrittenText, TextContent
 from dynident.recordings.metadata import RecordingError
+from dynident.recordings.text_cells import expand_lists, expand_names, find_stored_name, list_columns, name_list_places
 
 CSV_BLOCK_BYTES = 1 << 19
 """Arrow reads up to 32 such blocks ahead; smaller ones are as fast, and 4 MiB took 150 MB."""

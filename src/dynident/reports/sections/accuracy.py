@@ -13,10 +13,9 @@ from dynident.estimation import Errors
 from dynident.identification import Identification
 from dynident.recordings.phases import Phase
 from dynident.reports.figures.residuals import draw_residuals, draw_spectra
-from dynident.reports.figures.torque import JOINTS_PER_FIGURE, draw_torque
+from dynident.reports.figures.signals import JOINTS_PER_FIGURE, draw_torque
 from dynident.reports.number_format import format_number, format_percent
-from dynident.reports.report_data import ReportedRecording, ReportedValidation
-from dynident.reports.section import Section
+from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
 
 _VERDICT_TEXTS = {"pass": "✓ pass", "fail": "✕ fail", "not_evaluated": "– not evaluated"}
 _VERDICT_MARKS = {"pass": "ok", "fail": "error", "not_evaluated": "warning"}

@@ -14,16 +14,16 @@ from dynident.identification import Identification
 from dynident.recordings import Recording
 from dynident.reports.figures.candidates import draw_candidates, draw_evidence
 from dynident.reports.figures.changes import draw_changes, draw_friction_differences
-from dynident.reports.finding_rows import (
+from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
+from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
+from dynident.reports.report_data import Section
+from dynident.reports.result_rows import (
     FRICTION_COLUMNS,
     ChangeCells,
     FrictionCells,
     format_change,
     format_friction_difference,
 )
-from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title
-from dynident.reports.number_format import format_number, format_p_value, format_percent, format_range
-from dynident.reports.section import Section
 from dynident.reports.sections.summary import is_recommendation_added
 from dynident.robot import Robot
 

@@ -17,7 +17,7 @@ from dynident.identification.study.model_selection import find_best_step
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.reports.number_format import format_percent
-from dynident.reports.section import Section
+from dynident.reports.report_data import Section
 from dynident.robot import Robot
 
 

@@ -13,13 +13,13 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification
-from dynident.identification.study.dependence import parameter_dependence
+from dynident.identification.study.parameter_identifiability import parameter_dependence
 from dynident.reports.figures.svg import draw_formula
 from dynident.reports.labels import format_shape_constants
 from dynident.reports.number_format import format_number, format_percent, format_range
-from dynident.reports.parameter_tables import GROUPING, build_parameter_table, build_shape_table
+from dynident.reports.report_data import Section
 from dynident.reports.report_tables import ReportedTable
-from dynident.reports.section import Section
+from dynident.reports.result_rows import GROUPING, build_parameter_table, build_shape_table
 from dynident.robot import Joint, Robot
 
 

@@ -19,8 +19,7 @@ from dynident.encoding import encode_text
 from dynident.identification import Identification, IdentificationChoices
 from dynident.recordings import Preprocessing, Recording, RecordingMetadata
 from dynident.recordings.metadata import Windows
-from dynident.reports.report_data import ReportedRecording
-from dynident.reports.section import Section
+from dynident.reports.report_data import ReportedRecording, Section
 from dynident.robot import Robot
 from dynident.robot.settings import GRAVITY
 from dynident.schema.fields import get_default, get_description

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from dynident.diagnosis import Diagnosis
 from dynident.identification import Identification
 from dynident.reports.number_format import format_count, format_number, format_percent
-from dynident.reports.report_data import ReportedRecording, ReportedValidation
-from dynident.reports.section import Section
+from dynident.reports.report_data import ReportedRecording, ReportedValidation, Section
 from dynident.verdict import ModelVerdict, Outcome, State, verdict
 
 

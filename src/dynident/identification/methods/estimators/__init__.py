@@ -1,1 +1,1 @@
-"""Estimators: how χ is solved for. Each file here is one, found by its place; nothing else names it."""
+"""Estimators: how χ is solved for. Each class in a file here is one, found by its place; nothing else names it."""

@@ -1,1 +1,1 @@
-"""Equation types: which rows W has. Each file here is one."""
+"""Equation types: which rows W has. Each class in a file here is one."""

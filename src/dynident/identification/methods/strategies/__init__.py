@@ -1,1 +1,1 @@
-"""Strategies: which data and which parameters are solved for at a time. Each file here is one."""
+"""Strategies: which data and which parameters are solved for at a time. Each class in a file here is one."""

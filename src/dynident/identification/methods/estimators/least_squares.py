@@ -1,0 +1,122 @@
+"""Estimators by least squares: ordinary, weighted, robust, and physically feasible ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dynident.identification.methods.bases import Estimator
+
+if TYPE_CHECKING:
+    from dynident.identification.fit import Fit
+    from dynident.identification.problem import Problem
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynident.identification.fit import Fit
+    from dynident.identification.problem import Problem
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynident.identification.fit import Fit
+    from dynident.identification.problem import Problem
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynident.identification.fit import Fit
+    from dynident.identification.problem import Problem
+
+
+@dataclass(frozen=True)
+class Feasible(Estimator):
+    """Physically feasible parameters."""
+
+    name = "feasible"
+    label = "physically feasible"
+    words = "Only bodies that can exist: for motions that do not determine everything, and for simulators."
+    brief = "physically possible links"
+    place = 4
+    from_reduced = True
+    weighs_turns = True
+    possible_bodies = True
+    priors = ("description", "description_entropic")
+
+    def solve(self, problem: Problem) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.identification.estimators.feasible import solve_feasible
+
+        return solve_feasible(problem)
+
+
+@dataclass(frozen=True)
+class Robust(Estimator):
+    """Robust regression."""
+
+    name = "irls"
+    label = "robust"
+    words = "Rows that fit badly count less: for recordings with contacts, jumps or other outliers."
+    brief = "robust"
+    place = 3
+
+    def solve(self, problem: Problem) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.identification.estimators.robust import estimate_robustly
+
+        return estimate_robustly(problem)
+
+
+@dataclass(frozen=True)
+class Ordinary(Estimator):
+    """Ordinary least squares [12.5]."""
+
+    name = "ols"
+    label = "ordinary least squares"
+    words = "All joints alike [12.5]: strong joints dominate."
+    brief = "all joints alike"
+    place = 2
+    from_reduced = True
+    in_steps = True
+    weighted = False
+
+    def solve(self, problem: Problem) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.estimation import ordinary, statistics
+        from dynident.identification.fit import Fit
+
+        solution = ordinary(problem.data.equations, problem.known)
+        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
+
+
+@dataclass(frozen=True)
+class Weighted(Estimator):
+    """Weighted least squares."""
+
+    name = "wls"
+    label = "weighted least squares"
+    words = "Each joint weighted by its noise. Also where no robot has what comes out."
+    brief = "each joint weighted by its noise"
+    place = 1
+    from_reduced = True
+    weighs_turns = True
+    in_steps = True
+    priors = ("description",)
+
+    def solve(self, problem: Problem) -> Fit:
+        """Solve the equations of the data."""
+        from dynident.estimation import statistics, weighted
+        from dynident.identification.fit import Fit
+
+        solution = weighted(problem.data.equations, problem.known)
+        return Fit(solution, statistics(problem.data.equations, solution, problem.covariance))
+
+
+@dataclass(frozen=True)
+class Auto(Weighted):
+    """Weighted least squares that are feasible where that is free."""
+
+    name = "auto"
+    label = "weighted least squares, feasible where free"
+    words = "Weighted least squares, moved to bodies that can exist where the fit hardly changes. The usual choice."
+    brief = "wls, made feasible where that costs less than 2 % of the error"
+    place = 0
+    possible_where_free = True

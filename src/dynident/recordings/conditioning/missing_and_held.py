@@ -1,0 +1,278 @@
+"""Rows without values of their own: missing samples, bridged over short gaps; held samples; idle drives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.array_types import FloatArray, IntArray
+from dynident.recordings.conditioning.signals import MARGIN_ROWS, ChangedRows, Signals, Window, find_run_edges
+from dynident.recordings.metadata import Check
+from dynident.recordings.recording import are_readings
+
+SHORTEST = 0.5
+"""s for which all torques have to be 0: no log loses frames for so long, and brakes take some tenths of a second."""
+
+LEAST_JUMP = 0.1
+"""Share of its span by which a torque jumps where drives are switched off or on; what comes to rest fades out."""
+
+
+class IdleDrives:
+    """Removes the torques of stretches in which all of them are exactly 0."""
+
+    name = "idle_drives"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        self._torques = np.array(sorted(signals.position))
+        self._idle_until = -1
+
+    def apply(self, window: Window) -> None:
+        """Remove the torques of idle stretches in a window."""
+        torques = window.values[:, self._torques]
+        spans = np.ptp(np.nan_to_num(torques), axis=0)
+        if not (spans > 0.0).any() and self._idle_until < window.first_row:
+            # Nothing is known of these torques but 0: they were not recorded.
+            return
+        # No window may ask for a longer stretch than it can see: of one that reaches into its own rows that is as much
+        # as its margin.
+        shortest = min(MARGIN_ROWS // 2, max(2, round(SHORTEST / self._signals.step)))
+        for start, stop in zip(*find_run_edges((torques == 0.0).all(axis=1)), strict=True):
+            # A robot that comes to rest without load lets its torque fade out; drives that are switched make it jump.
+            neighbours = [row for row in (start - 1, stop) if 0 <= row < len(torques)]
+            jumps = np.abs(torques[neighbours]) > LEAST_JUMP * spans
+            # A stretch that began in an earlier window need not jump again at the border of this one.
+            goes_on = start == 0 and self._idle_until >= window.first_row
+            if stop - start < shortest or not (goes_on or jumps.any()):
+                continue
+            window.values[start:stop, self._torques] = np.nan
+            # These rows are idle on purpose: they must not count as lost samples.
+            window.unused[start:stop] = True
+            self._idle_until = max(self._idle_until, window.first_row + int(stop) - 1)
+            own = window.select_own_rows(np.arange(start, stop))
+            self._found.add(int(self._torques[0]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report where the drives were switched off."""
+        rows = self._found
+        if not rows.n or rows.first is None:
+            return [Check(self.name, "ok", "The drives are switched on throughout.")]
+        detail = (
+            f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
+            "and jump there: the drives are switched off. These rows are not used, and nothing is filtered across "
+            f'them; if the torques are right, say "skip": ["{self.name}"].'
+        )
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+
+
+LONGEST_HOLD = 0.2
+"""s: signals that all stay the same for longer are those of a robot that stands."""
+
+MOST_RESTS = 0.5
+"""Share of a window's changes that have to come after a hold."""
+
+
+class HeldSamples:
+    """Interpolates between the true samples in place of repeated ones."""
+
+    name = "held_samples"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        self._n_changes = 0
+        self._n_rows = 0
+
+    def apply(self, window: Window) -> None:
+        """Replace repeated samples in a window in which all signals come in holds."""
+        needed = np.flatnonzero(self._signals.needed)
+        values = window.values[:, needed]
+        same = np.zeros(len(values), dtype=bool)
+        # Rows that repeat the stamp, too, are left out elsewhere.
+        same[1:] = (values[1:] == values[:-1]).all(axis=1) & (np.diff(window.run) == 0) & (np.diff(window.t) > 0.0)
+        starts, stops = find_run_edges(same)
+        longest = max(2, round(LONGEST_HOLD / self._signals.step))
+        short = stops - starts <= longest
+        changes = np.count_nonzero(~same)
+        # Single repeated rows happen in any log of a coarse encoder: only a log whose changes mostly follow a hold is
+        # one of held samples.
+        if not len(starts) or np.count_nonzero(short) < MOST_RESTS * changes:
+            return
+        # What stays the same for longer is a robot that stands, whose samples are true ones.
+        for start, stop in zip(starts[~short], stops[~short], strict=True):
+            same[start:stop] = False
+        for column in needed:
+            x = window.values[:, column]
+            x[same] = np.nan
+            bridge(window.t, x, window.run, longest, smooth=bool(self._signals.smooth[column]))
+            # Before the second sample of a stretch, and behind the last but one, there is nothing to go by.
+            unbridged = np.isnan(x)
+            x[unbridged] = values[unbridged, np.flatnonzero(needed == column)[0]]
+        own = window.select_own_rows(np.flatnonzero(same))
+        self._n_rows += window.own.stop - window.own.start
+        self._n_changes += window.own.stop - window.own.start - len(own)
+        self._found.add(int(needed[0]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report at which rate samples really come."""
+        rows = self._found
+        if not rows.n:
+            return [Check(self.name, "ok", "No signals are held between their samples.")]
+        rate = 1.0 / self._signals.step
+        detail = (
+            f"In {rows.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
+            f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. "
+            "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
+            f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
+        )
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+
+
+LONGEST_BRIDGE, FEWEST_ROWS = 0.03, 3
+"""s, or rows, of missing samples that are bridged: a cubic through two positions on either side is then off by less
+than encoders resolve, at the frequencies that arms move at. Of longer ones the rows are left out."""
+
+MOST_MISSING = 0.3
+"""Share of the rows without which a recording is not what it is said to be."""
+
+
+class MissingValues:
+    """Marks cells without a number, or with one that no sensor gives, as missing (NaN)."""
+
+    name = "missing_values"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+
+    def apply(self, window: Window) -> None:
+        """Mark the missing values in a window."""
+        needed = np.flatnonzero(self._signals.needed)
+        missing = ~are_readings(window.values[:, needed])
+        for index in np.flatnonzero(missing.any(axis=0)):
+            rows = np.flatnonzero(missing[:, index])
+            window.values[rows, needed[index]] = np.nan
+            own = window.select_own_rows(rows)
+            self._found.add(int(needed[index]), own, window.t[own - 1 - window.first_row])
+
+    def checks(self) -> list[Check]:
+        """Report which cells were missing."""
+        rows = self._found
+        if not rows.n:
+            return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
+        detail = (
+            f"{rows.n} cell{'s hold' if rows.n > 1 else ' holds'} no number, or one that no sensor gives: "
+            f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
+            "those are near, and else their rows are left out."
+        )
+        return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
+
+
+class BridgedGaps:
+    """Interpolates over short stretches of missing samples."""
+
+    name = "rows_left_out"
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self._found = ChangedRows()
+        self._n_rows = 0
+        self._n_lost = 0
+
+    def apply(self, window: Window) -> None:
+        """Bridge the short gaps in a window; readers leave out the rows that stay NaN."""
+        signals = self._signals
+        needed = np.flatnonzero(signals.needed)
+        missing = np.isnan(window.values[:, needed])
+        self._n_rows += window.own.stop - window.own.start
+        if not missing.any():
+            return
+        # Seconds say what a motion allows; of slow logs three rows are bridged although they last longer.
+        rows_bridged = max(FEWEST_ROWS, round(LONGEST_BRIDGE / signals.step))
+        for index in np.flatnonzero(missing.any(axis=0)):
+            column = int(needed[index])
+            bridge(window.t, window.values[:, column], window.run, rows_bridged, smooth=bool(signals.smooth[column]))
+            own = window.select_own_rows(np.flatnonzero(np.isnan(window.values[:, column]) & ~window.unused))
+            self._found.add(column, own, window.t[own - 1 - window.first_row])
+        # A row is lost if any needed signal is: the equations take all of them at the same instant.
+        lost = np.isnan(window.values[window.own][:, needed]).any(axis=1) & ~window.unused[window.own]
+        self._n_lost += int(lost.sum())
+
+    def checks(self) -> list[Check]:
+        """Report which rows are left out."""
+        rows = self._found
+        if not rows.n:
+            return []
+        detail = (
+            f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
+            f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
+        )
+        much = self._n_lost > MOST_MISSING * self._n_rows
+        return [rows.make_check(self.name, "error" if much else "warning", detail, self._signals.sources)]
+
+
+def bridge(t: FloatArray, x: FloatArray, run: IntArray, most: int, *, smooth: bool) -> None:
+    """Interpolate, in place, over gaps of up to `most` missing samples.
+
+    Parameters
+    ----------
+    t, x : (m,)
+        Times in s, and one signal with NaN where samples are missing.
+    run : (m,)
+        Number of the stretch without a gap in time that each row belongs to.
+    most : int
+        Largest number of samples that are missing in a row.
+    smooth : bool
+        Whether a cubic through two samples on either side is used, else a straight line.
+    """
+    missing = np.isnan(x)
+    starts, ends = find_run_edges(missing)
+    present = np.flatnonzero(~missing)
+    # Gaps of one length at a time: all of them are then interpolated by one array operation.
+    for length in range(1, most + 1):
+        gap_starts = starts[ends - starts == length]
+        before = np.searchsorted(present, gap_starts) - 1
+        # A gap at the very beginning or end lacks two samples on one side, and stays open.
+        inside = (before >= 1) & (before + 2 < len(present))
+        gap_starts, before = gap_starts[inside], before[inside]
+        if not len(gap_starts):
+            continue
+        anchors = present[before[:, None] + np.array([-1, 0, 1, 2])]
+        # Across a gap in time nothing is bridged; farther anchors may lie beyond other missing samples.
+        near = run[anchors[:, 0]] == run[anchors[:, 3]]
+        gap_starts, anchors = gap_starts[near], anchors[near]
+        rows = gap_starts[:, None] + np.arange(length)
+        # Relative to a neighbour: angles of many turns would lose digits in Lagrange's products.
+        origin = x[anchors[:, 1:2]]
+        x[rows] = origin + interpolate_between(t[anchors], x[anchors] - origin, t[rows], smooth=smooth)
+
+
+def interpolate_between(t: FloatArray, x: FloatArray, times: FloatArray, *, smooth: bool) -> FloatArray:
+    """Interpolate between two samples before and two samples behind.
+
+    Parameters
+    ----------
+    t, x : (k, 4)
+        Times and values of the four samples.
+    times : (k, l)
+        Times in s at which to interpolate, l in each of the k gaps.
+    smooth : bool
+        Whether to use the cubic through all four (Lagrange), else a straight line between the inner two.
+
+    Returns
+    -------
+    (k, l)
+        The values at these times.
+    """
+    if not smooth:
+        share = (times - t[:, 1:2]) / (t[:, 2:3] - t[:, 1:2])
+        return np.asarray(x[:, 1:2] + share * (x[:, 2:3] - x[:, 1:2]))
+    result = np.zeros_like(times)
+    # Lagrange's weights: each is one at its own sample and zero at the other three.
+    for index in range(4):
+        weight = np.ones_like(times)
+        for other in range(4):
+            if other != index:
+                weight *= (times - t[:, other : other + 1]) / (t[:, index] - t[:, other])[:, None]
+        result += weight * x[:, index : index + 1]
+    return result

@@ -1,0 +1,237 @@
+"""Bags of ROS 1, read by a package, and of ROS 2, which are data bases of SQLite: nothing that a file defines is run.
+
+A file of SQLite can hold views, triggers and computed columns, which are programs; some never end. A bag has none.
+"""
+
+from __future__ import annotations
+
+import bz2
+import math
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynident.array_types import IntArray
+from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, UnpackedSize, check_chunk, check_columns
+from dynident.recordings.formats.arrays import BoundedFile
+from dynident.recordings.formats.message_layouts import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.metadata import RecordingError
+
+
+def read_ros1_messages(path: Path) -> Iterator[PackedMessage]:
+    """Yield the messages that hold signals of joints, by their time."""
+    with _open_reader(path) as reader:
+        connections = [candidate for candidate in reader.connections if normalise_type(candidate.msgtype) in KNOWN]
+        if not connections:
+            return
+        for connection, stamp, data in reader.messages(connections=connections):
+            text = connection.msgdef.data
+            yield PackedMessage(connection.topic, normalise_type(connection.msgtype), text, stamp, bytes(data))
+
+
+class _BoundedPath:
+    """Stands in for a path: the package opens it and gets a file that is never asked for more than it holds."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def exists(self) -> bool:
+        """Whether there is such a file."""
+        return self._path.exists()
+
+    def open(self, mode: str) -> BoundedFile:
+        """Open it for reading bytes, whatever the mode."""
+        return BoundedFile(self._path.open("rb"))
+
+
+def _open_reader(path: Path) -> Any:
+    """Return the package's reader, changed so that chunks stand in the file once each and unpack within limits."""
+    from lz4.frame import decompress as decompress_lz4
+    from rosbags.rosbag1 import Reader
+
+    unpacked = UnpackedSize(path.stat().st_size)
+    # By the functions that the package takes.
+    bounded = {bz2.decompress: _unpack_bz2, decompress_lz4: _unpack_lz4}
+
+    class BoundedReader(Reader):
+        def read_chunk_info(self) -> Any:
+            info = super().read_chunk_info()
+            # An index that names one large chunk many times would unpack it many times.
+            if any(info.pos == other for other in positions):
+                raise ValueError(f"two chunks begin at byte {info.pos}")
+            positions.add(info.pos)
+            return info
+
+        def read_chunk(self) -> Any:
+            chunk = super().read_chunk()
+            unpack = bounded.get(chunk.decompressor)
+            if unpack is None:  # it is not compressed
+                check_chunk(chunk.datasize, "A chunk of the bag")
+                return chunk
+
+            def decompress(data: bytes) -> bytes:
+                content: bytes = unpack(data)
+                check_chunk(len(content), "A chunk of the bag")
+                unpacked.add(len(content))
+                return content
+
+            return chunk._replace(decompressor=decompress)
+
+    positions: set[int] = set()
+    file: Any = _BoundedPath(path)
+    return BoundedReader(file)
+
+
+def _unpack_bz2(data: bytes) -> bytes:
+    return bz2.BZ2Decompressor().decompress(data, LARGEST_CHUNK + 1)
+
+
+def _unpack_lz4(data: bytes) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    content: bytes = LZ4FrameDecompressor().decompress(data, LARGEST_CHUNK + 1)
+    return content
+
+
+_ROWS_AT_ONCE = 1000
+_LONGEST_WAIT = 20.0
+"""Seconds for one row. A row is found in microseconds, on a slow disk in milliseconds."""
+_STEPS = 100_000
+"""Steps of SQLite's machine between two looks at the clock, about a millisecond."""
+_NEEDED = {"topics": ("id", "name", "type"), "messages": ("topic_id", "timestamp", "data")}
+
+
+def read_ros2_messages(path: Path) -> Iterator[PackedMessage]:
+    """Yield the messages that hold signals of joints, by their time.
+
+    Raises
+    ------
+    RecordingError
+        The file holds anything but tables and indices, or is damaged.
+    """
+    with closing(_Bag(path)) as bag:
+        texts = bag.read_definitions()
+        topics = {key: (name, kind, texts.get(kind, "")) for key, (name, kind) in bag.read_topics().items()}
+        for key, stamp, data in bag.read_messages(list(topics)):
+            if not isinstance(data, bytes):
+                raise ValueError(f"a message of {topics[key][0]} is not stored as bytes")
+            yield PackedMessage(*topics[key], stamp, data)
+
+
+class _Bag:
+    """The data base of a bag, opened read-only."""
+
+    def __init__(self, path: Path) -> None:
+        self._size = path.stat().st_size
+        # Nothing else writes to the file: no lock is taken, and no file beside it is looked at.
+        self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        self._deadline = math.inf
+        # No value may be longer than what is unpacked at once, and no other data base may be attached.
+        self._base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_CHUNK)
+        self._base.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        # A query on a damaged file may never end. SQLite calls this between its steps, and stops where it returns true.
+        self._base.set_progress_handler(lambda: time.monotonic() > self._deadline, _STEPS)
+        try:
+            for setting in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "temp_store=MEMORY"):
+                self._fetch_rows(f"PRAGMA {setting}")
+            self._tables = self._check_tables()
+        except BaseException:
+            self._base.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._base.close()
+
+    def _fetch_rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
+        return list(chain.from_iterable(self._fetch_blocks(query, values)))
+
+    def _fetch_blocks(self, query: str, values: tuple[object, ...] = ()) -> Iterator[list[tuple[Any, ...]]]:
+        """Yield the rows of a query in blocks; a single wait of `_LONGEST_WAIT` ends it."""
+        self._deadline = time.monotonic() + _LONGEST_WAIT
+        cursor = self._base.execute(query, values)
+        while rows := cursor.fetchmany(_ROWS_AT_ONCE):
+            # The clock stands still while the caller works on the rows.
+            self._deadline = math.inf
+            yield rows
+            self._deadline = time.monotonic() + _LONGEST_WAIT
+
+    def _check_tables(self) -> set[str]:
+        tables = set()
+        for kind, name, root, text in self._fetch_rows("SELECT type, name, rootpage, sql FROM sqlite_master"):
+            virtual = kind == "table" and (not root or "virtual" in str(text).casefold().split()[1:2])
+            if kind not in ("table", "index") or virtual:
+                raise RecordingError(
+                    f"The bag holds {name}, a {'virtual table' if virtual else kind}; a bag of ROS 2 has tables and "
+                    "indices alone. Convert it where it was recorded (ros2 bag convert).",
+                    pointer=str(name),
+                    title=TITLE,
+                )
+            if kind == "table":
+                tables.add(str(name))
+        for table, columns in _NEEDED.items():
+            if table not in tables:
+                raise RecordingError(f"The bag has no table {table}: it is no bag of ROS 2.", title=TITLE)
+            # The last value says whether a column is computed from others.
+            stored = {row[1]: row[6] for row in self._fetch_rows(f"PRAGMA table_xinfo({table})")}
+            for column in columns:
+                if stored.get(column, 1):
+                    detail = f"The table {table} of the bag has no stored column {column}: it is no bag of ROS 2."
+                    raise RecordingError(detail, title=TITLE)
+        return tables
+
+    def read_topics(self) -> dict[object, tuple[str, str]]:
+        """Return name and type of the topics that hold signals of joints, by their keys."""
+        rows = self._fetch_rows("SELECT id, name, type FROM topics")
+        check_columns(len(rows))
+        return {key: (str(name), str(kind)) for key, name, kind in rows if kind in KNOWN and isinstance(key, int)}
+
+    def read_definitions(self) -> dict[str, str]:
+        """Return the texts that define types, if the bag has them."""
+        if "message_definitions" not in self._tables:
+            return {}
+        rows = self._fetch_rows("SELECT topic_type, encoded_message_definition FROM message_definitions")
+        return {kind: text for kind, text in rows if isinstance(kind, str) and isinstance(text, str)}
+
+    def read_messages(self, topics: list[object]) -> Iterator[tuple[Any, ...]]:
+        """Yield topic, time and data of the messages of some topics, by their time."""
+        every = self._sort_rows_by_time(topics)
+        for first in range(0, len(every), _ROWS_AT_ONCE):
+            keys = every[first : first + _ROWS_AT_ONCE]
+            # By row numbers, which are found at once: sorting whole messages by time would need room for all of them
+            # on disk.
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE rowid IN ({','.join('?' * len(keys))})"
+            rows = self._fetch_rows(query, tuple(np.sort(keys).tolist()))
+            # They come by their numbers.
+            yield from (rows[place] for place in np.argsort(np.argsort(keys)).tolist())
+
+    def _sort_rows_by_time(self, topics: list[object]) -> IntArray:
+        """Return the row numbers of the messages of some topics, by their time: sorted here, in 16 bytes a row.
+
+        Raises
+        ------
+        ValueError
+            The rows do not count upward, or hold more bytes than the file: pages of a damaged file lead round in a
+            circle.
+        """
+        last, held = -(2**63), 0
+        parts: list[IntArray] = [np.empty((0, 2), dtype=np.int64)]
+        query = "SELECT rowid, topic_id, timestamp, length(data) FROM messages NOT INDEXED ORDER BY rowid"
+        for rows in self._fetch_blocks(query):
+            try:
+                block = np.array(rows, dtype=np.int64)
+            except (TypeError, ValueError, OverflowError):
+                raise ValueError(f"topic, time or data of a message from {rows[0][0]} on are none") from None
+            held += int(block[:, 3].sum())
+            if block[0, 0] <= last or (np.diff(block[:, 0]) <= 0).any() or held > self._size:
+                raise ValueError("the data base is damaged: pages of its table of messages stand in it twice")
+            last = int(block[-1, 0])
+            parts.append(block[np.isin(block[:, 1], np.array(topics))][:, [2, 0]])
+        whole = np.concatenate(parts)
+        return np.asarray(whole[np.argsort(whole[:, 0], kind="stable"), 1])

@@ -1,0 +1,264 @@
+"""Results as rows of text: candidates, changes, identified parameters, shape constants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from math import isfinite
+from typing import NamedTuple
+
+from dynident.diagnosis import Change, FrictionDifference, RankedEffect
+from dynident.effects import EffectChoice, get_effect
+from dynident.identification import IdentifiedParameter
+from dynident.identification.shapes.shape_constants import ShapeConstant
+from dynident.identification.study.parameter_identifiability import EssentialPath
+from dynident.reports.labels import (
+    PARAMETER_JUDGEMENTS,
+    SHAPE_JUDGEMENTS,
+    format_joints,
+    format_shape_constants,
+    format_shape_interval,
+    get_effect_title,
+)
+from dynident.reports.number_format import format_estimate, format_number, format_p_value, format_percent
+from dynident.reports.report_tables import Cell, ReportedTable, make_number_cell, make_percent_cell, make_text_cells
+from dynident.robot import Robot
+
+CANDIDATE_COLUMNS = ("rank", "effect", "joints", "error before", "after", "drop", "significant")
+
+
+def format_candidates(ranked: Iterable[RankedEffect], robot: Robot) -> list[tuple[str, ...]]:
+    """Return ranked candidates as rows of text.
+
+    Parameters
+    ----------
+    ranked : iterable of RankedEffect
+        Best first.
+    robot : Robot
+        The diagnosed robot.
+
+    Returns
+    -------
+    list of tuples of str
+        Rows with the cells of `CANDIDATE_COLUMNS`.
+    """
+    return [
+        (
+            str(candidate.rank),
+            get_effect_title(candidate.effect),
+            format_joints(candidate.joints, robot.joint_names),
+            format_percent(candidate.error_before),
+            format_percent(candidate.error_after),
+            format_percent(candidate.error_drop, 2),
+            "yes" if candidate.significant else "no",
+        )
+        for candidate in ranked
+    ]
+
+
+CHANGE_COLUMNS = ("changed", "joint", "parameter", "before", "difference", "95 % interval", "unit", "p")
+
+FRICTION_COLUMNS = ("friction of", "at a speed of", "before", "difference", "95 % interval", "unit", "of what it was")
+
+
+class ChangeCells(NamedTuple):
+    """One number that differs, as the cells of `CHANGE_COLUMNS`."""
+
+    title: str
+    place: str
+    parameter: str
+    before: str
+    difference: str
+    interval: str
+    unit: str
+    p: str
+
+
+def format_change(change: Change, robot: Robot) -> Iterator[ChangeCells]:
+    """Yield the numbers of a change as rows of text, the main one first; only the main one has a p-value.
+
+    Parameters
+    ----------
+    change : Change
+        The change, with all its parameters.
+    robot : Robot
+        The robot that has changed.
+
+    Yields
+    ------
+    ChangeCells
+        The cells of one parameter.
+    """
+    for value in (change.main, *change.more):
+        yield ChangeCells(
+            get_effect_title(change.choice.effect),
+            format_joints(change.choice.joints, robot.joint_names),
+            value.parameter,
+            "–" if value.before is None else format_number(value.before),
+            _format_signed(value.value),
+            " to ".join(format_number(end) for end in value.interval),
+            "" if value.unit == "-" else value.unit,
+            # The test is one of the whole change, not of each of its parameters.
+            format_p_value(change.p_value) if value is change.main else "",
+        )
+
+
+class FrictionCells(NamedTuple):
+    """The difference of one joint's friction, as the cells of `FRICTION_COLUMNS`."""
+
+    joint: str
+    speed: str
+    before: str
+    difference: str
+    interval: str
+    unit: str
+    share: str
+
+
+def format_friction_difference(difference: FrictionDifference) -> FrictionCells:
+    """Return the difference of one joint's friction as a row of text.
+
+    Parameters
+    ----------
+    difference : FrictionDifference
+        The difference of any joint that moves, significant or not.
+
+    Returns
+    -------
+    FrictionCells
+        The cells of the row.
+    """
+    return FrictionCells(
+        difference.joint,
+        f"{format_number(difference.speed)} {'m/s' if difference.unit == 'N' else 'rad/s'}",
+        format_number(difference.before),
+        _format_signed(difference.value),
+        " to ".join(format_number(end) for end in difference.interval),
+        difference.unit,
+        f"{'+' if difference.value > 0 else ''}{format_percent(difference.value / difference.before, 2)}"
+        if difference.before > 0.0
+        else "–",
+    )
+
+
+def _format_signed(value: float) -> str:
+    return f"{'+' if value > 0 else ''}{format_number(value)}"
+
+
+GROUPING, TIMES_SMALLEST = "in standard parameters", "times smallest"
+
+
+def build_parameter_table(title: str, parameters: Iterable[IdentifiedParameter]) -> ReportedTable:
+    """Return a table of parameters, grouped by effect; parameters that are not essential are left out.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the table.
+    parameters : iterable of IdentifiedParameter
+        Base parameters with their uncertainty.
+
+    Returns
+    -------
+    ReportedTable
+        A row for each essential parameter, its effect as the heading above it.
+    """
+    essential = [parameter for parameter in parameters if parameter.essential]
+    groups = {(parameter.effect, parameter.shape): "" for parameter in essential}
+    for effect, shape in groups:
+        constants = format_shape_constants(EffectChoice(effect, (), shape))
+        # An effect may be in the model several times, with other shape constants each: both make its heading.
+        groups[effect, shape] = ", ".join(filter(None, (get_effect(effect).title, constants)))
+    # Groups are in the order of their first parameter, and so are the parameters within each.
+    ordered = [parameter for group in groups for parameter in essential if (parameter.effect, parameter.shape) == group]
+    return ReportedTable(
+        title,
+        (
+            *("parameter", "joint", "value", "standard deviation", "95 % interval", "unit", "relative"),
+            *(TIMES_SMALLEST, "determined", GROUPING),
+        ),
+        tuple(_build_parameter_row(parameter) for parameter in ordered),
+        numbers_from=2,
+        groups=tuple(groups[parameter.effect, parameter.shape] for parameter in ordered),
+    )
+
+
+def _build_parameter_row(parameter: IdentifiedParameter) -> tuple[Cell, ...]:
+    value, deviation = format_estimate(parameter.value, parameter.standard_deviation)
+    # A parameter that the data do not determine has an infinite interval, which is shown as "–".
+    ends = [format_estimate(end, parameter.standard_deviation)[0] for end in parameter.interval if isfinite(end)]
+    judgement = PARAMETER_JUDGEMENTS[parameter.judgement]
+    return (
+        *make_text_cells(parameter.name, parameter.link or "whole robot"),
+        Cell(value, parameter.value),
+        Cell(deviation, parameter.standard_deviation),
+        Cell(" to ".join(ends) or "–", is_figures=True),
+        Cell(parameter.unit),
+        make_percent_cell(parameter.relative_standard_deviation, 2),
+        Cell(format_number(parameter.times_smallest, 2), is_figures=True),
+        Cell(judgement.words, mark=judgement.mark),
+        Cell(parameter.grouping),
+    )
+
+
+def build_shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str]) -> ReportedTable:
+    """Return a table of shape constants.
+
+    Parameters
+    ----------
+    constants : sequence of ShapeConstant
+        Shape constants with their uncertainty.
+    joints : sequence of str
+        Names of all joints of the robot.
+
+    Returns
+    -------
+    ReportedTable
+        A row for each constant.
+    """
+    columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
+    rows = tuple(_build_constant_row(constant, joints) for constant in constants)
+    return ReportedTable("Shape constants: inside the columns, found by search", columns, rows, numbers_from=3)
+
+
+def _build_constant_row(constant: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
+    value, deviation = constant.word or format_number(constant.value, 4), "–"
+    if constant.interval is not None:
+        value, deviation = format_estimate(constant.value, constant.standard_deviation)
+    judgement = SHAPE_JUDGEMENTS[constant.judgement]
+    return (
+        *make_text_cells(get_effect(constant.effect).title, format_joints(constant.joints, joints)),
+        Cell(constant.name, note=constant.description),
+        Cell(value, constant.value),
+        Cell(deviation, constant.standard_deviation if constant.interval is not None else None),
+        Cell(format_shape_interval(constant), is_figures=True),
+        Cell("–" if constant.unit == "-" else constant.unit),
+        Cell(judgement.words, mark=judgement.mark, note=constant.note),
+    )
+
+
+def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
+    """Yield the steps of a backward elimination and the remaining parameters as tables.
+
+    Parameters
+    ----------
+    path : EssentialPath
+        The steps of the elimination, and the model that is left.
+
+    Yields
+    ------
+    ReportedTable
+        The steps, if there are any, then the essential parameters.
+    """
+    rows = tuple(
+        (
+            Cell(step.name),
+            make_percent_cell(step.relative_deviation, 2),
+            make_number_cell(step.p_value, 2),
+            make_percent_cell(step.fit.relative_total),
+            make_percent_cell(None if step.held_out is None else step.held_out.relative_total),
+        )
+        for step in path.steps
+    )
+    if rows:
+        yield ReportedTable("Backward elimination", ("taken out", "relative deviation", "p", "fit", "held out"), rows)
+    yield build_parameter_table("Essential parameters", path.identification.parameters)
