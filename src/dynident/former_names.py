@@ -40,7 +40,7 @@ MODULES = {
     "dynident.diagnosis.comparing.autocorrelation": "dynident.diagnosis.comparing.autocorrelation_and_spectra",
     "dynident.diagnosis.comparing.spectrum": "dynident.diagnosis.comparing.autocorrelation_and_spectra",
     "dynident.effects.friction_in_time": "dynident.effects.friction",
-    "dynident.effects.geometry": "dynident.effects.geometry_errors",
+    "dynident.effects.geometry": "dynident.effects.structure",
     "dynident.effects.linked": "dynident.effects.closed_loops",
     "dynident.effects.memory": "dynident.effects.hysteresis_states",
     "dynident.effects.operators": "dynident.effects.hysteresis_operators",

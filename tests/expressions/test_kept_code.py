@@ -115,7 +115,10 @@ def test_the_folder_does_not_grow_without_end(folder, monkeypatch):
 
 
 def test_processes_share_it(folder):
-    script = "from dynident.expressions import code_cache;code_cache.load_or_compile('of both', lambda: print('compiled') or b'code')"
+    script = (
+        "from dynident.expressions.code_cache import load_or_compile\n"
+        "load_or_compile('of both', lambda: print('compiled') or b'code')"
+    )
     told = [
         subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
         for _ in range(2)

@@ -28,7 +28,7 @@ from dynident.simulation import (
 from dynident_service.cli.files import write_atomically
 from dynident_service.cli.inputs import LoadedRecording, extract_recordings, load_recordings
 from dynident_service.cli.options import Reading
-from dynident_service.cli.report_contents import build_reported_runs
+from dynident_service.cli.output import build_reported_runs
 from dynident_service.cli.table_files import write_table, write_trajectory
 from dynident_service.demo.scenario import Scenario
 

@@ -22,12 +22,19 @@ from dynident.effects.friction import (
     WarmUpFriction,
 )
 from dynident.effects.gears import Backlash, JointElasticity
-from dynident.effects.geometry_errors import EncoderZeroError, KinematicError
 from dynident.effects.plugins import list_package_effects, load_installed_effects
 from dynident.effects.presliding import BreakAway, Presliding
 from dynident.effects.rigid_body import RigidBody, RotorInertia
 from dynident.effects.springs import CableForce, GravityCompensator
-from dynident.effects.structure import BaseTilt, JointSpring, Offset, TorqueRipple, TransmissionCoupling
+from dynident.effects.structure import (
+    BaseTilt,
+    EncoderZeroError,
+    JointSpring,
+    KinematicError,
+    Offset,
+    TorqueRipple,
+    TransmissionCoupling,
+)
 from dynident.errors import DynidentError
 
 _BUILT_IN_EFFECTS: tuple[Effect, ...] = (

@@ -52,7 +52,7 @@ def report(
     from dynident_service.adapters.validations import build_reported_validation
     from dynident_service.cli import files, inputs, output
     from dynident_service.cli.model_validation import load_validation
-    from dynident_service.cli.report_contents import build_reported_runs
+    from dynident_service.cli.output import build_reported_runs
 
     prints = out.suffix.lower() == ".pdf"
     choices = request_options.build_request(ReportChoices, format="pdf" if prints else "html")
