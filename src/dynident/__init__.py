@@ -18,7 +18,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from dynident.former_names import FormerModuleFinder
+from dynident.former_modules import FormerModuleFinder
 from dynident.lazy_loader import find_export_modules
 from dynident.optional_dependencies import MissingPackageFinder, find_missing_package, format_install_hint
 from dynident.version import __version__

@@ -11,7 +11,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, from_bytes, identify, remove, to_bytes
-from dynident.identification.study import model_selection
+from dynident.identification.study import held_out_gain
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")
@@ -132,8 +132,8 @@ def test_an_addition_that_only_fits_noise_is_warned_of(plain):
 
 
 def test_an_addition_that_helps_unevenly_is_told_to_help_but_not_surely(grown, monkeypatch):
-    monkeypatch.setattr(model_selection, "_compute_t_of_gain", lambda parent, grown: 1.97)
-    warning = model_selection.list_addition_warnings(grown)[0]
+    monkeypatch.setattr(held_out_gain, "_compute_t_of_gain", lambda parent, grown: 1.97)
+    warning = held_out_gain.list_addition_warnings(grown)[0]
     assert warning.startswith("Joint spring helps, but not surely")
     assert "t = 1.97" in warning
     assert "Remove" not in warning

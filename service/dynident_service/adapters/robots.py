@@ -15,7 +15,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot import Description, Drive, Joint, Limits, Robot, robot_from_description
 from dynident.robot.collision import BASE, collision_geometry, list_collision_meshes
-from dynident.robot.cut_joints import Loop
+from dynident.robot.cut_joint import Loop
 from dynident.robot.kinematics import joint_frames
 from dynident.robot.meshes import Surface, find_mesh_file, link_mesh_files, match_mesh_files, read_surface, thin_surface
 from dynident.robot.shapes import Capsule, enclose_shape

@@ -22,8 +22,9 @@ from dynident_service.problems import (
     make_unusable,
     to_problem,
 )
-from dynident_service.routes.common import PrefetchedResources, RetryKeyDep, replay_response, resource_path
 from dynident_service.routes.identifications import list_named_ids, new_identification
+from dynident_service.routes.paging_and_retries import RetryKeyDep, replay_response, resource_path
+from dynident_service.routes.references import PrefetchedResources
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import NewResource, Resource
 

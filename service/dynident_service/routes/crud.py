@@ -11,7 +11,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
 from dynident_service.models.common import Computed, LabelsRequest, Page, Table, to_plain_json
-from dynident_service.routes.common import (
+from dynident_service.routes.paging_and_retries import (
     LabelledQueryDep,
     ListQueryDep,
     RetryKeyDep,

@@ -10,8 +10,8 @@ from dynident_service.models.drive_gains import CurrentModelsRequest, CurrentMod
 from dynident_service.models.robots import RobotResult
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.common import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.references import depend_on, refuse_coupled, require_measurements, require_robot
 from dynident_service.services import Services
 from dynident_service.storage.records import Dependency, NewJob, Resource
 

@@ -22,20 +22,22 @@ from dynident_service.models.identifications import (
 )
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import make_unusable
-from dynident_service.routes.common import (
-    HasResources,
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.paging_and_retries import (
     LabelledQueryDep,
-    PrefetchedResources,
     RetryKeyDep,
     create_or_replay,
-    require_measurements,
-    require_resource,
-    require_robot,
     require_succeeded,
     show_computed,
     show_page,
 )
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.references import (
+    HasResources,
+    PrefetchedResources,
+    require_measurements,
+    require_resource,
+    require_robot,
+)
 from dynident_service.routes.uncertainty import AWAITED, find_model_file, refuse_stopped
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, NewResource, Resource, Retry

@@ -11,7 +11,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from dynident_service.models.common import Page, Progress
 from dynident_service.models.jobs import JobResource, JobView
-from dynident_service.routes.common import ListQueryDep, resource_path
+from dynident_service.routes.paging_and_retries import ListQueryDep, resource_path
 from dynident_service.services import ServicesDep
 from dynident_service.storage.records import KINDS, Job, JobKind, State
 

@@ -25,15 +25,15 @@ from dynident_service.models.measurements import (
     Standstills,
 )
 from dynident_service.problems import ProblemError, ProblemField, make_not_found, make_unusable, make_validation_problem
-from dynident_service.routes.common import (
+from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.paging_and_retries import (
     RetryKey,
     RetryKeyDep,
     create_or_replay,
     parse_json_body,
     replay_response,
-    require_resource,
 )
-from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
+from dynident_service.routes.references import require_resource
 from dynident_service.routes.uploads import (
     FURTHER,
     MEDIA_TYPES,

@@ -10,15 +10,15 @@ from fastapi.responses import StreamingResponse
 from dynident.reports.request import MEDIA_TYPES
 from dynident_service.models.reports import ReportRequest, ReportView
 from dynident_service.problems import make_unusable
-from dynident_service.routes.common import (
+from dynident_service.routes.crud import ResourceRoutes, add_create_route
+from dynident_service.routes.paging_and_retries import require_succeeded
+from dynident_service.routes.references import (
     depend_on,
     require_design,
     require_measurements,
     require_model,
     require_result,
-    require_succeeded,
 )
-from dynident_service.routes.crud import ResourceRoutes, add_create_route
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Dependency, NewJob, Resource
 

@@ -13,8 +13,8 @@ from dynident_service.models.common import to_plain_json
 from dynident_service.models.measurements import MeasurementMetadata, MeasurementView, RevisionRequest
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import Problem, ProblemError, make_unusable
-from dynident_service.routes.common import RetryKeyDep
 from dynident_service.routes.measurements import ReceivedFile, check_and_store, find_original
+from dynident_service.routes.paging_and_retries import RetryKeyDep
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource, Retry
 

@@ -11,9 +11,9 @@ from fastapi.responses import StreamingResponse
 from dynident_service.models.common import to_plain_json
 from dynident_service.models.robots import RobotRequest, RobotView
 from dynident_service.request_limits import mark_long
-from dynident_service.routes.common import RetryKeyDep, create_or_replay
 from dynident_service.routes.crud import ResourceRoutes, add_resource_routes
 from dynident_service.routes.meshes import inherit_meshes
+from dynident_service.routes.paging_and_retries import RetryKeyDep, create_or_replay
 from dynident_service.services import ServicesDep
 from dynident_service.storage.bundle import RobotBundle
 from dynident_service.storage.records import NewResource, Resource, list_meshes

@@ -12,7 +12,7 @@ from dynident_service.models.identifications import CorrelationView, EssentialQu
 from dynident_service.models.verdicts import VerdictView
 from dynident_service.preload import hold_import_lock
 from dynident_service.problems import ProblemError
-from dynident_service.routes.common import require_succeeded
+from dynident_service.routes.paging_and_retries import require_succeeded
 from dynident_service.services import Services, ServicesDep
 from dynident_service.storage.records import Resource
 

@@ -19,7 +19,7 @@ from dynident.errors import DynidentError
 from dynident.estimation import Errors
 from dynident.export import PredictingModel, TorquePredictor
 from dynident.identification import Identification, check_same_recordings, extend, remove, to_bytes
-from dynident.identification.study.model_selection import find_best_step
+from dynident.identification.study.held_out_gain import find_best_step
 from dynident.identification.study.prediction import PredictedTorque, predict
 from dynident.progress import Progress, ignore_progress
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title, get_step_mark

@@ -16,7 +16,7 @@ from typing import Any, cast
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot import Description, Drive, Limits, Robot, library_names, robot_from_description, robot_from_library
-from dynident.robot.formats import FORMATS, DescriptionFormat
+from dynident.robot.format_names import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import (
     expect_mapping,
     expect_number,

@@ -2,7 +2,6 @@
 
 from dynident.estimation.backward_elimination import Elimination, EliminationPath, eliminate_parameters
 from dynident.estimation.block_bootstrap import Bootstrap, Drawing, bootstrap_estimates
-from dynident.estimation.delta_method import LinearisedSolution, linearise_constants
 from dynident.estimation.factors import (
     EquationFactors,
     FactorAccumulator,
@@ -38,6 +37,7 @@ from dynident.estimation.rest_and_reversal_rows import (
     compute_band_distance,
 )
 from dynident.estimation.row_weights import estimate_reversal_weights
+from dynident.estimation.shape_constant_uncertainty import LinearisedSolution, linearise_constants
 from dynident.estimation.uncertainty import CovarianceName, Statistics, compute_row_freedom, statistics
 
 __all__ = [

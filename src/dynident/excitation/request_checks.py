@@ -6,7 +6,7 @@ from dynident.errors import DynidentError
 from dynident.excitation.criteria.criterion_choice import check_criterion, check_criterion_targets
 from dynident.excitation.observation.row_models import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT, KINDS, DesignRequest, TrajectoryRequest
-from dynident.excitation.sets.planned_runs import SETS
+from dynident.excitation.sets.named_sets import SETS
 from dynident.motion.collision.obstacles import check_surroundings
 from dynident.motion.trajectories.motion import MOST_SAMPLES
 from dynident.schema.fields import check_ranges

@@ -8,7 +8,7 @@ from typing import NotRequired, Protocol, TypedDict
 
 from dynident.errors import DynidentError
 from dynident.robot.dh_text import robot_from_dh_text
-from dynident.robot.formats import FORMATS, DescriptionFormat
+from dynident.robot.format_names import FORMATS, DescriptionFormat
 from dynident.robot.json_fields import join_names
 from dynident.robot.mjcf import robot_from_mjcf
 from dynident.robot.model import Description, Robot

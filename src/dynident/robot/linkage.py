@@ -15,7 +15,7 @@ import scipy.linalg
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.cut_joints import LOOP_TITLE, Loop
+from dynident.robot.cut_joint import LOOP_TITLE, Loop
 from dynident.robot.json_fields import join_names
 from dynident.robot.loop_equations import CLOSED
 from dynident.robot.loops import Closure

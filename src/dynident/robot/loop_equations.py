@@ -16,7 +16,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
-from dynident.robot.cut_joints import (
+from dynident.robot.cut_joint import (
     LOOP_TITLE,
     Loop,
     build_gap,

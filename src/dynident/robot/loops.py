@@ -17,7 +17,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.expressions import Program
 from dynident.expressions.angles import AngleTerms, substitute_angles
-from dynident.robot.cut_joints import LOOP_TITLE, make_approximation_error
+from dynident.robot.cut_joint import LOOP_TITLE, make_approximation_error
 from dynident.robot.json_fields import join_names
 from dynident.robot.loop_equations import CLOSED, SINGULAR, LoopEquations
 from dynident.robot.loop_numbers import compute_condition

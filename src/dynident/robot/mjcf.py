@@ -15,7 +15,7 @@ import pinocchio as pin
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
-from dynident.robot.cut_joints import FrameOnJoint, Loop
+from dynident.robot.cut_joint import FrameOnJoint, Loop
 from dynident.robot.json_fields import join_names
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loop_equations import CLOSED
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynident.robot.cut_joints import LoopKind
+from dynident.robot.cut_joint import LoopKind
 from dynident.robot.model import Tie
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from dynident.array_types import BoolArray, FloatArray
 from dynident.encoding import escape_surrogates
 from dynident.result_display import join_html, render_paragraph, render_table
-from dynident.robot.formats import DescriptionFormat
+from dynident.robot.format_names import DescriptionFormat
 from dynident.robot.joint import Joint
 from dynident.robot.settings import Drive
 

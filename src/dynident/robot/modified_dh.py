@@ -66,7 +66,7 @@ import pinocchio as pin
 
 from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
-from dynident.robot.cut_joints import EQUATIONS, FrameOnJoint, Loop, LoopKind
+from dynident.robot.cut_joint import EQUATIONS, FrameOnJoint, Loop, LoopKind
 from dynident.robot.joint import JointKind
 from dynident.robot.json_fields import (
     expect_mapping,

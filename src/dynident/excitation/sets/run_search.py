@@ -32,7 +32,7 @@ from dynident.excitation.points.point_sequence import (
     improve_sequence,
     stack_rows,
 )
-from dynident.excitation.sets.planned_runs import BetweenTwoPoints, FreeMotion, PlannedRun
+from dynident.excitation.sets.named_sets import BetweenTwoPoints, FreeMotion, PlannedRun
 from dynident.motion.limits.bounds import ImpossibleLimitsError, lock_bounds
 from dynident.motion.limits.margins import AmplitudeScaler
 from dynident.motion.limits.postures import draw_holdable_postures

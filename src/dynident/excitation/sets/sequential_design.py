@@ -14,7 +14,7 @@ from dynident.excitation.experiments.point_to_point import check_no_path, verify
 from dynident.excitation.observation.row_models import DYNAMIC_ROWS
 from dynident.excitation.optimising.design_problem import Budget
 from dynident.excitation.result import Run
-from dynident.excitation.sets.planned_runs import BetweenTwoPoints, PlannedRun, plan_runs
+from dynident.excitation.sets.named_sets import BetweenTwoPoints, PlannedRun, plan_runs
 from dynident.excitation.sets.run_search import RunMotion, RunSearch, factor_information
 from dynident.motion.limits.bounds import ImpossibleLimitsError
 from dynident.motion.moves.paths import list_home_candidates, note_home, plan_path

@@ -14,13 +14,13 @@ from dynident.identification.equations.checks import check_recordings, check_run
 from dynident.identification.equations.reduce_data import reduce_torque, split_friction_tests
 from dynident.identification.shapes.shape_search import check_shapes_given, complete_shapes
 from dynident.identification.study.fit_model import identify_model
-from dynident.identification.study.identifying import add_digests, check_same_recordings
-from dynident.identification.study.model_selection import (
+from dynident.identification.study.held_out_gain import (
     SURE_T,
     compute_block_squares,
     compute_t,
     list_addition_warnings,
 )
+from dynident.identification.study.identifying import add_digests, check_same_recordings
 from dynident.identification.study.poses import ACTING_AT_REST, are_poses, identify_poses
 from dynident.identification.study.result import Identification, LadderStep
 from dynident.progress import Progress, ignore_progress, scale_progress

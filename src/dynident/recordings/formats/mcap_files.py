@@ -12,7 +12,7 @@ from typing import Any
 
 from dynident.recordings.file_limits import UnpackedSize, check_chunk
 from dynident.recordings.formats.arrays import BoundedFile
-from dynident.recordings.formats.message_layouts import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
 
 _FOOTER = 9 + 8 + 8 + 4
 _MAGIC = 8

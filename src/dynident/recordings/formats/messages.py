@@ -25,7 +25,7 @@ from dynident.recordings.file_limits import (
     check_columns,
 )
 from dynident.recordings.formats.mcap_files import read_mcap_messages
-from dynident.recordings.formats.message_layouts import (
+from dynident.recordings.formats.packed_messages import (
     ARRAYS,
     DYNAMIC_STATES,
     FRANKA_ROBOT,

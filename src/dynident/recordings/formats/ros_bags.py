@@ -20,7 +20,7 @@ import numpy as np
 from dynident.array_types import IntArray
 from dynident.recordings.file_limits import LARGEST_CHUNK, TITLE, UnpackedSize, check_chunk, check_columns
 from dynident.recordings.formats.arrays import BoundedFile
-from dynident.recordings.formats.message_layouts import KNOWN, PackedMessage, normalise_type
+from dynident.recordings.formats.packed_messages import KNOWN, PackedMessage, normalise_type
 from dynident.recordings.metadata import RecordingError
 
 

@@ -13,7 +13,7 @@ from dynident.diagnosis import Diagnosis
 from dynident.effects import EffectChoice, get_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
-from dynident.identification.study.model_selection import find_best_step
+from dynident.identification.study.held_out_gain import find_best_step
 from dynident.reports.figures.ladder import draw_models
 from dynident.reports.labels import describe_best_step, format_joints, format_shape_constants, get_step_mark
 from dynident.reports.number_format import format_percent

@@ -16,7 +16,7 @@ from types import ModuleType
 MODULES = {
     "dynident.arrays": "dynident.array_types",
     "dynident.asking": "dynident.schema.fields",
-    "dynident.descriptions": "dynident.robot.formats",
+    "dynident.descriptions": "dynident.robot.format_names",
     "dynident.desk": "dynident.api",
     "dynident.desk.changing": "dynident.api.robot_changes",
     "dynident.desk.choosing": "dynident.api.effect_arguments",
@@ -56,7 +56,7 @@ MODULES = {
     "dynident.estimation.information": "dynident.estimation.prior_information",
     "dynident.estimation.instrumental": "dynident.estimation.instrumental_variables",
     "dynident.estimation.kalman": "dynident.estimation.kalman_filter",
-    "dynident.estimation.linearised": "dynident.estimation.delta_method",
+    "dynident.estimation.linearised": "dynident.estimation.shape_constant_uncertainty",
     "dynident.estimation.nuisance": "dynident.estimation.marginalisation",
     "dynident.estimation.recursive": "dynident.estimation.kalman_filter",
     "dynident.estimation.robust": "dynident.estimation.row_weights",
@@ -190,7 +190,7 @@ NAMES: dict[str, dict[str, str]] = {
         "Equations": "EqualityConstraints",
         "constrained_least_squares": "solve_constrained",
     },
-    "dynident.estimation.delta_method": {
+    "dynident.estimation.shape_constant_uncertainty": {
         "Linearised": "LinearisedSolution",
         "linearised": "linearise_constants",
     },

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import pytest
 
-from dynident.former_names import MODULES, NAMES
+from dynident.former_modules import MODULES, NAMES
 
 
 @pytest.mark.parametrize("former", MODULES)
