@@ -9,13 +9,13 @@ from typing import Self
 import httpx2
 
 from dynident_client import answers
-from dynident_client.inputs import Designs, Imports, Measurements, Robots, Simulations
-from dynident_client.outputs import (
+from dynident_client.identifications import Identifications
+from dynident_client.uploads_and_designs import Designs, Imports, Measurements, Robots, Simulations
+from dynident_client.results import (
     Comparisons,
     CurrentModelSets,
     Diagnoses,
     DriveGainSets,
-    Identifications,
     Reports,
     SeriesOfDays,
     Validations,

@@ -47,7 +47,7 @@ class Others:
     makes: Sequence[Callable[[Place], Place]]
     asked: list[float] = field(default_factory=list)
 
-    def places(self, work: Place, size: float) -> Sequence[Place]:
+    def list_workers(self, work: Place, size: float) -> Sequence[Place]:
         self.asked.append(size)
         return [make(work) for make in self.makes]
 

@@ -18,43 +18,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dynident_service.storage.records import Resource
-from collections.abc import Mapping
-
-from dynident_service.routes import batches, jobs
-from dynident_service.routes.crud import SHOW_FUNCTIONS
-from dynident_service.storage.records import Kind, Resource
-
-_FILES: Mapping[Kind, frozenset[str]] = {
-    "measurement": frozenset({"recording"}),
-    "import": frozenset({"original"}),
-    "design": frozenset({"trajectory"}),
-    "identification": frozenset({"model"}),
-    "comparison": frozenset({"signals"}),
-    "diagnosis": frozenset({"evidence"}),
-    "series": frozenset({"days", "figure"}),
-    "report": frozenset({"content"}),
-}
-"""What there is of each, once it has been computed."""
-
-
-def check_stored_resource(resource: Resource) -> None:
-    """Show a resource and its job; raises ValueError, or whatever showing it does, where this service could not."""
-    show_resource(resource)
-    if resource.job is None or resource.job.state == "succeeded":
-        lacking = _FILES.get(resource.kind, frozenset()) - resource.objects.keys()
-        if lacking:
-            raise ValueError(f"it has no {' and no '.join(sorted(lacking))}")
-
-
-def show_resource(resource: Resource) -> None:
-    """Show a resource and its job, whatever files it has; raises what showing it does where this service cannot."""
-    if resource.job is not None:
-        jobs.show_job(resource.job)
-    if resource.kind == "batch":
-        batches.member_ids(resource)
-    else:
-        SHOW_FUNCTIONS[resource.kind](resource)
-
 
 UNSOUND = 1
 
@@ -74,6 +37,7 @@ def doctor(
     with 1 where anything is wrong that is not put right.
     """
     from dynident_service.jobs.stored_file_reader import StoredFilesReader
+    from dynident_service.routes.stored_resource_check import show_resource
     from dynident_service.storage import integrity_check as examination
     from dynident_service.storage.migrate import migrate
 
@@ -155,6 +119,7 @@ def import_robot(
     data_dir: DataDir = None,
 ) -> None:
     """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
+    from dynident_service.routes.stored_resource_check import check_stored_resource
     from dynident_service.storage.bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
