@@ -10,7 +10,7 @@ import httpx2
 
 from dynident_client import answers
 from dynident_client.identifications import Identifications
-from dynident_client.uploads_and_designs import Designs, Imports, Measurements, Robots, Simulations
+from dynident_client.records import Job, Page, Record, get_identifier
 from dynident_client.results import (
     Comparisons,
     CurrentModelSets,
@@ -20,8 +20,8 @@ from dynident_client.results import (
     SeriesOfDays,
     Validations,
 )
-from dynident_client.records import Job, Page, Record, get_identifier
 from dynident_client.transport import Event, ListPart, Transport
+from dynident_client.uploads_and_designs import Designs, Imports, Measurements, Robots, Simulations
 
 
 class Jobs:

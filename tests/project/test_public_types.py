@@ -12,8 +12,8 @@ import pytest
 
 from dynident.recordings.metadata import Revision, RevisionFields
 from dynident.robot.document import DescriptionDocument, DriveDocument, LimitsDocument
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.model import Description
-from dynident.robot.settings import Drive, Limits
 from dynident.schema.fields import FieldDescription, FieldOptions
 
 SOURCES = Path(__file__).resolve().parents[2]

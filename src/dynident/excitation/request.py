@@ -10,7 +10,7 @@ from dynident.effects.choices import DEFAULT_EFFECTS, JOINT_FRICTION, EffectChoi
 from dynident.excitation.criteria.criterion_choice import CriterionChoice
 from dynident.excitation.observation.row_model_names import ROW_MODELS, RowModelName
 from dynident.motion.collision.surroundings import Surroundings
-from dynident.robot.settings import Limits
+from dynident.robot.limits import Limits
 from dynident.schema.fields import LARGEST_SEED, Choice, OneOf, declare_field
 
 TrajectoryFormat = Literal["csv", "parquet", "json", "ros2"]

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from dynident.robot.joint import Joint
     from dynident.robot.kinematics import joint_frames, tool_path
     from dynident.robot.library import library_names, library_source, library_table, robot_from_library
+    from dynident.robot.limits import Drive, Limits
     from dynident.robot.mjcf import robot_from_mjcf
     from dynident.robot.model import INERTIAL_NAMES, Description, Robot, coupling_matrix
     from dynident.robot.modified_dh import robot_from_modified_dh
     from dynident.robot.pinocchio_model import to_pinocchio
-    from dynident.robot.settings import Drive, Limits
     from dynident.robot.urdf import robot_from_urdf
     from dynident.robot.urdf_writer import urdf_from_robot
 

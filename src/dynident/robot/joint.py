@@ -8,7 +8,7 @@ from typing import Literal
 
 from dynident.array_types import FloatArray
 from dynident.encoding import escape_surrogates
-from dynident.robot.settings import Limits
+from dynident.robot.limits import Limits
 
 JointKind = Literal["revolute", "prismatic"]
 

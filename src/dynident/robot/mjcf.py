@@ -17,12 +17,13 @@ from dynident.errors import DynidentError
 from dynident.optional_dependencies import format_install_hint
 from dynident.robot.cut_joint import FrameOnJoint, Loop
 from dynident.robot.json_fields import join_names
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.loop_equations import CLOSED
 from dynident.robot.mjcf_xml import TITLE, make_mjcf_error, parse_mjcf
 from dynident.robot.model import Description, Robot
 from dynident.robot.pinocchio_model import LARGEST, DescribedJoints, from_pinocchio, lock_joints
-from dynident.robot.settings import Drive, Limits, settings_from
+from dynident.robot.settings import settings_from
 from dynident.robot.xml_text import Element, write_with_line_numbers
 
 if TYPE_CHECKING:

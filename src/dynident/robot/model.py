@@ -13,7 +13,7 @@ from dynident.encoding import escape_surrogates
 from dynident.result_display import join_html, render_paragraph, render_table
 from dynident.robot.format_names import DescriptionFormat
 from dynident.robot.joint import Joint
-from dynident.robot.settings import Drive
+from dynident.robot.limits import Drive
 
 if TYPE_CHECKING:
     from dynident.robot.loops import Closure

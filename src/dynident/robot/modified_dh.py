@@ -77,6 +77,7 @@ from dynident.robot.json_fields import (
     make_pointer,
     parse_json,
 )
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import LoopCuts, link_joints, lock_followers
 from dynident.robot.model import INERTIAL_NAMES, Description, Robot, Tie
 from dynident.robot.pinocchio_model import (
@@ -87,7 +88,7 @@ from dynident.robot.pinocchio_model import (
     mend_placement,
     to_dynamic_parameters,
 )
-from dynident.robot.settings import Drive, Limits, check_limits, gravity_from, settings_from
+from dynident.robot.settings import check_limits, gravity_from, settings_from
 from dynident.robot.shapes import Capsule
 
 _BASE_NAME = "base"

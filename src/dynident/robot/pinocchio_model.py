@@ -19,8 +19,9 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.robot.joint import Joint, JointKind
 from dynident.robot.json_fields import check_name
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.model import Description, Robot
-from dynident.robot.settings import Drive, Limits, Settings, check_names, merge_limits
+from dynident.robot.settings import Settings, check_names, merge_limits
 
 ROUNDING_TOLERANCE = 1e-10
 _EXACT = np.array([0.0, 0.5, -0.5, 1.0, -1.0])

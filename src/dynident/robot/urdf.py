@@ -10,10 +10,11 @@ import pinocchio as pin
 
 from dynident.errors import DynidentError
 from dynident.robot.json_fields import join_names
+from dynident.robot.limits import Drive, Limits
 from dynident.robot.linkage import link_joints, lock_followers
 from dynident.robot.model import Description, Robot, Tie
 from dynident.robot.pinocchio_model import ROUNDING_TOLERANCE, DescribedJoints, from_pinocchio
-from dynident.robot.settings import Drive, Limits, settings_from
+from dynident.robot.settings import settings_from
 from dynident.robot.xml_text import Element, parse_xml, write_xml
 
 TITLE = "Unusable URDF"
