@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from dynident.robot import settings as stated
+from dynident.robot import limits as stated
 from dynident.robot.format_names import FORMATS, DescriptionFormat
 from dynident_service.models.common import Labelled, Name, RequestModel, ViewModel
 from dynident_service.models.request_bodies import derive_body, describe_choices
