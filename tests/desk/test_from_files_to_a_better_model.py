@@ -164,9 +164,9 @@ def test_a_comparison_tells_a_motion_that_only_repeats_what_was_learnt(
 ) -> None:
     (tmp_path / "again.csv").write_bytes((desk / "run1.csv").read_bytes())
     again = dy.read_recordings(tmp_path / "again.csv", robot=better.robot)
-    assert any("repeats that of run1" in note for note in dy.compare(better, again)[0].judgement.notes)
+    assert any("repeats the motion of run1" in note for note in dy.compare(better, again)[0].judgement.notes)
     for other in dy.compare(better, runs):
-        assert not any("repeats that of" in note for note in other.judgement.notes)
+        assert not any("repeats the motion of" in note for note in other.judgement.notes)
 
 
 def test_validations_say_which_of_them_was_not_possible(better: dy.Model) -> None:

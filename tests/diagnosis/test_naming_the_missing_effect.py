@@ -230,7 +230,7 @@ def test_what_this_motion_could_not_have_shown_is_said():
     hidden = {item.joints: item for item in found.not_visible}
     assert (NAMES[5],) in hidden
     assert (NAMES[0],) not in hidden
-    assert "left beside the model" in hidden[(NAMES[5],)].reason
+    assert "independent of the model" in hidden[(NAMES[5],)].reason
     assert found.next_experiment is not None
     assert "Joint spring" in found.next_experiment.reason
 

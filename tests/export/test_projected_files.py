@@ -97,5 +97,5 @@ def test_bodies_that_can_exist_are_free_where_they_predict_held_out_data_as_well
 
 
 def test_without_held_out_data_nobody_knows_what_feasibility_costs() -> None:
-    with pytest.raises(DynidentError, match="no bodies that can exist"):
+    with pytest.raises(DynidentError, match="not physically feasible"):
         to_urdf(measured("ur10", noise=2.0))

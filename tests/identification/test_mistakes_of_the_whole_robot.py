@@ -184,7 +184,7 @@ def test_a_fit_that_holds_where_nothing_held_out_is_explained_asks_for_more_data
     fitted = record(ROBOT, motion, tau + 0.01 * EFFORT * np.random.default_rng(1).normal(size=tau.shape), "fitted")
     judged = verdict(identify(ROBOT, [fitted], [record(ROBOT, *RUNS["other"], "other")]))
     assert judged.stop is not None
-    assert "Record more" in judged.stop.cause
+    assert "Record a designed motion" in judged.stop.cause
     assert "units" not in " ".join(judged.next_steps)
 
 

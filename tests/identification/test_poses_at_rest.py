@@ -84,7 +84,7 @@ def test_what_such_data_can_tell_is_said_in_the_verdict():
     found = identify(arm("ur10"), [recorded("ur10", 0)], [recorded("ur10", 1)], CHOICES)
     said = verdict(found, [recorded("ur10", 0)], [recorded("ur10", 1)])
     assert not any(use.fit for use in said.uses)
-    assert all("Poses at rest tell nothing of motion." in use.reason for use in said.uses)
+    assert all("Poses at rest contain no information about motion." in use.reason for use in said.uses)
     assert said.stop is None
     gravity, following = said.next_steps
     assert gravity.startswith("Fit for gravity compensation")

@@ -119,7 +119,7 @@ class Moody(Good):
 @pytest.mark.parametrize(
     ("effect", "why"),
     [
-        (Nameless, "says nothing of its signature"),
+        (Nameless, "does not define its signature"),
         (Stranger, "depend on gain"),
         (Infinite, "are not finite everywhere, at rest"),
         (Driving, "its column drives the motion"),

@@ -66,7 +66,7 @@ def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(
         )
         return " ".join(verdict(replace(model, held_out=held_out, fit=fit, step=LadderStep(parent))).next_steps)
 
-    assert "Diagnose what is missing" in steps(0.05, None)
+    assert "Diagnose which effects are missing" in steps(0.05, None)
     assert steps(0.05, model) == ""
     assert "Diagnose this model, too" in steps(0.08, model)
     assert steps(0.01, None) == ""
@@ -99,7 +99,7 @@ def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
     plain = identify(ROBOT, [FITTED], [OTHER], IdentificationChoices(estimator="wls"))
     (simulation,) = (one for one in verdict(plain, [FITTED], [OTHER]).uses if one.use == "simulation")
     assert simulation.state == "no"
-    assert "No bodies that can exist have these parameters" in simulation.reason
+    assert "These parameters are not physically feasible" in simulation.reason
     assert "--estimator feasible" in simulation.next_step
 
 
