@@ -234,7 +234,7 @@ def test_a_robot_is_followed_over_days_and_one_more_day_is_added_to_those_before
 
 
 def test_days_without_recordings_are_refused(model: dy.Model, runs: dy.Recordings) -> None:
-    with pytest.raises(dy.DynidentError, match="two days at least"):
+    with pytest.raises(dy.DynidentError, match="at least two days"):
         dy.series(model, [runs])
     with pytest.raises(dy.DynidentError, match="at least one recording") as refused:
         dy.series(model, {"monday": runs, "tuesday": runs[:0]})

@@ -91,7 +91,7 @@ def test_a_push_is_named_with_its_seconds_and_nothing_else_is(seed):
     assert choice.shape_values["t0"] == pytest.approx(start, abs=0.4)
     assert choice.shape_values["t1"] == pytest.approx(end, abs=0.4)
     assert said(found).startswith(f"From {choice.shape_values['t0']:.1f} to {choice.shape_values['t1']:.1f} s of run ")
-    assert "pushed" in said(found)
+    assert "an external force" in said(found)
     grown = extend(model, found.recommended, [recording])
     assert grown.fit.relative_total < 0.5 * model.fit.relative_total
 
@@ -112,7 +112,7 @@ def test_nothing_is_said_of_an_arm_that_nothing_touched(seed):
     [
         (held_by_a_brake, "hardly changes: the drives were off, or the brakes were engaged"),
         (late, "ms late: a clock jumped"),
-        (shaken, "no push on a link explains it"),
+        (shaken, "no force on one link explains it"),
     ],
 )
 @pytest.mark.parametrize("seed", [0, 1])

@@ -195,7 +195,7 @@ def test_errors_that_are_in_the_rows_at_rest_alone_are_not_laid_to_the_columns()
     times = (0.9 / model.held_out.relative_total) ** 2
     judged = verdict(replace(model, held_out=replace(model.held_out, squares=model.held_out.squares * times)))
     assert judged.stop is not None
-    assert "rows at rest" in judged.stop.cause
+    assert "rows at standstill" in judged.stop.cause
 
 
 RUNS = {"fitted": measured(3), "other": measured(4)}

@@ -105,7 +105,7 @@ def test_the_model_is_kept_in_files_compared_and_extended():
     assert any(parameter.effect == "joint_spring" for parameter in grown.parameters)
     with pytest.raises(DynidentError, match="cannot be told from poses at rest"):
         extend(found, [EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))], [learnt])
-    with pytest.raises(DynidentError, match="poses at rest show gravity"):
+    with pytest.raises(DynidentError, match="poses at rest show only gravity"):
         diagnose(found, [learnt])
 
 

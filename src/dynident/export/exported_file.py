@@ -218,7 +218,7 @@ class FeasibleLinks:
         notes = [*cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:
             notes.append(
-                "The description rounds right angles: the torque of the links therefore differs by "
+                "Right angles are rounded in the description: the torque of the links therefore differs by "
                 f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such small "
                 "terms out."
             )
