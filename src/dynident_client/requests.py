@@ -185,13 +185,13 @@ class Noise(TypedDict, total=False):
     current: bool
     """Record currents instead of torques; needs drive gains"""
     encoder_counts: int | None
-    """Per turn or metre; 0 or null: exact"""
+    """Encoder counts per turn or metre; 0 or null: exact"""
     jitter: float
     """Standard deviation of the sampling instants, in s"""
     torque_noise: float
-    """Standard deviation, as a share of the effort limit"""
+    """Standard deviation of the torque noise, as a share of the effort limit"""
     torque_noise_absolute: Sequence[float] | None
-    """Per joint, N m or N; replaces torque_noise"""
+    """Standard deviation of each joint, N m or N; replaces torque_noise"""
 
 
 class Preprocessing(TypedDict, total=False):
@@ -231,9 +231,9 @@ class SimulationOptions(TypedDict, total=False):
     runs: int
     """Number of repetitions of the motion, one segment each"""
     sampling_rate: float | None
-    """Of the sensors; that of the trajectory if not given, in Hz"""
+    """Sampling rate of the sensors; that of the trajectory if not given, in Hz"""
     seed: int
-    """Of the noise and of a random motion"""
+    """Seed of the noise and of a random motion"""
     warming: Warming | None
     """Records the joints' temperature; by default a typical warming if an effect needs it"""
 
@@ -247,7 +247,7 @@ class Surroundings(TypedDict, total=False):
     clearance: float
     """Smallest distance to all bodies, in m"""
     floor: float | None
-    """Height of a floor that no link but the base may reach, in the base frame, in m"""
+    """Height of a floor that only the base may reach, in the base frame, in m"""
     link_radius: float | None
     """Links without collision geometry count as capsules of this radius between the joints' origins, in m"""
     may_touch: Sequence[tuple[str, str]]
@@ -320,7 +320,7 @@ class ValidationOptions(TypedDict, total=False):
     """methods: Methods to compare; all that are available if left out"""
     name: str | None
     seed: int
-    """inertia_matrix, filters, bootstrap: Of the random postures"""
+    """inertia_matrix, filters, bootstrap: Seed of the random postures"""
 
 
 class Wall(TypedDict, total=False):

@@ -38,9 +38,11 @@ class ActingEffect:
         Labels of the runs in which it acts: "1", "2", …; all runs where there are none.
     """
 
-    effect: str = declare_field("An id of GET /v1/effects")
+    effect: str = declare_field("Id of an effect, from GET /v1/effects")
     joints: tuple[str, ...] = declare_field("Joints on which it acts; all possible ones if none is given", default=())
-    parameters: Mapping[str, float] = declare_field("By their names in the catalogue", made_by=dict)
+    parameters: Mapping[str, float] = declare_field(
+        "Parameters of the effect, by their names in the catalogue", made_by=dict
+    )
     shape_parameters: Mapping[str, float] = declare_field(made_by=dict)
     runs: tuple[str, ...] = declare_field('Runs in which it acts: "1", "2", …; all if none is given', default=())
 
@@ -109,13 +111,20 @@ class Sensors:
 
     sampling_rate: float = declare_field(default=1000.0, unit="Hz", at_least=0.1, at_most=20_000, option="-")
     encoder_counts: int | None = declare_field(
-        "Per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40
+        "Encoder counts per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40
     )
     torque_noise: float = declare_field(
-        "Standard deviation, as a share of the effort limit", default=0.005, at_least=0, at_most=1000
+        "Standard deviation of the torque noise, as a share of the effort limit",
+        default=0.005,
+        at_least=0,
+        at_most=1000,
     )
     torque_noise_absolute: tuple[float, ...] | None = declare_field(
-        "Per joint, N m or N; replaces torque_noise", default=None, at_least=0, at_most=1e9, most=1000
+        "Standard deviation of each joint, N m or N; replaces torque_noise",
+        default=None,
+        at_least=0,
+        at_most=1e9,
+        most=1000,
     )
     jitter: float = declare_field(
         "Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0, at_most=1
@@ -148,7 +157,7 @@ class Session:
     warming: Warming | None = declare_field(
         "Records the joints' temperature; by default a typical warming if an effect needs it", default=None, option="-"
     )
-    seed: int = declare_field("Of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
 
 
 def list_usual_effects() -> tuple[ActingEffect, ...]:
@@ -188,7 +197,7 @@ class Simulated(Session):
     effects: tuple[ActingEffect, ...] = declare_field(made_by=list_usual_effects, most=1000)
     noise: Sensors = declare_field(made_by=Sensors)
     sampling_rate: float | None = declare_field(
-        "Of the sensors; that of the trajectory if not given",
+        "Sampling rate of the sensors; that of the trajectory if not given",
         default=None,
         unit="Hz",
         at_least=0.1,

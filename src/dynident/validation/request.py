@@ -228,7 +228,7 @@ class InertiaMatrix(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    seed: int = declare_field("Of the random postures", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the random postures", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> InertiaMatrixValidation:
         """Make the validation."""
@@ -313,7 +313,7 @@ class Filters(Trial):
         "Position cut-offs to try", default=None, unit="Hz", at_least=1e-4, at_most=1e6, fewest=1, most=20
     )
     longest: float | None = declare_field("Longest time to simulate", default=None, unit="s", at_least=0.1, at_most=300)
-    seed: int = declare_field("Of the simulated noise", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the simulated noise", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> FiltersBySimulation:
         """Make the validation on the first recording."""
@@ -341,7 +341,7 @@ class Bootstrap(Trial):
     takes_recordings = False
 
     draws: int | None = declare_field("Number of resamplings; 999 by default", default=None, at_least=99, at_most=9999)
-    seed: int = declare_field("Of the resampling", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the resampling", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> BootstrapValidation:
         """Make the validation."""

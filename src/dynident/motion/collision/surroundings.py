@@ -123,7 +123,7 @@ class Surroundings:
         "Links must not touch each other (checked for links with collision geometry)", default=True
     )
     floor: float | None = declare_field(
-        "Height of a floor that no link but the base may reach, in the base frame",
+        "Height of a floor that only the base may reach, in the base frame",
         default=None,
         unit="m",
         at_least=-FARTHEST,
