@@ -320,8 +320,8 @@ def _check_energy(states: EffectStates) -> str:
         gap = float(np.abs(rate - power).max())
         require(
             gap <= 1e-5 * size,
-            f"the energy of {states.columns[k].name} does not change by the power of its torque: they differ by "
-            f"{gap / size:.2g} of it, by central differences",
+            f"the energy of {states.columns[k].name} does not change by the power of its torque: the relative "
+            f"difference is {gap / size:.2g}, by central differences",
         )
     return f"{len(stored)} columns with stored energy, by finite differences"
 
@@ -352,9 +352,10 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
         unexplained = _compute_unexplained_share(record_trial(list_drive_effects(robot)))
         require(
             unexplained < 0.02,
-            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque of an arm that has it",
+            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque unexplained on an arm that has "
+            "it",
         )
-        return f"the usual model leaves {unexplained:.2%} of the torque"
+        return f"the usual model leaves {unexplained:.2%} of the torque unexplained"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
         usual = build_typical_effect(robot, effect.id, on)
@@ -372,14 +373,14 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
             break
     else:
         return (
-            f"on the trial arm the usual model leaves {before:.2%} unexplained without it: too little to find the "
-            "effect"
+            f"on the trial arm the usual model without this effect leaves only {before:.2%} unexplained: too little "
+            "to find it"
         )
     after = _compute_unexplained_share(trial, _choose_effect(effect, hidden))
     require(
         after <= max(_MOST_UNEXPLAINED * before, _NEAR_FLOOR * floor),
-        f"a virtual robot has {effect.id}, which leaves {before:.2%} of its torque unexplained; with the effect in "
-        f"the model it is still {after:.2%}: its columns do not match the torque of the robot",
+        f"a virtual robot has {effect.id}, without which the model leaves {before:.2%} of the torque unexplained; "
+        f"with it the model still leaves {after:.2%}: its columns do not match the torque of the robot",
     )
     return f"found again: {before:.2%} of the torque without it, {after:.2%} with it"
 

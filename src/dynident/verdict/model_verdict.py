@@ -131,10 +131,10 @@ def find_stop_cause(
         and _are_most_joints_bad(error)
     ):
         return Stop(
-            f"The model leaves {identification.fit.relative_total:.0%} of the torque of the fit unexplained, and "
-            f"{error.relative_total:.0%} of that of the held-out data. Columns and units are right, since the fit is "
-            "good: either its motion does not determine the parameters that the held-out data need, or the held-out "
-            "data have another load. Record a designed motion.",
+            f"The model leaves {identification.fit.relative_total:.0%} of the torque unexplained in the fit, but "
+            f"{error.relative_total:.0%} on the held-out data. Columns and units are right, because the fit is good: "
+            "either its motion does not determine the parameters that the held-out data need, or the held-out data "
+            "have another load. Record a designed motion.",
             records_more=True,
         )
     return Stop(_word_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))

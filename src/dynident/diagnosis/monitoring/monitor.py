@@ -264,7 +264,7 @@ def _word_summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
         unit = "" if main.unit == "-" else f" {main.unit}"
         when = names[change.since]
         if change.earliest < change.latest:
-            when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit as well)"
+            when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit equally well)"
         title = get_effect(choice.effect).title
         parts.append(f"from {when} on: {title}{place} ({main.parameter} {main.value:+.3g}{unit})")
     return f"Changed since {names[0]}: {'; '.join(parts)}."
