@@ -134,7 +134,7 @@ def test_days_that_cannot_be_a_series_are_refused_with_what_is_wrong() -> None:
     model, measure, days = made(lambda k: nothing, 2)
     with pytest.raises(DynidentError, match="at least two days"):
         monitor_days(measure, days[:1])
-    with pytest.raises(DynidentError, match="two days are called 'day 1'"):
+    with pytest.raises(DynidentError, match="two days have the name 'day 1'"):
         monitor_days(measure, [days[0], days[0]])
     plain = identify(ROBOT, [recorded(motions(20)[0], nothing, 90, "day 1")], [], IdentificationChoices())
     other = build_measure(plain)

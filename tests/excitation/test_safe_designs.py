@@ -227,7 +227,7 @@ def test_strokes_of_single_joints_end_before_the_floor():
         limits={"slide": Limits(position=(-0.3, 0.3))},
     )
     on_it = design_experiment(judge.robot, request)
-    assert "No motion changes how near these are, so it is not checked: carriage – floor (0 m)." in on_it.notes
+    assert "Not checked, because no motion changes their distance: carriage – floor (0 m)." in on_it.notes
     assert_safe(judge, request, on_it)
     lower = replace(request, surroundings=Surroundings(floor=-0.05))
     design = design_experiment(judge.robot, lower)

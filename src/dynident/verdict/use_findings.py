@@ -272,8 +272,8 @@ def _judge_drift(drift: Drift) -> UseFinding:
         )
     if float(np.nanmax(short)) > LARGEST_DRIFT:
         sentence = (
-            f"{figures} More than {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s is too much for a simulation "
-            "of the robot."
+            f"{figures} More than {LARGEST_DRIFT:.0%} of the travel within {AFTER[1]:g} s is too much for a "
+            "simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
     if float(np.nanmax(short)) > NOTABLE_DRIFT:
@@ -292,7 +292,7 @@ def word_drift(drift: Drift) -> str:
             continue
         worst = int(np.nanargmax(share))
         size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
-        phrases.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
+        phrases.append(f"{size} its travel after {after:g} s ({drift.joint_names[worst]})")
     return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
 
 
