@@ -148,7 +148,7 @@ def test_a_changed_joint_is_found_between_two_days(desk: Path, model: dy.Model, 
 
 
 def test_a_recording_on_both_sides_is_refused(model: dy.Model, runs: dy.Recordings) -> None:
-    with pytest.raises(dy.DynidentError, match="run2 is on both sides"):
+    with pytest.raises(dy.DynidentError, match="run2 is among the earlier and the later recordings"):
         dy.changes(model, before=runs, after=runs[1:])
 
 
