@@ -337,7 +337,7 @@ class FormerModuleFinder(MetaPathFinder, Loader):
         """Let the module look up its names in the present one."""
         present = MODULES[module.__name__]
         warnings.warn(
-            f"{module.__name__} is now {present}; the old path goes with the next release.",
+            f"{module.__name__} is now {present}; the next release removes the old path.",
             DeprecationWarning,
             stacklevel=2,
         )

@@ -34,9 +34,9 @@ class Criterion(TypedDict, total=False):
     """How exciting a motion is (§12.3.4.1)."""
 
     a_priori: Mapping[str, float]
-    """|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to"""
+    """|Z| of [12.15] by parameter, to which variances are relative; by default the value of the robot's description"""
     effects: Sequence[EffectChoice]
-    """For separation: to be told from the rest of the model and from each other"""
+    """For separation: the effects to distinguish from the rest of the model and from each other"""
     name: Literal[
         "condition_number",
         "equilibrated",
@@ -48,9 +48,9 @@ class Criterion(TypedDict, total=False):
         "parameters",
         "separation",
     ]
-    """How exciting a motion is (§12.3.4.1)"""
+    """Measure of the information in a motion (§12.3.4.1)"""
     parameters: Sequence[str]
-    """For parameters: those whose variances count"""
+    """For parameters: the parameters whose variances count"""
     weight: float
     """k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)"""
 
@@ -62,28 +62,28 @@ class DesignOptions(TypedDict, total=False):
     earlier_ids: Sequence[str]
     """Measurements that the new experiment is to complement"""
     effects: Sequence[EffectChoice] | None
-    """What is to be identified"""
+    """Effects to identify"""
     home: Sequence[float] | None
-    """Posture where it begins and ends, in rad or m"""
+    """Posture where the motion begins and ends, in rad or m"""
     limits: Mapping[str, Limits]
-    """By joint; tighter ones, for this experiment"""
+    """By joint: tighter limits for this experiment"""
     model: Literal["dynamic", "filtered", "energy", "power"] | None
     """Rows that the criterion is computed from"""
     name: str | None
     noise: Mapping[str, float]
-    """By joint: standard deviation of a sample of its torque, in N m or N"""
+    """By joint: standard deviation of one torque sample, in N m or N"""
     random_trajectories: int
-    """How many random ones stand beside the result"""
+    """Number of random motions to compare the result with"""
     seed: int
     """The same seed gives the same result"""
     starts: int | None
-    """Starts of the optimisation; as many as the time allows, or 4"""
+    """Number of starts of the optimisation; as many as the time allows, or 4"""
     surroundings: Surroundings
     """What the robot must not touch"""
     time_budget: float | None
-    """Time of the optimisation; the best so far is taken, in s"""
+    """Time limit of the optimisation; the best result until then is used, in s"""
     torque_margin: float
-    """Share by which the torque may be larger than predicted: its limits leave room for that"""
+    """Share by which the torque may exceed the prediction; torque limits are reduced accordingly"""
     trajectory: Trajectory
 
 
@@ -91,9 +91,9 @@ class DiagnosisOptions(TypedDict, total=False):
     """Which model is questioned, on which measurements."""
 
     candidates: Sequence[str] | None
-    """Ids of effects, only these; the whole catalogue where not given"""
+    """Ids of the effects to try; the whole catalogue if not given"""
     max_effects: int | None
-    """At most so many are recommended"""
+    """Largest number of recommended effects"""
     name: str | None
 
 
@@ -175,7 +175,7 @@ class MethodRequest(TypedDict, total=False):
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     prior: Literal["description", "description_entropic"] | None
     steps: Literal["link_by_link", "wrist_then_shoulder"]
-    """Of the sequential strategy"""
+    """Steps of the sequential strategy"""
     strategy: Literal["global", "sequential", "separate_friction"]
 
 
@@ -185,13 +185,13 @@ class Noise(TypedDict, total=False):
     current: bool
     """Record currents instead of torques; needs drive gains"""
     encoder_counts: int | None
-    """Per turn or metre; 0 or null: exact"""
+    """Encoder counts per turn or metre; 0 or null: exact"""
     jitter: float
     """Standard deviation of the sampling instants, in s"""
     torque_noise: float
-    """Standard deviation, a share of the effort limit"""
+    """Standard deviation of the torque noise, as a share of the effort limit"""
     torque_noise_absolute: Sequence[float] | None
-    """Per joint, N m or N, instead of it"""
+    """Standard deviation of each joint, N m or N; replaces torque_noise"""
 
 
 class Preprocessing(TypedDict, total=False):
@@ -211,49 +211,49 @@ class ReportOptions(TypedDict, total=False):
     """What is to be reported."""
 
     format: Literal["html", "pdf", "json"]
-    """What it is written as"""
+    """Format of the report"""
     name: str | None
-    """The heading; the robot's name by default"""
+    """Heading of the report; the robot's name by default"""
 
 
 class SimulationOptions(TypedDict, total=False):
     """A virtual robot to be measured."""
 
     feed_forward: Literal["computed_torque", "gravity", "none"]
-    """What the controller knows beforehand"""
+    """Torque that the controller predicts"""
     name: str | None
     noise: Noise
     parameters: Mapping[str, float]
-    """Standard parameters by name, such as ZZ2 or Fc1; else those of the description"""
+    """Standard parameters by name, such as ZZ2 or Fc1; the others are those of the description"""
     pause: float
-    """Between runs, while the session's time goes on, in s"""
+    """Time between two runs, in which the session's time continues, in s"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     runs: int
-    """How often the motion is made: a segment for each"""
+    """Number of repetitions of the motion, one segment each"""
     sampling_rate: float | None
-    """Of the sensors; the trajectory's where not given, in Hz"""
+    """Sampling rate of the sensors; that of the trajectory if not given, in Hz"""
     seed: int
-    """Of the noise and of a random motion"""
+    """Seed of the noise and of a random motion"""
     warming: Warming | None
-    """Records the joints' temperature; a usual warming where an effect needs it"""
+    """Records the joints' temperature; by default a typical warming if an effect needs it"""
 
 
 class Surroundings(TypedDict, total=False):
     """What a motion must not touch."""
 
     assume_floor: bool
-    """Where nothing around an upright robot is stated, a floor through its base is assumed"""
+    """Assume a floor through the base of an upright robot if no surroundings are stated"""
     boxes: Sequence[Box]
     clearance: float
-    """Distance that is kept to everything, in m"""
+    """Smallest distance to all bodies, in m"""
     floor: float | None
-    """Height of a floor that no link but the base may reach, in the base frame, in m"""
+    """Height of a floor that only the base may reach, in the base frame, in m"""
     link_radius: float | None
     """Links without collision geometry count as capsules of this radius between the joints' origins, in m"""
     may_touch: Sequence[tuple[str, str]]
     """Pairs of links (or joints) that are not checked against each other"""
     self_collision: bool
-    """Links must not touch each other, as far as the description has collision geometry"""
+    """Links must not touch each other (checked for links with collision geometry)"""
     tool_range: ToolRange | None
     walls: Sequence[Wall]
 
@@ -264,43 +264,43 @@ class ToolRange(TypedDict, total=False):
     high: tuple[float | None, float | None, float | None]
     """x, y, z; null: no bound"""
     joint: str | None
-    """The joint that carries it; the last one"""
+    """The joint that carries the tool; the last one by default"""
     low: tuple[float | None, float | None, float | None]
     """x, y, z; null: no bound"""
     point: tuple[float, float, float]
-    """The tool in the frame of the joint, in m"""
+    """Position of the tool in the frame of the joint, in m"""
 
 
 class Trajectory(TypedDict, total=False):
     """The family of motions."""
 
     amplitudes: Sequence[float] | None
-    """For reversals: how far back and forth, in rad or m"""
+    """For reversals: lengths of the strokes, in rad or m"""
     duration: float
-    """One period; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way, of a point-
-    to-point sequence a result, in s"""
+    """Duration of one period; for a set, of about one run; for constant velocity, of the longest stroke; for a slow
+    sweep, of one direction; for point to point, it is a result, in s"""
     dwell: tuple[float, float]
-    """For point_to_point: shortest and longest rest in a point, drawn between them, in s"""
+    """For point_to_point: shortest and longest rest in a point; rests are random between them, in s"""
     family: Literal["fourier", "b_spline", "point_to_point"]
-    """How the motion is written"""
+    """Family of functions that describes the motion"""
     harmonics: int
-    """For fourier: of the fundamental frequency 1 / duration"""
+    """For fourier: number of harmonics of the frequency 1 / duration"""
     intervals: int
-    """For b_spline: between its knots; as many free coefficients a joint"""
+    """For b_spline: number of intervals between knots; equals the free coefficients per joint"""
     joints: Sequence[str]
-    """Those that move, the others locked at home; all where empty"""
+    """Joints that move, with the others locked at home; all if empty"""
     paces: Sequence[float]
-    """For fourier and b_spline: the same path at each of these shares of its speed"""
+    """For fourier and b_spline: repeat the path at each of these shares of its speed"""
     periods: int
-    """How often the period (the set of strokes) is repeated"""
+    """Number of repetitions of the period or of the set of strokes"""
     points: int
-    """For point_to_point: where the arm comes to rest in a round"""
+    """For point_to_point: number of points per round where the arm comes to rest"""
     sampling_rate: float
     """Sampling rate, in Hz"""
     sets: Literal["link_by_link", "wrist_then_shoulder", "vandanjon"]
     """For sequential designs: the test motions (§12.3.4.2)"""
     speeds: Sequence[float] | None
-    """For constant velocity and reversals: shares of each joint's velocity limit"""
+    """For constant velocity and reversals: speeds, as shares of each joint's velocity limit"""
 
 
 class ValidationOptions(TypedDict, total=False):
@@ -309,18 +309,18 @@ class ValidationOptions(TypedDict, total=False):
     cutoffs: Sequence[float] | None
     """filters: Position cut-offs to try, in Hz"""
     draws: int | None
-    """bootstrap: How often stretches of time are drawn, 999"""
+    """bootstrap: Number of resamplings; 999 by default"""
     limit: float | None
-    """direct, cross, simulation: Largest relative error that passes, 0.15"""
+    """direct, cross, simulation: Largest relative error that passes; 0.15 by default"""
     longest: float | None
-    """simulation, filters: Simulated at most, in s"""
+    """simulation, filters: Longest time to simulate, in s"""
     mass: float | None
-    """payload: The known mass, where the measurements do not state it, in kg"""
+    """payload: The known mass, if the measurements do not state it, in kg"""
     methods: Sequence[MethodRequest] | None
-    """methods: Which; all that are available if left out"""
+    """methods: Methods to compare; all that are available if left out"""
     name: str | None
     seed: int
-    """inertia_matrix, filters, bootstrap: Of the postures that are drawn"""
+    """inertia_matrix, filters, bootstrap: Seed of the random postures"""
 
 
 class Wall(TypedDict, total=False):
@@ -328,7 +328,7 @@ class Wall(TypedDict, total=False):
 
     name: str
     normal: tuple[float, float, float]
-    """To the side that is free"""
+    """Points to the free side"""
     point: tuple[float, float, float]
     """Any point on it, in the base frame, in m"""
 
@@ -337,8 +337,8 @@ class Warming(TypedDict, total=False):
     """Joints that warm up with the time t of the session: T = end + (start - end) exp(-t / time_constant)."""
 
     end: float
-    """degC in the end"""
+    """degC at the end"""
     start: float
     """degC at t = 0"""
     time_constant: float
-    """How slowly, in s"""
+    """Time constant of the warming, in s"""

@@ -124,7 +124,7 @@ def test_an_effect_that_could_not_be_seen_gets_the_motion_that_shows_it():
     assert found is not None
     assert found.design.kind == "reversals"
     assert found.design.trajectory.joints == (NAMES[1],)
-    assert f"show whether Presliding hysteresis is there on {NAMES[1]}" in found.reason
+    assert f"show whether Presliding hysteresis is present on {NAMES[1]}" in found.reason
 
 
 def test_what_the_data_would_have_shown_is_not_looked_for():

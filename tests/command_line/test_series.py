@@ -65,4 +65,4 @@ def test_what_changed_is_told_with_its_day_and_the_courses_are_written_and_drawn
 def test_a_single_day_is_refused_in_words(desk: Path) -> None:
     answer = dynident("series", desk / "model.npz", desk / "run1.csv")
     assert answer.code == 2
-    assert "two days at least" in answer.err
+    assert "at least two days" in answer.err

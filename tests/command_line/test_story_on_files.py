@@ -254,7 +254,7 @@ def test_report_is_one_file_about_the_extended_model(desk: Path, diagnosed: dict
     assert answer.document["size"] == len(content.encode())
     assert "An &lt;arm&gt;" in content
     assert "run2 (held out)" in content
-    assert "What it recommends is in this model" in content
+    assert "This model contains the recommended effects" in content
     paper = desk / "report.pdf"
     printed = dynident("report", desk / "better.npz", desk / "run1.csv", "--out", paper, "--json")
     assert (printed.document["media_type"], printed.document["size"]) == ("application/pdf", paper.stat().st_size)

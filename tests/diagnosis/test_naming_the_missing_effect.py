@@ -230,7 +230,7 @@ def test_what_this_motion_could_not_have_shown_is_said():
     hidden = {item.joints: item for item in found.not_visible}
     assert (NAMES[5],) in hidden
     assert (NAMES[0],) not in hidden
-    assert "left beside the model" in hidden[(NAMES[5],)].reason
+    assert "independent of the model" in hidden[(NAMES[5],)].reason
     assert found.next_experiment is not None
     assert "Joint spring" in found.next_experiment.reason
 
@@ -240,7 +240,7 @@ def test_what_these_data_are_too_few_to_show_is_said_with_its_size():
     run = experiment()
     found = diagnose(run.identification, [run.training], candidates=["joint_elasticity", "offset"])
     hidden = {item.joints: item.reason for item in found.not_visible if item.effect == "joint_elasticity"}
-    wanted = r"\w+6 is known to ±\S+ rad/\(N m\) only; an arm that has it has about \S+ rad/\(N m\), which need not"
+    wanted = r"\w+6 is known only to ±\S+ rad/\(N m\); an arm with this effect has about \S+ rad/\(N m\), which these"
     assert re.match(wanted, hidden[(NAMES[5],)])
     assert all(item.effect == "joint_elasticity" for item in found.not_visible)
 

@@ -29,13 +29,13 @@ def test_a_friction_peak_that_may_as_well_be_on_another_passive_joint_is_told_wi
     finding = Finding(explaining("rod"), equal, 0.001)
     (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
     assert ranked.joints == ("rod",)
-    assert ranked.evidence.endswith("It may as well be on: forearm.")
+    assert ranked.evidence.endswith("It may equally well act on: forearm.")
 
 
 def test_a_friction_peak_that_is_on_one_joint_alone_is_told_of_that_joint():
     finding = Finding(explaining("rod"), (explaining("rod"), explaining("arm", "rod")), 0.001)
     (ranked,) = rank_effects([finding], [], [EffectChoice("stribeck", ("rod",), PEAK)])
-    assert "may as well be on" not in ranked.evidence
+    assert "may equally well act on" not in ranked.evidence
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_what_is_surely_there_though_no_parameter_by_itself_is_sure_is_told_as_t
     assert bool(changes) == is_told
     for change in changes:
         assert change.main.interval[0] < 0.0 < change.main.interval[1]
-        assert "together they are" in change.evidence
+        assert "together they do" in change.evidence
 
 
 def test_a_difference_that_may_as_well_be_none_is_not_told() -> None:

@@ -181,5 +181,5 @@ def test_a_torque_that_is_no_number_is_an_error_in_words():
 
 
 def test_a_sample_before_the_beginning_of_a_stretch_is_a_mistake():
-    with pytest.raises(ValueError, match="begin a stretch"):
+    with pytest.raises(ValueError, match="start a segment"):
         started([1.0, 1.0, 1.0]).step(np.zeros(1), np.zeros(1), np.zeros(1))

@@ -98,5 +98,5 @@ def test_an_unknown_joint_and_joints_that_show_nothing_are_refused(ur10):
         design_experiment(ur10, replace(QUICK, trajectory=replace(QUICK.trajectory, joints=("tail",))))
     assert caught.value.pointer == "/trajectory/joints"
     friction = (EffectChoice("viscous", joints=("elbow_joint",)),)
-    with pytest.raises(DynidentError, match="show none of the parameters"):
+    with pytest.raises(DynidentError, match="determine none of the parameters"):
         design_experiment(ur10, replace(QUICK, effects=friction))

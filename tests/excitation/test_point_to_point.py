@@ -153,7 +153,7 @@ def test_a_random_sequence_can_be_had_and_a_time_budget_and_cancelling_are_heede
     assert design.baseline is not None
     assert design.criterion_values.condition_number == pytest.approx(design.baseline.best.condition_number, rel=0.1)
     hurried = design_experiment(ur10, replace(QUICK, starts=None, time_budget=0.05))
-    assert any("0 starts completed before the time was over" in note for note in hurried.notes)
+    assert any("0 starts completed before the time limit" in note for note in hurried.notes)
 
     def stop(fraction: float, message: str) -> None:
         if "variation" in message:

@@ -111,7 +111,7 @@ def assert_safe(judge: Judge, request: DesignRequest, design: Design) -> None:
         for limits in (joint.limits, request.limits.get(joint.name, Limits())):
             assert limits.jerk is None or jerk[j] <= limits.jerk * (1 + 1e-6)
     notes, kept = " ".join(design.notes), request.surroundings.clearance
-    if "is kept instead of" in notes:
+    if "is required instead of" in notes:
         kept = min(margin.bound for margin in design.margins if margin.limit == "clearance")
     for pair, distance in judge.nearest(design.q[::2], request.surroundings, notes).items():
         assert distance >= kept - 1e-6, pair
@@ -227,7 +227,7 @@ def test_strokes_of_single_joints_end_before_the_floor():
         limits={"slide": Limits(position=(-0.3, 0.3))},
     )
     on_it = design_experiment(judge.robot, request)
-    assert "No motion changes how near these are, so it is not checked: carriage – floor (0 m)." in on_it.notes
+    assert "Not checked, because no motion changes their distance: carriage – floor (0 m)." in on_it.notes
     assert_safe(judge, request, on_it)
     lower = replace(request, surroundings=Surroundings(floor=-0.05))
     design = design_experiment(judge.robot, lower)
@@ -239,7 +239,7 @@ def test_strokes_of_single_joints_end_before_the_floor():
 def test_an_arm_on_its_own_floor_keeps_the_clearance_that_its_first_links_can_have():
     robot = safe_robot("ur10")
     design = design_experiment(robot, replace(QUICK, surroundings=Surroundings(floor=0.0)))
-    assert any("is kept instead of 0.02 m" in note and "floor" in note for note in design.notes)
+    assert any("is required instead of 0.02 m" in note and "floor" in note for note in design.notes)
     assert all(margin.value > 0.01 for margin in design.margins if margin.joint.endswith("– floor"))
 
 

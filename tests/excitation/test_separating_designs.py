@@ -88,7 +88,7 @@ def test_chosen_parameters_come_out_with_smaller_deviations(scara):
         (
             CriterionChoice("separation", effects=(PEAK, EffectChoice("offset", ("elbow",)))),
             "/criterion/effects/1",
-            "no motion can tell offset",
+            "no motion can distinguish offset",
         ),
     ],
 )

@@ -80,7 +80,7 @@ def test_the_error_that_a_file_states_is_what_its_reader_finds(write: Callable[[
     assert of_file == pytest.approx(error_of_reader(file), rel=0.1)
     assert of_model == pytest.approx(better.held_out_moving.relative_total, abs=6e-5)
     assert of_file > 1.25 * of_model
-    assert any("C code, CasADi functions and JSON hold all of it" in note for note in file.notes)
+    assert any("C code, CasADi functions and JSON contain the whole model" in note for note in file.notes)
 
 
 def test_a_file_that_holds_the_whole_model_warns_of_nothing() -> None:
@@ -97,5 +97,5 @@ def test_bodies_that_can_exist_are_free_where_they_predict_held_out_data_as_well
 
 
 def test_without_held_out_data_nobody_knows_what_feasibility_costs() -> None:
-    with pytest.raises(DynidentError, match="no bodies that can exist"):
+    with pytest.raises(DynidentError, match="not physically feasible"):
         to_urdf(measured("ur10", noise=2.0))

@@ -119,7 +119,7 @@ def test_whatever_is_done_with_the_model_goes_on_without_that_torque(
     simulated = validate_simulation(found, held)
     assert simulated.torque is None or simulated.torque.counts[joint] == 0
     for form in ("urdf", "c", "json"):
-        assert any(silent in note and "no recording" in note for note in export_model(found, form).notes)
+        assert any(silent in note and "No recording" in note for note in export_model(found, form).notes)
     judged = verdict(found, [fit], [held])
     assert all(silent in use.reason for use in judged.uses if use.fit)
 

@@ -184,7 +184,7 @@ def test_a_fit_that_holds_where_nothing_held_out_is_explained_asks_for_more_data
     fitted = record(ROBOT, motion, tau + 0.01 * EFFORT * np.random.default_rng(1).normal(size=tau.shape), "fitted")
     judged = verdict(identify(ROBOT, [fitted], [record(ROBOT, *RUNS["other"], "other")]))
     assert judged.stop is not None
-    assert "Record more" in judged.stop.cause
+    assert "Record a designed motion" in judged.stop.cause
     assert "units" not in " ".join(judged.next_steps)
 
 
@@ -195,7 +195,7 @@ def test_errors_that_are_in_the_rows_at_rest_alone_are_not_laid_to_the_columns()
     times = (0.9 / model.held_out.relative_total) ** 2
     judged = verdict(replace(model, held_out=replace(model.held_out, squares=model.held_out.squares * times)))
     assert judged.stop is not None
-    assert "rows at rest" in judged.stop.cause
+    assert "rows at standstill" in judged.stop.cause
 
 
 RUNS = {"fitted": measured(3), "other": measured(4)}

@@ -84,7 +84,7 @@ def test_what_such_data_can_tell_is_said_in_the_verdict():
     found = identify(arm("ur10"), [recorded("ur10", 0)], [recorded("ur10", 1)], CHOICES)
     said = verdict(found, [recorded("ur10", 0)], [recorded("ur10", 1)])
     assert not any(use.fit for use in said.uses)
-    assert all("Poses at rest tell nothing of motion." in use.reason for use in said.uses)
+    assert all("Poses at rest contain no information about motion." in use.reason for use in said.uses)
     assert said.stop is None
     gravity, following = said.next_steps
     assert gravity.startswith("Fit for gravity compensation")
@@ -105,7 +105,7 @@ def test_the_model_is_kept_in_files_compared_and_extended():
     assert any(parameter.effect == "joint_spring" for parameter in grown.parameters)
     with pytest.raises(DynidentError, match="cannot be told from poses at rest"):
         extend(found, [EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))], [learnt])
-    with pytest.raises(DynidentError, match="poses at rest show gravity"):
+    with pytest.raises(DynidentError, match="poses at rest show only gravity"):
         diagnose(found, [learnt])
 
 

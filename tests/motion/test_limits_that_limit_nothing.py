@@ -24,7 +24,11 @@ def test_a_design_within_limits_of_thousands_of_turns_stays_within_one(size: flo
     design = dy.design(wide("pendulum", size), request).design
     assert np.abs(design.q).max() <= np.pi
     assert design.duration < 20.0
-    known = "limits of axis are wider than 10 turns and count as none" if size < 1e300 else "No position limit is known"
+    known = (
+        "limits of axis are wider than 10 turns and count as no limits"
+        if size < 1e300
+        else "No position limit is known"
+    )
     assert any(known in note for note in design.notes)
     sweep = dy.design(wide("pendulum", size), kind="slow_sweep", duration=4.0, sampling_rate=50.0).design
     assert np.abs(sweep.q).max() <= np.pi
@@ -37,7 +41,7 @@ def test_limits_stated_for_one_design_count_the_same_and_a_few_turns_are_limits(
     assert (bounds.position_low[0], bounds.position_high[0]) == (-4.0, 4.0)
     bounds = build_bounds(wide("pendulum", 18.85), {})
     assert (bounds.position_low[0], bounds.position_high[0]) == (-18.85, 18.85)
-    assert not any("count as none" in note for note in bounds.notes)
+    assert not any("count as no limits" in note for note in bounds.notes)
 
 
 def test_a_slide_of_kilometres_has_no_range() -> None:

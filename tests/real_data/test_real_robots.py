@@ -210,7 +210,7 @@ def test_what_a_kr300s_predicted_torque_explains_at_first_alone_is_not_recommend
     told = diagnose(identify(arm, [training], [], alike), [training])
     assert "drive_gain_saturation" not in {choice.effect for choice in told.recommended}
     reasons = [one.reason for one in told.not_visible if one.effect == "drive_gain_saturation"]
-    assert any("in one that is identified with it" in reason for reason in reasons)
+    assert any("once the model is identified with it" in reason for reason in reasons)
 
 
 def test_all_models_of_the_chapter_tell_much_the_same_of_a_ur10e(ur10e):

@@ -287,16 +287,16 @@ def test_where_a_joint_stands_the_report_draws_what_friction_may_hold_and_says_h
     )
     for j in range(PLAIN.n):
         share = float((comparison.phase[:, j] == Phase.STANDING).mean())
-        assert f"standing in {format_percent(share, 2)} of the rows" in described
-    assert "what friction may hold at rest" in page.text["torque"]
-    assert "On the grey ground the joint stands" in page.text["torque"]
+        assert f"at standstill in {format_percent(share, 2)} of the rows" in described
+    assert "range of static friction at standstill" in page.text["torque"]
+    assert "On a grey background the joint stands" in page.text["torque"]
     stands = ", ".join(f"{100 * share:.0f}" for share in phase_shares(runs[1]).standing)
     assert f"{stands} %" in page.text["data"]
     # Where no joint stands nothing is said of it.
     moves = replace(comparison, phase=np.zeros_like(comparison.phase))
     without = Page(html_report(found, [ReportedRecording(runs[1], moves, True)])).text["torque"]
-    assert "what friction may hold at rest" not in without
-    assert "grey ground" not in without
+    assert "range of static friction at standstill" not in without
+    assert "grey background" not in without
 
 
 def test_a_set_of_test_motions_is_shown_run_by_run() -> None:
@@ -345,7 +345,7 @@ def test_without_held_out_data_diagnosis_and_checks_the_report_says_so() -> None
     assert "diagnosis" not in [section["id"] for section in page.all_of("section")]
     assert "No held-out data was given" in page.text["torque"]
     assert "Record another motion, and hold it out." in page.text["summary"]
-    assert "were not handed to this report" in page.text["data"]
+    assert "was made without the checks" in page.text["data"]
     assert page.data_values["ladder"] == [alone.fit.relative_total]
 
 
@@ -355,7 +355,7 @@ def test_what_to_do_next_is_told_of_a_model_that_has_all_that_was_recommended() 
     page = Page(
         html_report(unseen, [ReportedRecording(FIRST_RUN, compare(unseen, FIRST_RUN), False)], diagnosis=recommended)
     )
-    assert "What it recommends is in this model." in page.text["summary"]
+    assert "This model contains the recommended effects." in page.text["summary"]
     assert "Record another motion, and hold it out." in page.text["summary"]
 
 

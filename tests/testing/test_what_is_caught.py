@@ -119,18 +119,18 @@ class Moody(Good):
 @pytest.mark.parametrize(
     ("effect", "why"),
     [
-        (Nameless, "says nothing of its signature"),
+        (Nameless, "does not define its signature"),
         (Stranger, "depend on gain"),
-        (Infinite, "are not finite everywhere, at rest"),
+        (Infinite, "are not finite everywhere .standstill included"),
         (Driving, "its column drives the motion"),
         (Short, "sit on"),
-        (Boastful, "has the role damping, but its column is another"),
-        (NoBody, "has the role link, but its column is another"),
+        (Boastful, "has the role damping, but its column differs"),
+        (NoBody, "has the role link, but its column differs"),
         (Leaking, "does not change by the power of its torque"),
-        (Unfit, "p = -1.0 of of_the_test is none that its own ShapeSpec admits"),
-        (Lost, "names 'nothing_that_there_is', which is no other effect"),
+        (Unfit, "p = -1.0 of of_the_test is not admitted by its own ShapeSpec"),
+        (Lost, "names 'nothing_that_there_is', which is not another effect"),
         (Impossible, "usual.. of of_the_test gives Fx < 0"),
-        (Moody, "its columns are not what the robot does"),
+        (Moody, "its columns do not match the torque of the robot"),
     ],
 )
 def test_what_is_wrong_with_an_effect_is_said(effect: type[Effect], why: str) -> None:
@@ -170,7 +170,7 @@ DRAWN = np.random.default_rng()
 @pytest.mark.parametrize(
     ("estimator", "why"),
     [
-        (Changed(values=lambda x: 1.2 * x), "off that of the true parameters"),
+        (Changed(values=lambda x: 1.2 * x), "from that of the true parameters"),
         (Changed(values=lambda x: x[:-1]), "estimates for"),
         (Changed(values=lambda x: np.full_like(x, np.nan)), "not finite"),
         (Changed(values=lambda x: x * DRAWN.normal(1, 1e-4, len(x))), "other estimates the second time"),

@@ -66,7 +66,7 @@ def test_a_model_that_was_extended_is_not_told_to_be_until_its_error_is_unusual(
         )
         return " ".join(verdict(replace(model, held_out=held_out, fit=fit, step=LadderStep(parent))).next_steps)
 
-    assert "Diagnose what is missing" in steps(0.05, None)
+    assert "Diagnose which effects are missing" in steps(0.05, None)
     assert steps(0.05, model) == ""
     assert "Diagnose this model, too" in steps(0.08, model)
     assert steps(0.01, None) == ""
@@ -99,7 +99,7 @@ def test_plain_least_squares_that_no_robot_has_say_what_cures_them() -> None:
     plain = identify(ROBOT, [FITTED], [OTHER], IdentificationChoices(estimator="wls"))
     (simulation,) = (one for one in verdict(plain, [FITTED], [OTHER]).uses if one.use == "simulation")
     assert simulation.state == "no"
-    assert "No bodies that can exist have these parameters" in simulation.reason
+    assert "These parameters are not physically feasible" in simulation.reason
     assert "--estimator feasible" in simulation.next_step
 
 
@@ -180,7 +180,7 @@ def test_a_part_of_the_samples_is_told_and_windows_that_touch_are_apart() -> Non
     [found] = find_overlaps([fit], [whole.with_windows(((4.4, 9.0),))])
     assert found.kind == "copied"
     assert found.share == pytest.approx(0.6 / 4.6, abs=0.02)
-    assert "partly that of the fit" in str(found)
+    assert "partly the error of the fit" in str(found)
 
 
 def test_counts_that_are_coarse_and_repeat_singly_are_no_copy() -> None:
@@ -213,5 +213,5 @@ def test_a_repeated_motion_is_said_to_be_one() -> None:
     assert found.stop is None
     good = [one for one in found.uses if one.fit]
     assert good
-    assert all("same motion" in one.reason for one in good)
+    assert all("this motion only" in one.reason for one in good)
     assert "Hold out another motion" in found.next_steps[0]

@@ -260,28 +260,31 @@ def _request_warm_up_session(question: Question) -> DesignRequest:
 
 
 _ONE_BY_ONE = (
-    "Joints stand still in it: identify and diagnose from it together with the data at hand. With the role "
-    '"friction" it would be left out of both.',
+    "Joints stand still in this motion: identify and diagnose from it together with the present data. Do not give it "
+    'the role "friction", which leaves it out of both.',
 )
 
 EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
     {
         "constant_speeds": Experiment(
-            "Constant speeds both ways, slow and fast,", _request_constant_speeds, _ONE_BY_ONE
+            "Constant speeds in both directions, slow and fast,", _request_constant_speeds, _ONE_BY_ONE
         ),
-        "slow_sweep": Experiment("A slow sweep over the whole range, both ways,", _request_slow_sweep, _ONE_BY_ONE),
+        "slow_sweep": Experiment(
+            "A slow sweep over the whole range, in both directions,", _request_slow_sweep, _ONE_BY_ONE
+        ),
         "reversals": Experiment(
             "Slow motion back and forth by small, growing amplitudes", _request_reversals, _ONE_BY_ONE
         ),
         "whole_range": Experiment(
-            "A motion of all joints over the whole range, designed for it,", _request_whole_range
+            "A motion of all joints over the whole range, designed for this,", _request_whole_range
         ),
         "as_it_is": Experiment(
-            "A motion of all joints over the whole range, with what was added left on,",
+            "A motion of all joints over the whole range, with the added object still in place,",
             _request_whole_range,
             (
-                "Leave what was added where it is, as in the runs that showed it, and record the motion with it.",
-                "Send the run to the diagnosis, together with the data at hand.",
+                "Leave the added object where it is, as in the recordings that showed it, and record the motion "
+                "with it.",
+                "Send the recording to the diagnosis, together with the present data.",
             ),
         ),
         "paces": Experiment("The same path at full speed, at half and at a quarter of it", _request_paces),
@@ -290,27 +293,29 @@ EXPERIMENTS: Mapping[ExperimentKind, Experiment] = MappingProxyType(
             _request_repeated_motion,
             (
                 "Run the motion as it is, then again with a payload of known mass: half of what the robot may carry.",
-                "Send both runs to the diagnosis, together with the data at hand, and state the payload of the second.",
+                "Send both recordings to the diagnosis, together with the present data, and state the payload of "
+                "the second.",
             ),
         ),
         "cold_and_warm": Experiment(
             "The same motion with a cold and with a warm robot",
             _request_warm_up_session,
             (
-                "Run the motion with the robot cold, after a night at rest.",
+                "Run the motion with the robot cold, after a night without motion.",
                 "Let it work for an hour at its usual pace, and run the motion again.",
-                "Pause for half an hour with the drives off, and run it a third time: the temperature has then fallen "
-                "while the time went on.",
-                "Record the temperature of the joints, and keep the time of day running through all three runs.",
+                "Pause for half an hour with the drives off, and run it a third time: then the temperature has "
+                "fallen although more time has passed.",
+                "Record the temperature of the joints, and record the time of day without a reset through all three "
+                "runs.",
             ),
             predictable=False,
         ),
         "repeated": Experiment(
-            "The same motion four times over, touched by nothing,",
+            "The same motion four times, with nothing touching the arm,",
             _request_repeated_motion,
             (
                 "Take care that nothing touches the arm, and that the base stands firm.",
-                "What repeats with the motion belongs to the robot; what does not is a disturbance from outside.",
+                "Torque that repeats with the motion belongs to the robot; the rest is an external disturbance.",
             ),
             predictable=False,
         ),

@@ -417,7 +417,7 @@ def restrict_criterion_to_motion(
 
 
 def _word_rival(rival: EffectChoice, suspect: EffectChoice) -> str:
-    return f"the same on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
+    return f"the same effect on {', '.join(rival.joints)}" if rival.effect == suspect.effect else _get_title(rival)
 
 
 def _get_title(choice: EffectChoice) -> str:
@@ -431,17 +431,17 @@ def _word_reason(
     where = ", ".join(question.joints) if get_effect(doubt.suspect.effect).scope == "joint" else "the whole robot"
     if doubt.rivals:
         others = [_word_rival(rival, doubt.suspect) for rival in doubt.rivals]
-        purpose = f"tell {suspect} from {' or '.join(others)}"
+        purpose = f"distinguish {suspect} from {' or '.join(others)}"
     else:
-        purpose = f"show whether {suspect} is there"
+        purpose = f"show whether {suspect} is present"
     text = f"{experiment.words} would {purpose} on {where}."
     if any(rival.effect == doubt.suspect.effect for rival in doubt.rivals):
-        text = f"{experiment.words} would tell {suspect} on {where} from {' or '.join(others)}."
+        text = f"{experiment.words} would distinguish {suspect} on {where} from {' or '.join(others)}."
     if present is None or reached is None:
         return text
     unit = "" if reached.unit == "-" else f" {reached.unit}"
-    was = f"now {present.standard_deviation:.2g}" if np.isfinite(present.standard_deviation) else "now not at all"
-    text = f"{text} It should give {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
+    was = f"now {present.standard_deviation:.2g}" if np.isfinite(present.standard_deviation) else "now undetermined"
+    text = f"{text} It should determine {reached.parameter} to within {reached.standard_deviation:.2g}{unit} ({was})"
     if reached.t_value is None or present.t_value is None:
         return f"{text}."
-    return f"{text}: what was found is {reached.t_value:.1f} times that (now {present.t_value:.1f} times)."
+    return f"{text}: the value found is {reached.t_value:.1f} times that (now {present.t_value:.1f} times)."

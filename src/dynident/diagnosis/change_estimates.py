@@ -134,8 +134,8 @@ def _word_gain_reservation(robot: Robot, choice: EffectChoice) -> str:
     if not get_effect(choice.effect).in_some_runs or all(drive.gain in (None, 1.0) for drive in robot.drives):
         return ""
     return (
-        " Its size is in units of the drive gains: if all of them are off by some share, so is it, and its interval "
-        "does not say so. A known mass would tell the gains."
+        " Its size depends on the drive gains: if all of them are wrong by some factor, the size is wrong by the "
+        "same factor, and its interval does not include this. A recording with a known mass would show the gains."
     )
 
 
@@ -144,7 +144,7 @@ def _word_temperature_reservation(estimates: Estimates, choice: EffectChoice, jo
     warm = any(column.link == joint and get_effect(column.effect).needs_temperature for column in estimates.columns)
     if not (warm and get_effect(choice.effect).is_friction):
         return ""
-    return " Its friction follows the temperature: the difference is that at the temperatures of the later recordings."
+    return " Its friction depends on the temperature: the difference holds at the temperatures of the later recordings."
 
 
 def _list_equivalents(other: EffectChoice, choice: EffectChoice, joint: str) -> list[str]:
@@ -219,7 +219,7 @@ def _word_change(choice: EffectChoice, value: ChangedValue) -> str:
     low, high = value.interval
     unit = "" if value.unit == "-" else f" {value.unit}"
     was = "" if value.before is None else f", {value.before:.3g} before"
-    together = " No parameter of it is told from zero by itself; together they are." if low <= 0.0 <= high else ""
+    together = " No single parameter differs significantly from zero; together they do." if low <= 0.0 <= high else ""
     return (
         f"{get_effect(choice.effect).title}{place}: {value.parameter} differs by {value.value:+.3g}{unit} "
         f"({low:+.3g} to {high:+.3g}{was}).{together}"

@@ -220,10 +220,12 @@ def _check_no_copies(earlier: Sequence[Recording], later: Sequence[Recording]) -
     copies = [overlap for overlap in find_overlaps(earlier, later) if overlap.kind == "copied"]
     if copies:
         details = "; ".join(
-            f"{overlap.held_out} is on both sides (the samples are those of {overlap.fitted})" for overlap in copies
+            f"{overlap.held_out} is among the earlier and the later recordings (it holds the same samples as "
+            f"{overlap.fitted})"
+            for overlap in copies
         )
         raise DynidentError(
-            f"{details}: give earlier recordings as before, later ones as after",
+            f"{details}: give each recording once, earlier ones as before, later ones as after",
             pointer="/baseline_ids",
             title="One recording on both sides",
         )
@@ -278,13 +280,13 @@ def word_changes(changes: Sequence[Change], friction: Sequence[FrictionDifferenc
     """
     bound = _word_friction_bound({joint for change in changes for joint in change.choice.joints}, friction)
     if not changes:
-        return f"Nothing that these recordings can show has changed since the baseline.{bound}"
+        return f"These recordings show no change since the baseline.{bound}"
     parts = [
         f"{get_effect(change.choice.effect).title}{f' on {change.choice.joints[0]}' if change.choice.joints else ''} "
         f"({change.main.parameter} {change.main.value:+.3g}{'' if change.main.unit == '-' else f' {change.main.unit}'})"
         for change in changes
     ]
-    return f"Since the baseline this has changed: {'; '.join(parts)}.{bound}"
+    return f"Changed since the baseline: {'; '.join(parts)}.{bound}"
 
 
 def _word_friction_bound(changed: Collection[str], friction: Sequence[FrictionDifference]) -> str:

@@ -232,7 +232,7 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
     silent = measured[middle].std(axis=0) < _SILENT * predicted[middle].std(axis=0)
     off = [name for name, is_off in zip(comparison.joint_names, silent, strict=True) if is_off]
     if off:
-        return f"the torque of {', '.join(off)} hardly changes: drives that were off, or brakes that held"
+        return f"the torque of {', '.join(off)} hardly changes: the drives were off, or the brakes were engaged"
     t = comparison.t[rows]
     before = float((((measured - predicted) / usual) ** 2).sum())
     # One delay for all joints: what jumps is a clock, which all of them share.
@@ -242,7 +242,7 @@ def _find_cause(comparison: Comparison, rows: BoolArray, usual: FloatArray) -> s
         unexplained[float(delay)] = float((((measured - moved) / usual) ** 2).sum())
     best = min(unexplained, key=lambda delay: unexplained[delay])
     if unexplained[best] < (1.0 - _EXPLAINED) * before:
-        return f"the torque is {abs(best) * 1e3:.0f} ms {'late' if best > 0 else 'early'}: a clock that jumped"
+        return f"the torque is {abs(best) * 1e3:.0f} ms {'late' if best > 0 else 'early'}: a clock jumped"
     return ""
 
 
@@ -358,16 +358,15 @@ def _select_window(pool: Pool, start: float) -> Pool:
 def _word_disturbance(disturbance: Disturbance, identification: Identification) -> str:
     robot = identification.model.robot
     when = f"From {disturbance.start:.1f} to {disturbance.end:.1f} s of {disturbance.run}"
-    advice = "What else is missing was asked of the other seconds alone."
+    advice = "The diagnosis uses only the other seconds."
     if disturbance.cause:
         return f"{when} {disturbance.cause}. Leave these seconds out of the identification. {advice}"
     if disturbance.contact is None or disturbance.force is None:
         worst = robot.joint_names[int(np.argmax(disturbance.share))]
         return (
-            f"{when} the residual is {np.sqrt(disturbance.ratio):.0f} times that of all other rows, most on {worst}, "
-            "and no push on a link explains it: a collision, a load that was picked up, a brake, or a drive that was "
-            "off. "
-            f"Leave these seconds out of the identification. {advice}"
+            f"{when} the residual is {np.sqrt(disturbance.ratio):.0f} times that of all other rows, largest on "
+            f"{worst}, and no force on one link explains it: it may be a collision, a load that was picked up, a "
+            f"brake, or a drive that was off. Leave these seconds out of the identification. {advice}"
         )
     push = _word_push(disturbance, identification)
     return f"{when} {push}: leave these seconds out of the identification, or add the contact. {advice}"
@@ -381,11 +380,11 @@ def _word_push(disturbance: Disturbance, identification: Identification) -> str:
     link = int(dict(disturbance.contact.judged.candidate.shape).get("link", 0.0))
     size, gravity = float(np.linalg.norm(disturbance.force)), robot.gravity
     # Where along the arm it is pushed, a few seconds hardly tell: a force farther out may do the same.
-    push = f"something outside pushed the link of {robot.tree.joint_names[link - 1]}, or one beyond it"
+    push = f"an external force acted on the link of {robot.tree.joint_names[link - 1]}, or on a link beyond it"
     if not link:
-        push = f"something outside pushed the last link with some {size:.2g} N"
+        push = f"an external force of about {size:.2g} N acted on the last link"
     if size > 0.0 and float(disturbance.force @ gravity) > _UPRIGHT * size * float(np.linalg.norm(gravity)):
-        push += f", or it carried some {size / float(np.linalg.norm(gravity)):.2g} kg"
+        push += f", or it carried about {size / float(np.linalg.norm(gravity)):.2g} kg"
     return push
 
 

@@ -58,8 +58,8 @@ from dynident.recordings import Recording
 from dynident.recordings.poses import has_poses
 
 _AT_FIRST = (
-    "what it explains beside the model as it is, it does not explain in one that is identified with it: the motion "
-    "hardly determines the torque that it depends on"
+    "it explains a part of the residual of this model, but it does not explain that part once the model is "
+    "identified with it: the motion hardly determines the torque that it depends on"
 )
 
 
@@ -176,8 +176,8 @@ def examine(
     check_candidates(candidates or ())
     if any(has_poses(recording) for recording in (*recordings, *baseline)):
         raise DynidentError(
-            "poses at rest show gravity and constant torques, which the model has; what is missing shows in motion: "
-            "record one, and identify from it",
+            "poses at rest show only gravity and constant torques, which the model has already; record a motion and "
+            "identify from it to find other effects",
             pointer="/measurement_ids",
             title="Poses at rest",
         )

@@ -248,7 +248,7 @@ def _compute_rows(
             parts.append([piece.t, motion, load, piece.tau - predicted, *effects, *alone])
     t, motion, load, residual, *drawn = (np.concatenate(items) for items in zip(*parts, strict=True))
     n = model.robot.n
-    progress(1.0, "drawing what each effect explains")
+    progress(1.0, "computing what each effect explains")
     return _CandidateRows(
         t=t,
         q=motion[:, :n],

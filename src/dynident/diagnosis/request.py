@@ -24,10 +24,10 @@ class DiagnosisChoices:
     """
 
     candidates: tuple[str, ...] | None = declare_field(
-        "Ids of effects, only these; the whole catalogue where not given", default=None, fewest=1
+        "Ids of the effects to try; the whole catalogue if not given", default=None, fewest=1
     )
     max_effects: int = declare_field(
-        "At most so many are recommended", default=DEFAULT_MOST_EFFECTS, at_least=1, at_most=100
+        "Largest number of recommended effects", default=DEFAULT_MOST_EFFECTS, at_least=1, at_most=100
     )
 
     def __post_init__(self) -> None:

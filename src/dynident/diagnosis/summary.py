@@ -25,9 +25,9 @@ up to 1.9 times in 72 cases of `benchmarks/clean_residuals.py`, up to 3.8 where 
 _QUIET = 1e-3
 
 UNDETERMINED = (
-    "This motion does not determine the model: from most of it the rest is predicted much worse than short stretches "
-    "are from those around them. What would explain the less of it is not named for that: a longer motion, or a richer "
-    "one, would tell."
+    "This motion does not determine the model: a fit to most of the recording predicts the rest much worse than a "
+    "fit to neighbouring blocks predicts a short block. The diagnosis therefore does not name an effect that "
+    "would explain the residual. Record a longer or richer motion."
 )
 """What is said where a finding was given up for that."""
 
@@ -54,11 +54,11 @@ def rank_effects(
         # The same effect on other joints is another place, not another name.
         others = {scored.candidate.effect for scored in finding.equal} - {choice.effect}
         twins = tuple(sorted(others | set(get_effect(choice.effect).same_function)))
-        why = finding.why or f"Its mark in a residual: {get_effect(choice.effect).signature}."
+        why = finding.why or f"Its signature in a residual: {get_effect(choice.effect).signature}."
         if twins:
-            why += f" This data cannot tell it from: {', '.join(twins)}."
+            why += f" These data cannot distinguish it from: {', '.join(twins)}."
         if places := _list_other_places(finding, choice):
-            why += f" It may as well be on: {', '.join(places)}."
+            why += f" It may equally well act on: {', '.join(places)}."
         scored = _narrow_to_joints(finding.judged, choice)
         ranked.append(_build_ranked_effect(len(ranked) + 1, scored, choice, finding.p, why, twins))
     picked = {choice.effect for choice in recommended}
@@ -69,8 +69,11 @@ def rank_effects(
             best[effect] = scored
     for scored in sorted(best.values(), key=lambda judged: -judged.total_gain):
         # It may have passed on its own at first; what was picked then explained the same part of the residual.
-        better = "What ranks above it explains the same part of the residual, or nature does not allow it."
-        why = better if scored.is_significant else "That is not enough."
+        better = (
+            "An effect that ranks higher explains the same part of the residual, or its parameters are physically "
+            "impossible."
+        )
+        why = better if scored.is_significant else "This is not significant."
         ranked.append(_build_ranked_effect(len(ranked) + 1, scored, scored.candidate.choice, scored.p, why, None))
     return tuple(ranked)
 
@@ -128,10 +131,10 @@ def _word_evidence(scored: ScoredCandidate, before: float, after: float, why: st
     effect = get_effect(scored.candidate.effect)
     place = ", ".join(scored.candidate.joints) or "the whole robot"
     if after >= before:
-        return f"{effect.title} on {place} does not improve the prediction of stretches left out of the fit."
+        return f"{effect.title} on {place} does not improve the prediction of blocks left out of the fit."
     return (
-        f"{effect.title} on {place} lowers the error on stretches left out of the fit from {before:.2%} to {after:.2%} "
-        f"(t = {scored.t:.1f} over {len(scored.gains)} stretches, {scored.share_improved:.0%} of them better). {why}"
+        f"{effect.title} on {place} lowers the error on blocks left out of the fit from {before:.2%} to {after:.2%} "
+        f"(t = {scored.t:.1f} over {len(scored.gains)} blocks, {scored.share_improved:.0%} of them better). {why}"
     )
 
 
@@ -213,14 +216,14 @@ def word_summary(
         )
         text = f"The model lacks: {names}."
     elif verdict == "unexplained":
-        text = "No effect of the catalogue explains what is left."
+        text = "No effect of the catalogue explains the remaining residual."
         if not unknown:
             text += (
-                " It depends on none of the variables that were tried. Where the torque was filtered before it was "
-                "recorded, the sensor's noise is larger than is told here."
+                " The residual depends on none of the variables that were tried. If the torque was filtered before "
+                "it was recorded, the sensor noise is larger than stated here."
             )
     else:
-        text = "Nothing is missing that this data could show."
+        text = "These data show no missing effect."
     if unknown:
         parts = "; ".join(f"{p.joint} over {p.variable.replace('_', ' ')} ({p.share:.0%})" for p in unknown[:4])
         text += f" The residual still depends on: {parts}."
@@ -228,7 +231,7 @@ def word_summary(
     worst = int(np.argmax(residual / np.maximum(floor, 1e-12)))
     joint = model.robot.joints[worst]
     text += (
-        f" The residual left is {residual[worst]:.3g} {joint.effort_unit} on {joint.name}, against a sensor noise of "
-        f"{floor[worst]:.2g} {joint.effort_unit} in the same band."
+        f" The remaining residual is {residual[worst]:.3g} {joint.effort_unit} on {joint.name}; the sensor noise in "
+        f"the same band is {floor[worst]:.2g} {joint.effort_unit}."
     )
     return text

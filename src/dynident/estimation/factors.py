@@ -43,7 +43,7 @@ class EquationFactors:
 
     def __repr__(self) -> str:
         rows = int(self.counts.sum())
-        return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} stretches)"
+        return f"EquationFactors({len(self.columns)} columns, {rows} rows in {len(self.counts)} blocks)"
 
     @cached_property
     def joint_factor(self) -> FloatArray:
@@ -172,7 +172,7 @@ class Reduction:
     def __repr__(self) -> str:
         return (
             f"Reduction({len(self.equations)} equations of {self.n_columns} columns, {self.n_rows} rows in "
-            f"{self.n_blocks} stretches)"
+            f"{self.n_blocks} blocks)"
         )
 
     @property

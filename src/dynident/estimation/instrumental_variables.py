@@ -133,9 +133,9 @@ def _solve_weighted(both: Reduction, noise: FloatArray, twice: PriorInformation 
     strength = float(np.linalg.svd(common, compute_uv=False)[-1])
     if strength < WEAKEST:
         raise EstimationError(
-            f"the simulated motion goes with the measured one by a correlation of only {strength:.2g} in the direction "
-            "that it shows least: its rows are no instruments for these parameters. Use wls, or data of a robot that "
-            "moves more",
+            f"the correlation of the simulated with the measured motion is only {strength:.2g} in the weakest "
+            "direction: its rows are too weak as instruments for these parameters. Use wls, or data in which the "
+            "robot moves more",
             pointer="/estimator",
             title="Weak instruments",
         )

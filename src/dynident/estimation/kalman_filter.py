@@ -233,7 +233,7 @@ class KalmanFilter:
             Where the estimates are no longer finite.
         """
         if self._pending is None:
-            raise ValueError("begin a stretch before its second sample")
+            raise ValueError("start a segment before its second sample")
         sample = self._correct(q, *self._pending)
         self._pending = np.array(tau), np.array(acceleration), np.ones(self._n) if doubt is None else np.array(doubt)
         return sample

@@ -344,7 +344,9 @@ def check_rank(factor: FloatArray, least: float, of: str = "") -> None:
     # A diagonal entry of R is the part of its column that is orthogonal to the columns before it.
     if np.any(scales == 0) or np.any(np.abs(np.diag(factor)) <= least * scales):
         raise EstimationError(
-            f"the observation matrix{of} has not full rank on this data", pointer="/effects", title="Not identifiable"
+            f"the observation matrix{of} does not have full rank on these data",
+            pointer="/effects",
+            title="Not identifiable",
         )
 
 

@@ -141,4 +141,8 @@ def _check_holding(strokes: Sequence[Stroke], home: FloatArray, bounds: Bounds, 
         )
         postures.append(along)
     if (np.abs(compute_static_torque(model, np.concatenate(postures))) > bounds.torque).any():
-        raise ImpossibleLimitsError("the arm cannot be held everywhere on the way", pointer="/home")
+        raise ImpossibleLimitsError(
+            "the torque limits do not allow the arm to be held everywhere along the strokes; choose another home "
+            "posture",
+            pointer="/home",
+        )

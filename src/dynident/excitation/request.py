@@ -24,10 +24,12 @@ TRAJECTORY_FORMATS = OneOf(
 
 Kind = Literal["optimized", "random", "sequential", "constant_velocity", "slow_sweep", "reversals"]
 DESIGN_KINDS = OneOf(
-    Choice("optimized", "optimised", "All joints at once, as exciting as can be.", "all joints at once"),
+    Choice(
+        "optimized", "optimised", "All joints at once, optimised to determine the parameters.", "all joints at once"
+    ),
     Choice("random", "random", "All joints at once, the best of random motions.", "the best of random motions"),
     Choice("sequential", "a set of test motions", "Some joints at a time (§12.3.4.2).", "a set of test motions"),
-    Choice("constant_velocity", "constant velocity", "Every joint there and back at several speeds."),
+    Choice("constant_velocity", "constant velocity", "Every joint back and forth at several speeds."),
     Choice("slow_sweep", "slow sweep", "Every joint slowly over its whole range."),
     Choice("reversals", "reversals", "Every joint back and forth by small amplitudes."),
 )
@@ -41,7 +43,7 @@ FAMILY_KINDS = OneOf(
 )
 FAMILIES = FAMILY_KINDS.names
 SET_KINDS = OneOf(
-    Choice("link_by_link", "link by link", "From the terminal link."),
+    Choice("link_by_link", "link by link", "Starting from the terminal link."),
     Choice("wrist_then_shoulder", "wrist, then shoulder", "The last three joints, then the others."),
     Choice("vandanjon", "Vandanjon", "Inertia, centrifugal coupling, inertial coupling, gravity."),
 )
@@ -92,29 +94,32 @@ class TrajectoryRequest:
         Shares of the speed at which the same path is followed, one after the other.
     """
 
-    family: str = declare_field("How the motion is written", default="fourier", kinds=FAMILY_KINDS)
+    family: str = declare_field("Family of functions that describes the motion", default="fourier", kinds=FAMILY_KINDS)
     duration: float = declare_field(
-        "One period; of a set about one run, of constant velocity the longest stroke, of a slow sweep one way, of a "
-        "point-to-point sequence a result",
+        "Duration of one period; for a set, of about one run; for constant velocity, of the longest stroke; for a "
+        "slow sweep, of one direction; for point to point, it is a result",
         default=10.0,
         unit="s",
         at_least=0.01,
         at_most=86_400,
     )
     harmonics: int = declare_field(
-        "For fourier: of the fundamental frequency 1 / duration", default=5, at_least=2, at_most=_MOST_HARMONICS
+        "For fourier: number of harmonics of the frequency 1 / duration", default=5, at_least=2, at_most=_MOST_HARMONICS
     )
     intervals: int = declare_field(
-        "For b_spline: between its knots; as many free coefficients a joint",
+        "For b_spline: number of intervals between knots; equals the free coefficients per joint",
         default=9,
         at_least=2,
         at_most=2 * _MOST_HARMONICS,
     )
     points: int = declare_field(
-        "For point_to_point: where the arm comes to rest in a round", default=12, at_least=2, at_most=200
+        "For point_to_point: number of points per round where the arm comes to rest",
+        default=12,
+        at_least=2,
+        at_most=200,
     )
     dwell: tuple[float, float] = declare_field(
-        "For point_to_point: shortest and longest rest in a point, drawn between them",
+        "For point_to_point: shortest and longest rest in a point; rests are random between them",
         default=(0.0, 0.0),
         unit="s",
         at_least=0,
@@ -124,26 +129,26 @@ class TrajectoryRequest:
         "For sequential designs: the test motions (§12.3.4.2)", default="vandanjon", kinds=SET_KINDS
     )
     periods: int = declare_field(
-        "How often the period (the set of strokes) is repeated", default=1, at_least=1, at_most=_MOST_TIMES
+        "Number of repetitions of the period or of the set of strokes", default=1, at_least=1, at_most=_MOST_TIMES
     )
     sampling_rate: float = declare_field(
         "Sampling rate", default=100.0, unit="Hz", option="--rate", at_least=0.1, at_most=100_000
     )
     speeds: tuple[float, ...] | None = declare_field(
-        "For constant velocity and reversals: shares of each joint's velocity limit",
+        "For constant velocity and reversals: speeds, as shares of each joint's velocity limit",
         default=None,
         fewest=1,
         at_least=_SLOWEST,
         at_most=1,
     )
     amplitudes: tuple[float, ...] | None = declare_field(
-        "For reversals: how far back and forth", default=None, unit="rad or m", fewest=1, at_least=1e-6, at_most=1000
+        "For reversals: lengths of the strokes", default=None, unit="rad or m", fewest=1, at_least=1e-6, at_most=1000
     )
     joints: tuple[str, ...] = declare_field(
-        "Those that move, the others locked at home; all where empty", default=(), option="--joint"
+        "Joints that move, with the others locked at home; all if empty", default=(), option="--joint"
     )
     paces: tuple[float, ...] = declare_field(
-        "For fourier and b_spline: the same path at each of these shares of its speed",
+        "For fourier and b_spline: repeat the path at each of these shares of its speed",
         default=(1.0,),
         fewest=1,
         at_least=_SLOWEST,
@@ -192,36 +197,41 @@ class DesignRequest:
     """
 
     kind: str = declare_field("How the joints move", default="optimized", kinds=DESIGN_KINDS)
-    effects: tuple[EffectChoice, ...] | None = declare_field("What is to be identified", default=None, option="-")
+    effects: tuple[EffectChoice, ...] | None = declare_field("Effects to identify", default=None, option="-")
     criterion: CriterionChoice = declare_field(made_by=CriterionChoice)
     trajectory: TrajectoryRequest = declare_field(made_by=TrajectoryRequest)
     limits: Mapping[str, Limits] = declare_field(
-        "By joint; tighter ones, for this experiment", made_by=dict, option="-"
+        "By joint: tighter limits for this experiment", made_by=dict, option="-"
     )
-    home: tuple[float, ...] | None = declare_field("Posture where it begins and ends", default=None, unit="rad or m")
+    home: tuple[float, ...] | None = declare_field(
+        "Posture where the motion begins and ends", default=None, unit="rad or m"
+    )
     time_budget: float | None = declare_field(
-        "Time of the optimisation; the best so far is taken",
+        "Time limit of the optimisation; the best result until then is used",
         default=None,
         unit="s",
         above=0,
         at_most=604_800,
     )
     starts: int | None = declare_field(
-        "Starts of the optimisation; as many as the time allows, or 4", default=None, at_least=1, at_most=_MOST_TIMES
+        "Number of starts of the optimisation; as many as the time allows, or 4",
+        default=None,
+        at_least=1,
+        at_most=_MOST_TIMES,
     )
     random_trajectories: int = declare_field(
-        "How many random ones stand beside the result", default=100, at_least=1, at_most=_MOST_TIMES
+        "Number of random motions to compare the result with", default=100, at_least=1, at_most=_MOST_TIMES
     )
     seed: int = declare_field("The same seed gives the same result", default=0, at_least=0, at_most=LARGEST_SEED)
     noise: Mapping[str, float] = declare_field(
-        "By joint: standard deviation of a sample of its torque",
+        "By joint: standard deviation of one torque sample",
         made_by=dict,
         unit="N m or N",
         at_least=1e-9,
         at_most=1e9,
     )
     torque_margin: float = declare_field(
-        "Share by which the torque may be larger than predicted: its limits leave room for that",
+        "Share by which the torque may exceed the prediction; torque limits are reduced accordingly",
         default=0.0,
         at_least=0,
         at_most=100,

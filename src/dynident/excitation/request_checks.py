@@ -59,7 +59,7 @@ def _check_set(request: DesignRequest) -> None:
     _check_choice(request.trajectory.sets, SETS, "set of test motions", "/trajectory/sets")
     if request.trajectory.joints:
         raise DynidentError(
-            "a set of test motions says itself which joints move in each of them; leave joints out",
+            "a set of test motions determines which joints move in each motion; leave joints out",
             pointer="/trajectory/joints",
         )
 
@@ -74,7 +74,7 @@ def _check_dwell(request: DesignRequest) -> None:
     together = request.kind in ("optimized", "random")
     if most > 0 and not (together and request.trajectory.family == "point_to_point"):
         raise DynidentError(
-            "only a motion from point to point rests in its points; leave dwell out", pointer="/trajectory/dwell"
+            "only a point-to-point motion rests in points; leave dwell out", pointer="/trajectory/dwell"
         )
 
 
@@ -86,7 +86,7 @@ def _check_points(request: DesignRequest) -> None:
         )
     if request.trajectory.paces != (1.0,):
         raise DynidentError(
-            "sequences of moves and sets of test motions choose their speeds themselves; leave paces out",
+            "paces apply neither to sequences of moves nor to sets of test motions; leave paces out",
             pointer="/trajectory/paces",
         )
 
@@ -100,8 +100,8 @@ def _check_fineness(trajectory: TrajectoryRequest) -> None:
     least = _SAMPLES_PER_WAVE * fastest
     if trajectory.sampling_rate < least:
         raise DynidentError(
-            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that make {fastest:g} Hz; use "
-            f"at least {least:g} Hz, fewer {pieces} or a longer period",
+            f"a sampling rate of {trajectory.sampling_rate:g} Hz is too low for {pieces} that reach {fastest:g} Hz; "
+            f"use at least {least:g} Hz, fewer {pieces} or a longer period",
             pointer="/trajectory/sampling_rate",
         )
 

@@ -79,7 +79,9 @@ SIGN_FUNCTION = "static double sign_of(double x)\n{\n    return (double)((x > 0.
 def format_c_number(value: float) -> str:
     """Return a number as C writes it, to the last digit."""
     if not math.isfinite(value):
-        raise DynidentError(f"the model holds the number {value}, which C code cannot", title="Not expressible in C")
+        raise DynidentError(
+            f"the model contains the number {value}, which C code cannot represent", title="Not expressible in C"
+        )
     text = repr(float(value))
     # In brackets: after an operator a minus sign would make two of them, and C reads -- as one of its own.
     return f"({text})" if text.startswith("-") else text
@@ -133,8 +135,8 @@ def write_c_statements(
             holds[target[0]] = f"v{k}"
         else:
             raise DynidentError(
-                f"the model uses an operation (number {operation} of CasADi) that C code is not written for; export a "
-                "CasADi function instead",
+                f"the model uses an operation (number {operation} of CasADi) that the C export does not support; "
+                "export a CasADi function instead",
                 title="Not expressible in C",
             )
     # Outputs are written last, because a caller may pass the same array as an input and as the output.
@@ -191,9 +193,9 @@ def _write_header(identification: Identification, formula: TorqueFormula, name: 
     lines += ["", f"Arguments of {name}_torque:"]
     lines += [f"  {argument.name}: {argument.meaning}" for argument in formula.arguments if argument.name not in _STATE]
     if formula.memory:
-        lines.append(f"  state: the past of the run, for effects with hysteresis; {name}_start at its start, then one")
-        lines.append("      call a sample, in the order of time")
-    lines += ["  tau: the torque (out); another array than the others", "", "Base parameters:"]
+        lines.append(f"  state: the state of effects with hysteresis; call {name}_start at the start of a run, then")
+        lines.append(f"      {name}_torque once per sample, in order of time")
+    lines += ["  tau: the torque (out); must not overlap the other arrays", "", "Base parameters:"]
     for parameter in identification.parameters:
         deviation = f"(s. d. {parameter.standard_deviation:.2g})"
         lines.append(f"  {parameter.name} = {parameter.value:.9g} {parameter.unit} {deviation}: {parameter.grouping}")

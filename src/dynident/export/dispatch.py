@@ -57,8 +57,8 @@ def _add_notes(file: ExportedFile, identification: Identification) -> ExportedFi
     if not joints:
         return file
     note = (
-        f"The torque of {', '.join(joints)} is in no recording: its own friction and drive are not in the model, and "
-        "its torque is that of its links alone."
+        f"No recording contains the torque of {', '.join(joints)}: the model has neither its friction nor its drive, "
+        "and its torque is that of the links alone."
     )
     return replace(file, notes=(*file.notes, note))
 

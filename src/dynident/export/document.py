@@ -214,7 +214,7 @@ def model_from_json(text: str) -> PredictingModel:
     if isinstance(document, Mapping) and "format" not in document:
         document = document.get("model")
     if not isinstance(document, Mapping) or document.get("format") != FORMAT:
-        raise DynidentError(f'this is no model of the format "{FORMAT}"', pointer="/format", title=TITLE)
+        raise DynidentError(f'this is not a model of the format "{FORMAT}"', pointer="/format", title=TITLE)
     try:
         return _model_from_document(document)
     except DynidentError:

@@ -123,8 +123,11 @@ class ProjectionError:
         errors = f"{subject}: {total}; {each}."
         if not self.is_notable:
             return (errors,)
-        lost = f"This file is {self.file.relative_total / self.model.relative_total:.1f} times as wrong as the model"
-        return (f"Warning: {lost}; C code, CasADi functions and JSON hold all of it.", errors)
+        lost = (
+            f"The error of this file is {self.file.relative_total / self.model.relative_total:.1f} times that of the "
+            "model"
+        )
+        return (f"Warning: {lost}; C code, CasADi functions and JSON contain the whole model.", errors)
 
 
 SMALL = 1e-9
@@ -204,20 +207,20 @@ class FeasibleLinks:
         """What a user must know: parameters that were changed, effects that are left out, rounded geometry."""
         choices_in_file = select_held_effects(self.identification, self.held)
         left_out = [
-            f"{get_effect(choice.effect).title} is not in this file, which has no word for it: "
+            f"{get_effect(choice.effect).title} is not in this file, because the format cannot express it: "
             f"{describe_effect(choice)}."
             for choice in self.identification.choices.effects
             if choice not in choices_in_file
         ]
         if left_out:
-            left_out.append("What the file can hold was fitted to the data again without them.")
+            left_out.append("The other parameters were fitted to the data again without these effects.")
         cost = ProjectionError.compare_with(self.identification, self.projected, self.standard.values)
         notes = [*cost.describe(), *self.standard.notes, *left_out]
         if self.rounding_error > SMALL:
             notes.append(
-                "Right angles that are rounded in the description let the torque of the links differ by "
-                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such "
-                f"small terms out."
+                "Right angles are rounded in the description: the torque of the links therefore differs by "
+                f"{self.rounding_error:.1g} of its size from that of the base parameters, which leave such small "
+                "terms out."
             )
         return tuple(notes)
 

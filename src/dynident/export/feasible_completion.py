@@ -285,7 +285,7 @@ def complete_parameters(
         blamed += _describe_impossible(unknowns, equations)
     if not nearest:
         raise DynidentError(
-            f"no bodies that can exist have the identified base parameters: {'; '.join(blamed)}. Identify with the "
+            f"the identified base parameters are not physically feasible: {'; '.join(blamed)}. Identify with the "
             'estimator "feasible", on data that excite these parameters, or ask for the nearest feasible ones '
             "(nearest), which changes the torque",
             pointer="/format",
@@ -342,7 +342,7 @@ def _project_on_base(unknowns: LinkUnknowns, base: FloatArray, values: FloatArra
 def _describe_impossible(unknowns: LinkUnknowns, equations: EqualityConstraints) -> list[str]:
     """Return texts on the links and rotors that the base parameters make impossible."""
     names = unknowns.model.robot.tree.joint_names
-    words = [f"the link of {names[j]} (no mass that is positive everywhere has its moments)" for j in unknowns.links]
+    words = [f"the link of {names[j]} (no body with positive mass has its moments)" for j in unknowns.links]
     words += [f"the rotor of {names[j]} (negative inertia)" for j in unknowns.rotors]
     # The smaller the weight of the description, the clearer the violations stand out, and the worse the problem is
     # conditioned: where the solver fails, the next weight is tried.
@@ -389,11 +389,10 @@ def _complete_nearest(identification: Identification, rotors_in_links: bool, bla
     before = compute_errors(data.torque, identification.values).relative_total
     after = compute_errors(data.torque, values).relative_total
     note = (
-        f"These are not the identified parameters but the nearest that bodies can have. What cannot exist: "
-        f"{'; '.join(blamed)}. Along the identification's data the torque differs by "
-        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} "
-        f"instead of "
-        f"{before:.2%}."
+        f"These are not the identified parameters but the nearest feasible ones. Not feasible: {'; '.join(blamed)}. "
+        "On the data of the identification the torque differs by "
+        f"{_describe_torque_difference(identification, values)} (rms), and its relative error is {after:.2%} instead "
+        f"of {before:.2%}."
     )
     unknowns = LinkUnknowns.from_model(identification.model, rotors_in_links=rotors_in_links, estimated=fit.standard)
     completed = _solve_completion(unknowns, _build_equations(unknowns, values), values, _SMALL_MARGINS)
@@ -420,7 +419,7 @@ def _describe_torque_difference(identification: Identification, values: FloatArr
 def _describe_negative_friction(estimate: Estimate) -> list[str]:
     """Return texts on negative Coulomb and viscous friction, which would drive the motion."""
     return [
-        f"{column.name} of {column.link} (friction of {value:.3g}, which drives)"
+        f"{column.name} of {column.link} (friction of {value:.3g}, which would drive the joint)"
         for column, value in zip(estimate.model.kept, estimate.values, strict=True)
         if get_role(column) in _FRICTION and not column.runs and value < _ROUNDING
     ]

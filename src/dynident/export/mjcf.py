@@ -134,7 +134,7 @@ def to_mjcf(identification: Identification, *, nearest: bool = False) -> Exporte
     for j, joint in enumerate(tree.joints):
         if not np.any(links.standard.inertias[j]):
             raise DynidentError(
-                f"the model has no rigid body on {joint.name}, and MuJoCo moves no link without mass; choose "
+                f"the model has no rigid body on {joint.name}, and MuJoCo cannot move a link without mass; choose "
                 "rigid_body on all joints, or export URDF, C code or JSON",
                 pointer="/format",
                 title="Not expressible in MJCF",
@@ -242,8 +242,8 @@ def _read_springs(links: FeasibleLinks) -> dict[str, tuple[float, float]]:
         stiffness = spring.get("stiffness", 0.0)
         if stiffness <= 0:
             raise DynidentError(
-                f"the spring of {joint} has the stiffness {stiffness:.3g}, and MuJoCo has none that pushes away from "
-                "rest; remove the effect, or export C code, a CasADi function or JSON",
+                f"the spring of {joint} has the stiffness {stiffness:.3g}, and MuJoCo has no spring with negative "
+                "stiffness; remove the effect, or export C code, a CasADi function or JSON",
                 pointer="/format",
                 title="Not expressible in MJCF",
             )

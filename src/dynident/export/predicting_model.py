@@ -91,8 +91,8 @@ class PredictingModel:
             joints = sorted({self.robot.joint_names[signal.joint] for signal in self.observation.memory})
             raise DynidentError(
                 f"the torque of this model depends on the path before a sample (hysteresis on {', '.join(joints)}); "
-                "one sample alone has none: make a predictor() once and call its step() for every sample, or ask for "
-                "the torque in steady motion (sliding=True)",
+                "a single sample has no path: make a predictor() once and call its step() for every sample, or ask "
+                "for the torque in steady motion (sliding=True)",
                 pointer="q",
                 title="Path needed",
             )

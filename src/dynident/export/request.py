@@ -40,10 +40,10 @@ class ExportChoices:
         Whether a model whose error says that it is not to be used is written, too.
     """
 
-    format: ExportFormat = declare_field("What the model is to be written as", default="json", kinds=FORMATS)
+    format: ExportFormat = declare_field("Format of the file", default="json", kinds=FORMATS)
     nearest: bool = declare_field(
-        "urdf, mjcf: where no bodies that can exist have the identified parameters, give the nearest that have, which "
-        "changes the torque",
+        "urdf, mjcf: if the identified parameters are not physically feasible, write the nearest feasible ones, "
+        "which changes the torque",
         default=False,
     )
-    anyway: bool = declare_field("Export a model whose error says that it is not to be used, too", default=False)
+    anyway: bool = declare_field("Export the model even if its error is too large to use it", default=False)

@@ -42,8 +42,8 @@ def replace_unprintable(text: str) -> str:
 
 
 SIGNS = (
-    "Torque is what the motor gives at the joint, in the direction in which q grows: N m of a revolute joint, N of a "
-    "prismatic one."
+    "Torque is the motor's torque at the joint, positive where q grows: N m for a revolute joint, N for a prismatic "
+    "joint."
 )
 
 
@@ -93,5 +93,5 @@ def describe_effect(choice: EffectChoice) -> str:
 
 def _describe_held_out(identification: Identification) -> str:
     if identification.held_out is None:
-        return ", not tried on others"
-    return f", {identification.held_out.relative_total:.2%} on data that no parameter saw"
+        return ", no held-out data"
+    return f", {identification.held_out.relative_total:.2%} on held-out data"

@@ -80,15 +80,17 @@ def _write_notes(links: FeasibleLinks) -> list[str]:
     ]
     if rotors:
         notes.append(
-            f"URDF has no rotor inertia; it stands in <{ROTOR_TAG} inertia> of each joint, and programs that do not "
-            f"read that leave out its torque, inertia times acceleration (kg m² or kg): {', '.join(rotors)}."
+            f"URDF has no rotor inertia; this file stores it in <{ROTOR_TAG} inertia> of each joint. Programs that "
+            "do not read this tag leave out its torque, inertia times acceleration (kg m² or kg): "
+            f"{', '.join(rotors)}."
         )
     if robot.locked_joints and robot.description.format == "urdf":
         names = ", ".join(f"{name} at {value:g}" for name, value in robot.locked_joints.items())
         notes.append(f"Joints that were locked during the identification are fixed in this file: {names}.")
     if not np.allclose(robot.gravity, (0.0, 0.0, -9.81)):
         notes.append(
-            f"URDF has no gravity; identified with {', '.join(f'{g:g}' for g in robot.gravity)} m/s² (x, y, z)."
+            f"URDF has no gravity; the model was identified with {', '.join(f'{g:g}' for g in robot.gravity)} m/s² "
+            "(x, y, z)."
         )
     return notes
 

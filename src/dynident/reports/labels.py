@@ -184,7 +184,7 @@ def describe_best_step(best_rung: BestStep | None, count: int) -> str:
     if not best_rung.rises:
         return f"{best}."
     rise = best_rung.rises[0] + 1
-    return f"{best}; from model {rise} on the held-out error is larger: what was added there does not help."
+    return f"{best}; from model {rise} on the held-out error is larger: the effects added there do not help."
 
 
 @dataclass(frozen=True)
@@ -211,9 +211,9 @@ SHAPE_JUDGEMENTS: Mapping[ShapeJudgement, MarkedText] = MappingProxyType(
         "uncertain": MarkedText("! uncertain", "warning"),
         "not_determined": MarkedText("✕ not determined", "warning"),
         "at_edge": MarkedText("! at the edge", "warning"),
-        "elsewhere": MarkedText("! elsewhere in the data", "warning"),
+        "elsewhere": MarkedText("! another value fits the data", "warning"),
         "chosen": MarkedText("chosen", "plain"),
-        "not_looked_at": MarkedText("not looked at", "plain"),
+        "not_looked_at": MarkedText("not examined", "plain"),
     }
 )
 """Words and mark for the judgement of a shape constant."""

@@ -23,5 +23,5 @@ class ReportChoices:
         The heading; the robot's name by default.
     """
 
-    format: ReportFormat = declare_field("What it is written as", default="html", option="-")
-    name: str = declare_field("The heading; the robot's name by default", default="", option="--title")
+    format: ReportFormat = declare_field("Format of the report", default="html", option="-")
+    name: str = declare_field("Heading of the report; the robot's name by default", default="", option="--title")

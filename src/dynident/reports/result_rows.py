@@ -217,7 +217,9 @@ def build_shape_table(constants: Sequence[ShapeConstant], joints: Sequence[str])
     """
     columns = ("effect", "joint", "constant", "value", "standard deviation", "95 % interval", "unit", "determined")
     rows = tuple(_build_constant_row(constant, joints) for constant in constants)
-    return ReportedTable("Shape constants: inside the columns, found by search", columns, rows, numbers_from=3)
+    return ReportedTable(
+        "Shape constants: nonlinear constants of the effects, found by search", columns, rows, numbers_from=3
+    )
 
 
 def _build_constant_row(constant: ShapeConstant, joints: Sequence[str]) -> tuple[Cell, ...]:
@@ -260,5 +262,5 @@ def build_essential_tables(path: EssentialPath) -> Iterator[ReportedTable]:
         for step in path.steps
     )
     if rows:
-        yield ReportedTable("Backward elimination", ("taken out", "relative deviation", "p", "fit", "held out"), rows)
+        yield ReportedTable("Backward elimination", ("removed", "relative deviation", "p", "fit", "held out"), rows)
     yield build_parameter_table("Essential parameters", path.identification.parameters)

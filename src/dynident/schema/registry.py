@@ -147,7 +147,8 @@ class Registry(Generic[EntryT]):
             return kind_or_name
         if kind_or_name not in self.by_name:
             raise DynidentError(
-                f"{kind_or_name!r} is no {self.what}; choose from: {', '.join(self.names)}", pointer=f"/{self.what}"
+                f"there is no {self.what} {kind_or_name!r}; choose from: {', '.join(self.names)}",
+                pointer=f"/{self.what}",
             )
         return self.by_name[kind_or_name]()
 

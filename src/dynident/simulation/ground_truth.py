@@ -89,7 +89,7 @@ def size_parameters(robot: Robot, effect: str, joint: str, torque: FloatArray) -
     rms = np.sqrt(np.mean(rows**2, axis=1)) / torque[:, None]
     largest = rms.max(axis=0)
     if not (np.isfinite(largest).all() and (largest > 0).all()):
-        raise DynidentError(f"{effect} is no torque on {robot.name} that a size could be given to", pointer="/effect")
+        raise DynidentError(f"{effect} causes no torque on {robot.name} that can be scaled", pointer="/effect")
     return {column.parameter: float(1 / size) for column, size in zip(columns, largest, strict=True)}
 
 
@@ -265,7 +265,7 @@ def spread_over_joints(
         Where there are not as many values as joints.
     """
     if len(values) != robot.n:
-        raise DynidentError(f"{len(values)} values of {parameter} for {robot.n} joints of {robot.name}", title=_TITLE)
+        raise DynidentError(f"{parameter} has {len(values)} values; {robot.name} has {robot.n} joints", title=_TITLE)
     return tuple(
         TrueEffect(effect, name, ((parameter, float(value)),))
         for name, value in zip(robot.joint_names, values, strict=True)
@@ -375,7 +375,9 @@ def build_true_columns(effects: Sequence[TrueEffect], signals: Signals) -> TrueC
         key = (effect.effect, effect.joint, effect_columns[0].shape, effect.runs)
         if key in keys:
             raise DynidentError(
-                f"{effect.effect} stands twice on {effect.joint or 'the robot'}", pointer=pointer, title=_TITLE
+                f"{effect.effect} is given twice on {effect.joint or 'the robot'}; give it once",
+                pointer=pointer,
+                title=_TITLE,
             )
         keys.add(key)
         values = dict(effect.values)

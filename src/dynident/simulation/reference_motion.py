@@ -64,7 +64,7 @@ def add_warming(reference: Reference, warming: Warming) -> Reference:
     if not (np.isfinite([warming.start, warming.end]).all() and 0 < warming.time_constant < np.inf):
         raise DynidentError(
             f"warming from {warming.start} to {warming.end} degC with a time constant of {warming.time_constant} s; "
-            "temperatures have to be finite and the time constant above 0",
+            "temperatures must be finite, and the time constant above 0",
             pointer="/warming",
             title=_TITLE,
         )

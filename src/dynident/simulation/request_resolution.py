@@ -162,7 +162,9 @@ def check_run_labels(effect: str, named: Sequence[str], runs: int, pointer: str)
     unknown = [run for run in named if run not in labels]
     if unknown:
         raise DynidentError(
-            f"{effect} is in run {unknown[0]}; there are the runs {', '.join(labels)}", pointer=pointer, title=_TITLE
+            f"{effect} is in run {unknown[0]}, which does not exist; there are the runs {', '.join(labels)}",
+            pointer=pointer,
+            title=_TITLE,
         )
 
 

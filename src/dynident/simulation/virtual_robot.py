@@ -351,7 +351,7 @@ class VirtualRobot:
         limit = described.limits.effort
         cause = "" if limit is None else f"; its effort limit is {limit:g} {described.effort_unit}"
         raise DynidentError(
-            f"the virtual robot cannot follow the trajectory: {described.name} is more than {_LOST} {unit} off at "
+            f"the virtual robot cannot follow the trajectory: {described.name} is off by more than {_LOST} {unit} at "
             f"t = {t[row]:.3f} s{cause}. Slow the trajectory down, or check friction and limits",
             pointer="/trajectory",
             title="Trajectory cannot be followed",

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 FeedForward = Literal["computed_torque", "gravity", "none"]
 FEED_FORWARDS = OneOf(
-    Choice("computed_torque", "computed torque", "All that the links need."),
-    Choice("gravity", "gravity", "What holds the links."),
+    Choice("computed_torque", "computed torque", "The torque that the links need."),
+    Choice("gravity", "gravity", "The torque that holds the links."),
     Choice("none", "none", "Nothing: the controller alone."),
 )
 
@@ -38,11 +38,13 @@ class ActingEffect:
         Labels of the runs in which it acts: "1", "2", …; all runs where there are none.
     """
 
-    effect: str = declare_field("An id of GET /v1/effects")
-    joints: tuple[str, ...] = declare_field("All that it may sit on where none is given", default=())
-    parameters: Mapping[str, float] = declare_field("By the names that the catalogue gives them", made_by=dict)
+    effect: str = declare_field("Id of an effect, from GET /v1/effects")
+    joints: tuple[str, ...] = declare_field("Joints on which it acts; all possible ones if none is given", default=())
+    parameters: Mapping[str, float] = declare_field(
+        "Parameters of the effect, by their names in the catalogue", made_by=dict
+    )
     shape_parameters: Mapping[str, float] = declare_field(made_by=dict)
-    runs: tuple[str, ...] = declare_field('The runs that it is in: "1", "2", …; all where none is given', default=())
+    runs: tuple[str, ...] = declare_field('Runs in which it acts: "1", "2", …; all if none is given', default=())
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,10 @@ class Warming:
     """
 
     start: float = declare_field("degC at t = 0", default=20.0, at_least=-273, at_most=1000)
-    end: float = declare_field("degC in the end", default=45.0, at_least=-273, at_most=1000)
-    time_constant: float = declare_field("How slowly", default=1200.0, unit="s", at_least=1e-3, at_most=1e9)
+    end: float = declare_field("degC at the end", default=45.0, at_least=-273, at_most=1000)
+    time_constant: float = declare_field(
+        "Time constant of the warming", default=1200.0, unit="s", at_least=1e-3, at_most=1e9
+    )
 
     def compute_temperature(self, t: FloatArray) -> FloatArray:
         """Return the temperature in degC at given times.
@@ -107,13 +111,20 @@ class Sensors:
 
     sampling_rate: float = declare_field(default=1000.0, unit="Hz", at_least=0.1, at_most=20_000, option="-")
     encoder_counts: int | None = declare_field(
-        "Per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40
+        "Encoder counts per turn or metre; 0 or null: exact", default=2**19, at_least=0, at_most=2**40
     )
     torque_noise: float = declare_field(
-        "Standard deviation, a share of the effort limit", default=0.005, at_least=0, at_most=1000
+        "Standard deviation of the torque noise, as a share of the effort limit",
+        default=0.005,
+        at_least=0,
+        at_most=1000,
     )
     torque_noise_absolute: tuple[float, ...] | None = declare_field(
-        "Per joint, N m or N, instead of it", default=None, at_least=0, at_most=1e9, most=1000
+        "Standard deviation of each joint, N m or N; replaces torque_noise",
+        default=None,
+        at_least=0,
+        at_most=1e9,
+        most=1000,
     )
     jitter: float = declare_field(
         "Standard deviation of the sampling instants", default=0.0, unit="s", at_least=0, at_most=1
@@ -137,14 +148,16 @@ class Session:
         Seed of the noise and of a random motion.
     """
 
-    runs: int = declare_field("How often the motion is made: a segment for each", default=1, at_least=1, at_most=100)
+    runs: int = declare_field(
+        "Number of repetitions of the motion, one segment each", default=1, at_least=1, at_most=100
+    )
     pause: float = declare_field(
-        "Between runs, while the session's time goes on", default=60.0, unit="s", at_least=0, at_most=1e7
+        "Time between two runs, in which the session's time continues", default=60.0, unit="s", at_least=0, at_most=1e7
     )
     warming: Warming | None = declare_field(
-        "Records the joints' temperature; a usual warming where an effect needs it", default=None, option="-"
+        "Records the joints' temperature; by default a typical warming if an effect needs it", default=None, option="-"
     )
-    seed: int = declare_field("Of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the noise and of a random motion", default=0, at_least=0, at_most=LARGEST_SEED)
 
 
 def list_usual_effects() -> tuple[ActingEffect, ...]:
@@ -179,12 +192,12 @@ class Simulated(Session):
     """
 
     parameters: Mapping[str, float] = declare_field(
-        "Standard parameters by name, such as ZZ2 or Fc1; else those of the description", made_by=dict
+        "Standard parameters by name, such as ZZ2 or Fc1; the others are those of the description", made_by=dict
     )
     effects: tuple[ActingEffect, ...] = declare_field(made_by=list_usual_effects, most=1000)
     noise: Sensors = declare_field(made_by=Sensors)
     sampling_rate: float | None = declare_field(
-        "Of the sensors; the trajectory's where not given",
+        "Sampling rate of the sensors; that of the trajectory if not given",
         default=None,
         unit="Hz",
         at_least=0.1,
@@ -192,5 +205,5 @@ class Simulated(Session):
         option="--rate",
     )
     feed_forward: FeedForward = declare_field(
-        "What the controller knows beforehand", default="computed_torque", kinds=FEED_FORWARDS
+        "Torque that the controller predicts", default="computed_torque", kinds=FEED_FORWARDS
     )

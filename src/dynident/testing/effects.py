@@ -171,7 +171,7 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
         report = [_check_shapes(tested, robot)]
         possible = tested.applicable(robot)
         if not possible:
-            return (*report, "it can sit on no joint of the trial arm: nothing else was tried")
+            return (*report, "it can act on no joint of the trial arm: the other checks did not run")
         states = EffectStates.from_effect(robot, tested, possible)
         _check_columns(tested, states, possible)
         report += [_check_roles(states), _check_energy(states), _check_friction(tested, states)]
@@ -182,7 +182,7 @@ def check_effect(effect: Effect | type[Effect], *, found_again: bool = True) -> 
 
 def _check_words(effect: Effect) -> None:
     missing = [name for name in _NEEDED if not getattr(effect, name, None)]
-    require(not missing, f"{type(effect).__name__} says nothing of its {', '.join(missing)}")
+    require(not missing, f"{type(effect).__name__} does not define its {', '.join(missing)}")
     require(
         re.fullmatch(r"[a-z][a-z0-9_]*", effect.id), f"the id {effect.id!r} is not in small letters and underscores"
     )
@@ -194,7 +194,7 @@ def _check_words(effect: Effect) -> None:
             not unsaid, f"{', '.join(unsaid)} of {effect.id} has no unit or description; a pure number has the unit -"
         )
     unknown = set(effect.shown_by) - {spec.name for spec in effect.parameters}
-    require(not unknown, f"{effect.id} is shown by {', '.join(sorted(unknown))}, which are none of its parameters")
+    require(not unknown, f"{effect.id} is shown by {', '.join(sorted(unknown))}, which are not among its parameters")
     for spec in effect.parameters:
         require(
             0 <= spec.least < spec.most, f"{spec.name} of {effect.id}: least {spec.least} is not below most {spec.most}"
@@ -207,7 +207,7 @@ def _check_rivals(effect: Effect) -> None:
         require(kind in kinds, f"{effect.id} names the experiment {kind!r}; there are: {', '.join(kinds)}")
     distinguished = [name for names in effect.told_from.values() for name in names]
     for name in (*effect.confused_with, *effect.same_function, *effect.covers, *effect.changes_with, *distinguished):
-        require(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is no other effect")
+        require(name in CATALOGUE and name != effect.id, f"{effect.id} names {name!r}, which is not another effect")
 
 
 def _check_shapes(effect: Effect, robot: Robot) -> str:
@@ -219,19 +219,23 @@ def _check_shapes(effect: Effect, robot: Robot) -> str:
         usual = effect.usual(robot, joint)
         if usual is not None:
             strange = set(usual.values) - {spec.name for spec in effect.parameters}
-            require(not strange, f"usual() of {effect.id} gives {', '.join(strange)}, which are none of its parameters")
+            require(
+                not strange, f"usual() of {effect.id} gives {', '.join(strange)}, which are not among its parameters"
+            )
             for spec in effect.parameters:
                 least = usual.values.get(spec.name, 0.0)
                 require(
                     least >= 0 or not (spec.positive or spec.resists), f"usual() of {effect.id} gives {spec.name} < 0"
                 )
             values.append(effect.shape_with_defaults(usual.shape))
-            require(set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it has not")
+            require(
+                set(usual.shape) <= set(specs), f"usual() of {effect.id} gives a shape constant that it does not have"
+            )
         for shape in grid:
             require(set(shape) == set(specs), f"the grid of {effect.id} gives {sorted(shape)}, not {sorted(specs)}")
     for shape in values:
         for name, value in shape.items():
-            require(specs[name].admits(value), f"{name} = {value} of {effect.id} is none that its own ShapeSpec admits")
+            require(specs[name].admits(value), f"{name} = {value} of {effect.id} is not admitted by its own ShapeSpec")
             require(
                 not specs[name].words or specs[name].get_word(value), f"{name} = {value} of {effect.id} has no word"
             )
@@ -259,7 +263,7 @@ def _check_columns(effect: Effect, states: EffectStates, possible: tuple[int, ..
         "shape constants alone, or the torque would not be linear in the parameters",
     )
     bad = [c.name for k, c in enumerate(states.columns) if not np.isfinite(states.torque[:, :, k]).all()]
-    require(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere, at rest among the rest")
+    require(not bad, f"columns {', '.join(bad)} of {effect.id} are not finite everywhere (standstill included)")
     require(states.torque.any(), f"all columns of {effect.id} are zero everywhere")
     if effect.scope == "joint":
         links = {column.link for column in states.columns}
@@ -286,7 +290,8 @@ def _check_roles(states: EffectStates) -> str:
         gap = float(np.abs(states.torque[:, :, k] - expected).max())
         size = max(1.0, float(np.abs(expected).max()))
         require(
-            gap <= 1e-9 * size, f"{column.name} has the role {spec.role}, but its column is another ({gap:.2g} off)"
+            gap <= 1e-9 * size,
+            f"{column.name} has the role {spec.role}, but its column differs from that role by {gap:.2g}",
         )
         roles += 1
     return f"{roles} columns are what their roles say, those of links by Pinocchio" if roles else "no roles"
@@ -315,8 +320,8 @@ def _check_energy(states: EffectStates) -> str:
         gap = float(np.abs(rate - power).max())
         require(
             gap <= 1e-5 * size,
-            f"the energy of {states.columns[k].name} does not change by the power of its torque: "
-            f"{gap / size:.2g} of it is lacking, by central differences",
+            f"the energy of {states.columns[k].name} does not change by the power of its torque: the relative "
+            f"difference is {gap / size:.2g}, by central differences",
         )
     return f"{len(stored)} columns with stored energy, by finite differences"
 
@@ -332,7 +337,10 @@ def _check_friction(effect: Effect, states: EffectStates) -> str:
         )
         if effect.is_friction and spec is not None and spec.positive and alone:
             power = (states.torque[:, :, k] * states.dq).sum(axis=1)
-            require(power.min() >= -1e-12, f"{column.name} is friction above zero, and its column drives the motion")
+            require(
+                power.min() >= -1e-12,
+                f"{column.name} is friction with a positive parameter, but its column drives the motion",
+            )
             checked.append(column.name)
     return f"{len(checked)} columns of friction take energy" if checked else "no friction of one sign without memory"
 
@@ -344,9 +352,10 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
         unexplained = _compute_unexplained_share(record_trial(list_drive_effects(robot)))
         require(
             unexplained < 0.02,
-            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque of an arm that has it",
+            f"the usual model with {effect.id} leaves {unexplained:.1%} of the torque unexplained on an arm that has "
+            "it",
         )
-        return f"the usual model leaves {unexplained:.2%} of the torque"
+        return f"the usual model leaves {unexplained:.2%} of the torque unexplained"
     on = robot.joint_names[possible[len(possible) // 2]] if effect.scope == "joint" else ""
     try:
         usual = build_typical_effect(robot, effect.id, on)
@@ -363,12 +372,15 @@ def _check_recovery(effect: Effect, robot: Robot, possible: tuple[int, ...]) -> 
         if before >= _LEAST_VISIBLE * floor:
             break
     else:
-        return f"on the trial arm it leaves {before:.2%} beside the usual model: too little to be found"
+        return (
+            f"on the trial arm the usual model without this effect leaves only {before:.2%} unexplained: too little "
+            "to find it"
+        )
     after = _compute_unexplained_share(trial, _choose_effect(effect, hidden))
     require(
         after <= max(_MOST_UNEXPLAINED * before, _NEAR_FLOOR * floor),
-        f"a virtual robot has {effect.id}, which leaves {before:.2%} of its torque unexplained; with the effect in the "
-        f"model it is still {after:.2%}: its columns are not what the robot does",
+        f"a virtual robot has {effect.id}, without which the model leaves {before:.2%} of the torque unexplained; "
+        f"with it the model still leaves {after:.2%}: its columns do not match the torque of the robot",
     )
     return f"found again: {before:.2%} of the torque without it, {after:.2%} with it"
 

@@ -111,8 +111,11 @@ def _check_values(model: Model, fit: Fit, data: Data, truth: FloatArray) -> str:
         squares += float(np.linalg.norm(rows[:, :k] @ (values - truth)[equation.columns]) ** 2)
         whole += float(np.linalg.norm(rows[:, k]) ** 2)
     off = float(np.sqrt(squares / whole))
-    require(off <= _LARGEST_ERROR, f"along the data the estimates' torque is {off:.1%} off that of the true parameters")
-    return f"torque of the estimates {off:.2%} off the truth"
+    require(
+        off <= _LARGEST_ERROR,
+        f"on the data the torque of the estimates differs by {off:.1%} from that of the true parameters",
+    )
+    return f"the torque of the estimates differs by {off:.2%} from the true torque"
 
 
 def _check_statistics(model: Model, fit: Fit) -> str:

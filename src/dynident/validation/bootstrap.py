@@ -127,7 +127,7 @@ def validate_bootstrap(
     why = _find_obstacle(identification, stretches)
     if why:
         return BootstrapValidation((), None, stretches, 0, 0, ValidationOutcome("not_evaluated", why))
-    progress(0.0, "drawing stretches of time")
+    progress(0.0, "resampling blocks of time")
     # Shape constants are drawn together with the parameters: their errors are correlated.
     names, units, reduction, solution, statistics = _select_bootstrap_inputs(identification)
     result = bootstrap_estimates(reduction, solution, draws=draws, seed=seed)
@@ -148,13 +148,13 @@ def _find_obstacle(identification: Identification, stretches: int) -> str:
     """Return why the model cannot be drawn; "" where it can."""
     if not identification.choices.is_least_squares_of_torque:
         return (
-            "Drawing anew is for parameters that are least squares of the joints' torques (the dynamic model, the "
+            "The bootstrap needs parameters from least squares of the joint torques (the dynamic model, the "
             "strategy global, the estimators ols, wls and feasible)."
         )
     if identification.estimate.not_essential:
-        return "Parameters were set to zero as not essential: draw from the model before that."
+        return "Parameters were set to zero as not essential: validate the model before that step."
     if stretches < FEWEST_CLUSTERS:
-        return f"There are {stretches} stretches of time, too few to draw from: {FEWEST_CLUSTERS} at least are needed."
+        return f"There are {stretches} blocks of time; the bootstrap needs at least {FEWEST_CLUSTERS}."
     return ""
 
 
@@ -179,23 +179,26 @@ def _select_bootstrap_inputs(
 
 def _judge_deviations(parameters: tuple[DrawnParameter, ...], result: Bootstrap, stretches: int) -> ValidationOutcome:
     how = "with Webb's weights for the residuals" if result.kind == "wild" else "with replacement"
-    drawn = f"{result.draws} draws of {stretches} stretches of time {how}"
+    drawn = f"{result.draws} draws of {stretches} blocks of time {how}"
     # Lost draws are those with unlucky blocks. Leaving many of them out would make deviations look small.
     if result.lost > _MOST_LOST * result.draws:
         return ValidationOutcome(
             "not_evaluated",
-            f"Of {drawn} {result.lost} do not determine all parameters: few stretches tell of some of them.",
+            f"Of {drawn}, {result.lost} do not determine all parameters: only a few blocks contain information about "
+            "some of them.",
         )
     outside = [parameter for parameter in parameters if parameter.outside]
     ratios = np.array([parameter.ratio for parameter in parameters])
-    middle = f"in {drawn} deviations are {np.median(ratios):.2f} times those told (median)"
+    middle = (
+        f"in {drawn} the standard deviations are {np.median(ratios):.2f} times those of the identification (median)"
+    )
     if len(outside) <= _MOST_OUTSIDE * len(parameters):
-        few = f"; outside of what so few stretches explain: {_name_worst(outside)}" if outside else ""
+        few = f"; the small number of blocks does not explain: {_name_worst(outside)}" if outside else ""
         return ValidationOutcome("pass", f"{middle[0].upper()}{middle[1:]}{few}.")
     return ValidationOutcome(
         "fail",
-        f"{middle[0].upper()}{middle[1:]}; {len(outside)} of {len(parameters)} differ by more than so few stretches "
-        f"explain: {_name_worst(outside)}. Their intervals are to be taken with care.",
+        f"{middle[0].upper()}{middle[1:]}; {len(outside)} of {len(parameters)} differ by more than the small number "
+        f"of blocks explains: {_name_worst(outside)}. Use their intervals with care.",
     )
 
 

@@ -85,7 +85,7 @@ def sensor_noise(recording: Recording) -> SensorNoise:
                 torque.append(np.diff(block.tau[run], _DIFFERENCES, axis=0))
     if not position:
         raise DynidentError(
-            f"{recording.name} has too few samples inside its windows to tell its noise", pointer="/measurement_ids"
+            f"{recording.name} has too few samples inside its windows to estimate its noise", pointer="/measurement_ids"
         )
     joint, effort = np.concatenate(position), np.concatenate(torque)
     # Torque jumps with friction where a joint reverses: the middle of its differences does not see that.
@@ -264,8 +264,9 @@ def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[floa
     for index, cutoff in enumerate(positions):
         if cutoffs is not None and not (np.isfinite(cutoff) and 0 < cutoff < 0.5 * recording.sampling_rate):
             raise DynidentError(
-                f"a cut-off of {cutoff} Hz; {recording.name} is sampled at {recording.sampling_rate:.6g} Hz, so give "
-                f"frequencies above 0 and below {0.5 * recording.sampling_rate:.6g} Hz",
+                f"a cut-off of {cutoff} Hz is not possible: {recording.name} is sampled at "
+                f"{recording.sampling_rate:.6g} Hz, so give frequencies above 0 and below "
+                f"{0.5 * recording.sampling_rate:.6g} Hz",
                 pointer=f"/cutoffs/{index}",
             )
     grid = [own]
@@ -322,8 +323,8 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
     if used.error is None or best.error is None:
         return ValidationOutcome("not_evaluated", "The identification's own filters could not be tried.")
     own = (
-        f"The filters used ({_word_cutoffs(used.preprocessing)}) leave a parameter error worth "
-        f"{used.error:.2%} of the torque"
+        f"The filters used ({_word_cutoffs(used.preprocessing)}) cause a parameter error that changes the torque by "
+        f"{used.error:.2%}"
     )
     # The smallest of many errors is small by luck, too: a little better is no reason to change.
     if used.error <= _AS_GOOD * best.error:
@@ -331,12 +332,13 @@ def _judge_filters(used: FilterTrial, best: FilterTrial, residual: float) -> Val
             "pass", f"{own}; no other choice that was tried is better by more than {_AS_GOOD - 1:.0%}."
         )
     if used.error <= _NEGLIGIBLE * residual:
-        beside = f"small beside the {residual:.1%} that the model does not explain"
+        beside = f"small compared with the {residual:.1%} that the model does not explain"
         better = f"with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}"
         return ValidationOutcome("pass", f"{own}, {beside}; {better}.")
     return ValidationOutcome(
         "fail",
-        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}. Identify again with these.",
+        f"{own}; with {_word_cutoffs(best.preprocessing)} it would be {best.error:.2%}. Identify again with these "
+        "cut-offs.",
     )
 
 

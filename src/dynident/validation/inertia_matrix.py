@@ -90,7 +90,8 @@ def validate_inertia_matrix(
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
     if model.is_at_rest:
         judged = ValidationOutcome(
-            "not_evaluated", "The model is one of poses at rest, which tell nothing of the inertia matrix."
+            "not_evaluated",
+            "The model was identified from poses at rest, which contain no information about the inertia matrix.",
         )
         return InertiaMatrixValidation(model.robot.joint_names, None, None, None, None, 0, judged)
     search = _PostureSearch(model, values)

@@ -97,12 +97,12 @@ def _judge_mass(stated: float, weighed: PayloadVerdict) -> ValidationOutcome:
         return ValidationOutcome("not_evaluated", f"The load of {stated:.4g} kg cannot be weighed: {weighed.reason}.")
     low, high = weighed.interval
     off = weighed.mass - stated
-    text = f"The load weighs {weighed.mass:.3f} kg ({low:.3f} to {high:.3f}); it is said to be {stated:.4g} kg"
+    text = f"The load weighs {weighed.mass:.3f} kg ({low:.3f} to {high:.3f}); its stated mass is {stated:.4g} kg"
     # Right within its uncertainty, or as near as gains are usually known.
     if low <= stated <= high or abs(off) <= _AS_STATED * stated:
         return ValidationOutcome("pass", f"{text}.")
     return ValidationOutcome(
         "fail",
         f"{text}, {abs(off) / stated:.1%} {'less' if off > 0 else 'more'}: the drive gains are probably too "
-        f"{'high' if off > 0 else 'low'} by as much, or the torque is not that of the joints.",
+        f"{'high' if off > 0 else 'low'} by the same share, or the recorded torque is not the joint torque.",
     )

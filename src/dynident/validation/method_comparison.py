@@ -283,7 +283,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
         return ValidationOutcome(
             "not_evaluated", "Fewer than two methods gave a result" + (f" ({reasons})." if reasons else ".")
         )
-    on = "on data that no parameter saw" if held_out else "on the identification's own data"
+    on = "on held-out data" if held_out else "on the identification's own data"
     totals = [result.held_out.relative_total for result in solved if result.held_out is not None]
     best = min(totals)
     # Worse only counts against the model where the method minimises what is compared, the torque errors.
@@ -310,7 +310,7 @@ def judge_methods(identification: Identification, results: Sequence[MethodResult
     range_text = f"{len(solved)} methods predict {on} with errors from {best:.1%} to {max(totals):.1%}"
     aside = ""
     if others:
-        aside = f" That {', '.join(others)} predicts worse says so of its equations on this data, not of the model."
+        aside = f" The larger error of {', '.join(others)} comes from its equations on these data, not from the model."
     if not worse and not far:
         return ValidationOutcome(
             "pass",

@@ -43,7 +43,7 @@ def combine_verdicts(parts: Sequence[tuple[str, ValidationOutcome]]) -> Validati
     words = [judged.verdict for _, judged in parts]
     verdict: Verdict = "fail" if "fail" in words else "pass" if "pass" in words else "not_evaluated"
     if not parts:
-        return ValidationOutcome(verdict, "Nothing was tried.")
+        return ValidationOutcome(verdict, "No test ran.")
     # A single reason needs no name in front of it.
     if len(parts) == 1:
         return parts[0][1]

@@ -66,7 +66,7 @@ class Method:
     strategy: StrategyName = declare_field(default="global", kinds=STRATEGIES)
     estimator: EstimatorName | Estimator = declare_field(default="wls", kinds=ESTIMATORS)
     prior: PriorName | None = declare_field(default=None, kinds=PRIORS)
-    steps: StepsName = declare_field("Of the sequential strategy", default="link_by_link", kinds=STEPS)
+    steps: StepsName = declare_field("Steps of the sequential strategy", default="link_by_link", kinds=STEPS)
 
     @property
     def words(self) -> str:
@@ -178,7 +178,7 @@ class LimitedTrial(Trial):
     """A validation that passes where a relative error is not above a limit."""
 
     limit: float | None = declare_field(
-        "Largest relative error that passes, 0.15", default=None, at_least=1e-6, at_most=10
+        "Largest relative error that passes; 0.15 by default", default=None, at_least=1e-6, at_most=10
     )
 
     @property
@@ -209,7 +209,7 @@ class Cross(LimitedTrial):
     """Errors on data that the model has not seen."""
 
     name = "cross"
-    words = "The torque error on data that no parameter saw."
+    words = "The torque error on held-out data."
 
     def judge(self, tried: ValidationData) -> TorqueValidation:
         """Make the validation."""
@@ -228,7 +228,7 @@ class InertiaMatrix(Trial):
     of_model_alone = True
     takes_recordings = False
 
-    seed: int = declare_field("Of the postures that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    seed: int = declare_field("Seed of the random postures", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> InertiaMatrixValidation:
         """Make the validation."""
@@ -243,10 +243,10 @@ class Payload(Trial):
 
     name = "payload"
     label = "known load"
-    words = "A run with a known load: is the load found?"
+    words = "A recording with a known load: does the model find its mass?"
 
     mass: float | None = declare_field(
-        "The known mass, where the measurements do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
+        "The known mass, if the measurements do not state it", default=None, unit="kg", at_least=1e-6, at_most=1e6
     )
 
     def judge(self, tried: ValidationData) -> list[PayloadValidation]:
@@ -265,10 +265,10 @@ class Methods(Trial):
     """All methods on the same data."""
 
     name = "methods"
-    words = "All models, strategies and estimators on the same data: do they agree?"
+    words = "All equation types, strategies and estimators on the same data: do they agree?"
 
     methods: tuple[Method, ...] | None = declare_field(
-        "Which; all that are available if left out", default=None, fewest=1, most=100, option="-"
+        "Methods to compare; all that are available if left out", default=None, fewest=1, most=100, option="-"
     )
 
     def judge(self, tried: ValidationData) -> MethodsValidation:
@@ -283,9 +283,9 @@ class Simulation(LimitedTrial):
     """A simulated robot against the recorded one."""
 
     name = "simulation"
-    words = "A robot with these parameters makes the recorded motion: does it need the recorded torque?"
+    words = "A simulated robot with these parameters makes the recorded motion: does it need the recorded torque?"
 
-    longest: float | None = declare_field("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
+    longest: float | None = declare_field("Longest time to simulate", default=None, unit="s", at_least=0.1, at_most=300)
 
     def judge(self, tried: ValidationData) -> list[SimulationValidation]:
         """Make the validation on each recording."""
@@ -307,13 +307,13 @@ class Filters(Trial):
     """Cut-off frequencies chosen by simulating the identification."""
 
     name = "filters"
-    words = "Recordings like these are simulated and identified with many filters: were the right ones chosen?"
+    words = "Recordings like these are simulated and identified with many filters: were the right filters chosen?"
 
     cutoffs: tuple[float, ...] | None = declare_field(
         "Position cut-offs to try", default=None, unit="Hz", at_least=1e-4, at_most=1e6, fewest=1, most=20
     )
-    longest: float | None = declare_field("Simulated at most", default=None, unit="s", at_least=0.1, at_most=300)
-    seed: int = declare_field("Of the noise that is drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    longest: float | None = declare_field("Longest time to simulate", default=None, unit="s", at_least=0.1, at_most=300)
+    seed: int = declare_field("Seed of the simulated noise", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> FiltersBySimulation:
         """Make the validation on the first recording."""
@@ -336,14 +336,12 @@ class Bootstrap(Trial):
 
     name = "bootstrap"
     label = "deviations"
-    words = "Stretches of time are drawn anew: do the standard deviations stand?"
+    words = "Blocks of time are resampled (bootstrap): are the standard deviations right?"
     of_model_alone = True
     takes_recordings = False
 
-    draws: int | None = declare_field(
-        "How often stretches of time are drawn, 999", default=None, at_least=99, at_most=9999
-    )
-    seed: int = declare_field("Of the stretches of time that are drawn", default=0, at_least=0, at_most=LARGEST_SEED)
+    draws: int | None = declare_field("Number of resamplings; 999 by default", default=None, at_least=99, at_most=9999)
+    seed: int = declare_field("Seed of the resampling", default=0, at_least=0, at_most=LARGEST_SEED)
 
     def judge(self, tried: ValidationData) -> BootstrapValidation:
         """Make the validation."""
@@ -427,7 +425,9 @@ def build_trial(kind: str, stated: Mapping[str, object]) -> Trial:
     for name in values:
         # A seed is for all that is drawn; what draws nothing has no use for it, and it does no harm.
         if name not in own and name != "seed":
-            raise DynidentError(f"{kind} takes no {name}; leave it out", pointer=f"/{name}", title="Unusable input")
+            raise DynidentError(
+                f"the validation {kind} has no option {name}; leave it out", pointer=f"/{name}", title="Unusable input"
+            )
     trial = replace(TRIALS.by_name[kind](), **{name: value for name, value in values.items() if name in own})
     check_ranges(trial)
     return trial

@@ -106,7 +106,9 @@ def compute_open_loop_drift(identification: Identification, recordings: Sequence
     ]
     if not outcomes:
         raise DynidentError(
-            f"no unbroken stretch of the recordings is {AFTER[0]:g} s long", pointer="/windows", title="Too short"
+            f"no segment of the recordings is {AFTER[0]:g} s long; use longer recordings or wider windows",
+            pointer="/windows",
+            title="Too short",
         )
     away, moved = (np.array(distances) for distances in zip(*outcomes, strict=True))
     return Drift(identification.model.robot.joint_names, _compute_rms(away), _compute_rms(moved), len(outcomes))
@@ -247,14 +249,14 @@ def validate_simulation(
     # Before the simulation: negative friction or inertia would make it diverge without saying why.
     impossible = _name_impossible_parameters(identification.estimate)
     if impossible:
-        judged = ValidationOutcome("fail", f"No robot has the identified parameters: {impossible}.")
+        judged = ValidationOutcome("fail", f"No physical robot can have the identified parameters: {impossible}.")
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     try:
         simulator = build_simulator(identification.model, identification.values)
         measured = simulator.follow(motion, scale_progress(progress, 0.05, 1.0))
     except DynidentError as error:
         judged = ValidationOutcome(
-            "fail", f"No robot with the identified parameters makes this motion: {error.detail}."
+            "fail", f"A robot with the identified parameters cannot make this motion: {error.detail}."
         )
         return SimulationValidation(recording.name, duration, None, None, None, limit, judged)
     # The simulation may end a sample early or late, by rounding of the duration.
@@ -307,13 +309,13 @@ def _judge_response(
     if errors is None:
         return ValidationOutcome(
             "not_evaluated",
-            f"The longest unbroken stretch, {motion.reference.duration:.1f} s, is too short for the torque filter.",
+            f"The longest segment, {motion.reference.duration:.1f} s, is too short for the torque filter.",
         )
     names = identification.model.robot.joint_names
     worst = int(np.argmax(np.where(errors.counts > 0, errors.relative, 0.0)))
     text = (
-        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque is "
-        f"{errors.relative_total:.1%} off the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
+        f"Over {motion.reference.duration:.1f} s, while joints move, the simulated torque differs by "
+        f"{errors.relative_total:.1%} from the measured one (largest on {names[worst]}, {errors.relative[worst]:.1%})"
     )
     if errors.relative_total > limit:
         return ValidationOutcome("fail", f"{text}, above the limit of {limit:.1%}.")
@@ -324,7 +326,7 @@ def _judge_response(
         return ValidationOutcome("fail", f"{text}, and above {LARGEST_OF_JOINT:.0%} on {', '.join(useless)}.")
     lost = [f"{name} ({share[j]:.1%})" for j, name in enumerate(names) if share[j] > _OFF]
     if lost:
-        complaint = f"but the simulated robot leaves the recorded motion by more than {_OFF:.0%} of the range on"
+        complaint = f"but the simulated robot deviates from the recorded motion by more than {_OFF:.0%} of the range on"
         return ValidationOutcome("fail", f"{text}, {complaint} {', '.join(lost)}.")
     followed = f"and it follows the recorded motion within {share.max():.2%} of every joint's range"
     return ValidationOutcome("pass", f"{text}, within the limit of {limit:.1%}, {followed}.")

@@ -128,7 +128,7 @@ def validate_cross(
     DynidentError
         For a limit that is not above zero, or no recording at all.
     """
-    validation = _validate_torque(identification, recordings, limit, "data that no parameter saw", progress)
+    validation = _validate_torque(identification, recordings, limit, "held-out data", progress)
     # A slower motion has less torque, and the same residual is a larger share of it. So the residual itself has to have
     # grown as well.
     error, own = validation.total.relative_total, identification.fit.relative_total
@@ -140,8 +140,8 @@ def validate_cross(
         return validation
     judged = ValidationOutcome(
         "fail",
-        f"The error is {error:.1%} on data that no parameter saw, against {own:.1%} in the fit: the identification's "
-        "motion does not determine the model, or this motion shows what that one did not.",
+        f"The error is {error:.1%} on held-out data and {own:.1%} in the fit: the motion of the identification does "
+        "not determine the model, or this motion shows an effect that the other did not show.",
     )
     return replace(validation, judged=judged)
 
@@ -197,7 +197,7 @@ def _judge_errors(
     names = identification.model.robot.joint_names
     if not total.counts.any():
         return ValidationOutcome(
-            "not_evaluated", "No sample is left inside the windows and clear of the segments' ends."
+            "not_evaluated", "No samples are left inside the windows and away from the ends of the segments."
         )
     relative = total.relative
     # A joint that never moves is judged on all its rows: there is nothing else of it.

@@ -121,9 +121,9 @@ def find_stop_cause(
     moving = identification.held_out_moving if data_name == "held out" else identification.fit_moving
     if moving is not None and moving.counts.any() and moving.relative_total <= STOP:
         return Stop(
-            f"Of the torque {error.relative_total:.0%} cannot be explained on all rows, {moving.relative_total:.0%} "
-            "where the joints move: what is wrong is in the rows at rest. Brakes that are engaged and drives that are "
-            "off hold any torque, or none: leave these seconds out."
+            f"The model does not explain {error.relative_total:.0%} of the torque on all rows, but only "
+            f"{moving.relative_total:.0%} where the joints move: the fault is in the rows at standstill. Engaged "
+            "brakes or drives that are off make the torque there meaningless: leave these seconds out."
         )
     if (
         data_name == "held out"
@@ -131,9 +131,10 @@ def find_stop_cause(
         and _are_most_joints_bad(error)
     ):
         return Stop(
-            f"The fit leaves {identification.fit.relative_total:.0%} of the torque, held-out data "
-            f"{error.relative_total:.0%}: columns and units explain the one, so the motion does not "
-            "determine the parameters that the other needs, or that has another load. Record more: a designed motion.",
+            f"The model leaves {identification.fit.relative_total:.0%} of the torque unexplained in the fit, but "
+            f"{error.relative_total:.0%} on the held-out data. Columns and units are right, because the fit is good: "
+            "either its motion does not determine the parameters that the held-out data need, or the held-out data "
+            "have another load. Record a designed motion.",
             records_more=True,
         )
     return Stop(_word_by_joints(robot, moving if moving is not None and moving.counts.any() else error, data_name))
@@ -180,14 +181,18 @@ def _word_by_joints(robot: Robot, error: Errors, data_name: str) -> str:
     data_words = "the data of the fit" if data_name == "fit" else "held-out data"
     if len(bad) < len(names) and relative[worst] > STOP:
         return (
-            f"On {data_words} {', '.join(f'{names[j]} ({relative[j]:.0%})' for j in bad)} cannot be explained, the "
-            "other joints can: look at the unit, the drive gain and the zero of these, and at their axes in the "
-            "description."
+            f"On {data_words} the model does not explain "
+            f"{', '.join(f'{names[j]} ({relative[j]:.0%})' for j in bad)}, but it explains the other joints: check "
+            "the unit, the drive gain and the zero position of these joints, and their axes in the description."
         )
-    both = "The fit itself fails" if data_name == "fit" else "The fit holds, and the held-out data are not explained"
+    both = (
+        "The model does not explain the data of the fit"
+        if data_name == "fit"
+        else "The model explains the data of the fit but not the held-out data"
+    )
     return (
-        f"{both}, on nearly all joints: it may be another robot, another load, a unit of all columns, or gravity in "
-        "another direction."
+        f"{both}, on nearly all joints: the cause may be another robot, another load, a wrong unit of all columns, "
+        "or a wrong direction of gravity."
     )
 
 
@@ -294,7 +299,7 @@ def verdict(
     reservations = [UseFinding("limited", str(overlap), _ANOTHER) for overlap in common if overlap.kind == "repeated"]
     if identification.model.robot.joints_without_torque:
         silent = ", ".join(identification.model.robot.joints_without_torque)
-        sentence = f"Not of {silent}, whose torque was not recorded."
+        sentence = f"Not for {silent}, whose torque was not recorded."
         reservations.append(UseFinding("limited", sentence, f"Record the torque of {silent}, too."))
     against = _find_universal_objection(identification, stop, common, checks or {})
     held_out = identification.held_out
@@ -302,7 +307,7 @@ def verdict(
     if against is not None or held_out is None:
         finding = against or UseFinding(
             "not_judged",
-            "There are no held-out data to judge by: give a recording that no parameter sees.",
+            "There are no held-out data to judge the model by: give a recording that the fit does not use.",
             "Record another motion, and hold it out.",
         )
         uses = tuple(combine_findings(name, [finding], "") for name in USES)
@@ -339,12 +344,12 @@ def verdict(
     )
 
 
-_ANOTHER = "Hold out another motion: this one is that of the fit."
+_ANOTHER = "Hold out another motion: this one is the motion of the fit."
 _WHEN_GOOD: Mapping[UseName, str] = {
     "simulation": "Export it: dynident export MODEL -f urdf, or -f mjcf.",
     "feed_forward": "Export it: dynident export MODEL -f c, or -f casadi.",
-    "collision_detection": "Export it, and watch the residual behind the same filters: dynident export MODEL -f c.",
-    "payload": "Weigh a load: hold out runs with it, and dynident validate MODEL payload.",
+    "collision_detection": "Export it, and watch the residual after the same filters: dynident export MODEL -f c.",
+    "payload": "Weigh a load: hold out recordings with it, and run dynident validate MODEL payload.",
 }
 _REVISES: Mapping[UseName, tuple[str, ...]] = {
     "simulation": ("simulation", "inertia_matrix", "cross", "direct"),
@@ -375,7 +380,7 @@ def _find_universal_objection(
 ) -> UseFinding | None:
     """Return what speaks against every use, or leaves nothing to judge by; None where nothing does."""
     if identification.model.is_at_rest:
-        sentence = "Poses at rest tell nothing of motion."
+        sentence = "Poses at rest contain no information about motion."
         return UseFinding("no", sentence, "Record a designed motion: dynident design ROBOT.")
     # Before the size of the error: on copied data it is as small as in the fit, and says nothing.
     copied = [overlap for overlap in common if overlap.kind == "copied"]
@@ -385,11 +390,11 @@ def _find_universal_objection(
         worst = max(
             errors.relative_total for errors in (identification.fit, identification.held_out) if errors is not None
         )
-        sentence = f"The error is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect."
-        return UseFinding("no", sentence, "Look at the cause above first.")
+        sentence = f"The error is {worst:.0%}, above {STOP:.0%}: the cause is not a missing effect."
+        return UseFinding("no", sentence, "Remove the cause above first.")
     # Last, since a gross error has a cause of its own that helps more.
     veto = _find_veto(checks)
-    return UseFinding("no", veto, "Mend the recording as its check says, and identify again.") if veto else None
+    return UseFinding("no", veto, "Correct the recording as its check says, and identify again.") if veto else None
 
 
 def _find_veto(checks: Mapping[str, Sequence[Check]]) -> str:
@@ -408,7 +413,7 @@ def _judge_poses(identification: Identification) -> str:
     errors = identification.fit if identification.held_out is None else identification.held_out
     error, poses = errors.relative_total, "poses of the fit" if identification.held_out is None else "held-out poses"
     able = "Fit for gravity compensation" if error <= LARGEST_ERROR else "Not even fit for gravity compensation"
-    return f"{able}: {error:.1%} of the torque of {poses} is left."
+    return f"{able}: {error:.1%} of the torque of {poses} is not explained."
 
 
 def is_stopped(identification: Identification) -> bool:
@@ -436,12 +441,12 @@ def _list_next_steps(identification: Identification, stop: Stop | None, common: 
         return ["Record a longer, designed motion, and identify again.", "Hold out a motion with the same load."]
     if stop is not None:
         return [
-            "Look at the checks of the recordings, one by one.",
+            "Read the checks of each recording.",
             "Compare the description with the robot: axes, gravity.",
         ]
     # Disturbances come first: they shift all parameters, and cost a window of time to leave out.
     steps = [
-        f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where something else acted."
+        f"Leave out {span.start:.1f} to {span.end:.1f} s of the data of the fit, where an external disturbance acted."
         for span in find_outlying_spans(identification.data.training).spans
     ]
     if identification.model.is_at_rest:
@@ -464,8 +469,11 @@ def _advise_diagnosis(error: float, *, was_extended: bool) -> list[str]:
     alone, full = (f"{low:.0%} to {high:.0%}" for low, high in (USUAL, USUAL_IN_FULL))
     # A model with all usual effects is not sent to the diagnosis for ever: only an unusual error is worth another try.
     if was_extended:
-        still = f"Diagnose this model, too: with all effects {full} are usual, and it was extended already."
+        still = f"Diagnose this model, too: it was extended already, and errors of {full} are usual with all effects."
         return [still] if error > USUAL_IN_FULL[1] else []
     if error <= USUAL_IN_FULL[0]:
         return []
-    return [f"Diagnose what is missing and add it: {alone} are usual with friction alone, {full} with all effects."]
+    return [
+        f"Diagnose which effects are missing and add them: errors of {alone} are usual with friction alone, {full} "
+        "with all effects."
+    ]

@@ -31,8 +31,8 @@ UseName = Literal["simulation", "feed_forward", "collision_detection", "payload"
 USES: tuple[UseName, ...] = ("simulation", "feed_forward", "collision_detection", "payload")
 State = Literal["yes", "limited", "no", "not_judged"]
 MARKS: dict[State, str] = {"yes": "✓", "limited": "!", "no": "✕", "not_judged": "?"}
-DIAGNOSE = "Find what is missing: dynident diagnose MODEL RUN."
-GIVE_RECORDINGS = "Give the recordings that the model was tried on."
+DIAGNOSE = "Find the missing effects: dynident diagnose MODEL RUN."
+GIVE_RECORDINGS = "Give the held-out recordings of the model."
 """Next steps that several uses have."""
 _GRAVEST_FIRST: tuple[State, ...] = ("no", "not_judged", "limited", "yes")
 
@@ -140,22 +140,36 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
     if force is None:
         if not evidence.comparisons:
-            return [*findings, UseFinding("not_judged", "A threshold takes the held-out recordings.", GIVE_RECORDINGS)]
-        return [*findings, UseFinding("not_judged", "The held-out data are too short to tell a threshold.", _LONGER)]
+            return [
+                *findings,
+                UseFinding(
+                    "not_judged", "The threshold can only be computed from the held-out recordings.", GIVE_RECORDINGS
+                ),
+            ]
+        return [
+            *findings,
+            UseFinding("not_judged", "The held-out data are too short to determine a threshold.", _LONGER),
+        ]
     figures = (
-        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm an hour a force of {force.force:.3g} N at the tool shows ({SEEN:.0%} "
-        f"of directions and postures of the held-out motion, {force.seconds:.0f} s)."
+        f"At {FALSE_ALARMS_AN_HOUR:g} false alarm per hour, a force of {force.force:.3g} N at the tool is detected "
+        f"(in {SEEN:.0%} of directions and postures of the held-out motion, {force.seconds:.0f} s)."
     )
     if force.force > LARGEST_FORCE:
-        against = f"{figures} Above {LARGEST_FORCE:g} N, which a hand may bear, it saves the machine at best."
+        against = (
+            f"{figures} This is above the {LARGEST_FORCE:g} N that a hand can bear: it protects the machine at best."
+        )
         return [*findings, UseFinding("no", against, DIAGNOSE)]
     if force.force > LARGEST_FORCE_ANYWHERE:
         findings.append(
-            UseFinding("limited", f"More than the {LARGEST_FORCE_ANYWHERE:g} N that a face may bear.", DIAGNOSE)
+            UseFinding("limited", f"This is more than the {LARGEST_FORCE_ANYWHERE:g} N that a face can bear.", DIAGNOSE)
         )
     if not evidence.list_passed("payload"):
         findings.append(
-            UseFinding("limited", "In N only if the drive gains are right, which nothing has checked.", GAINS)
+            UseFinding(
+                "limited",
+                "The force in N is right only if the drive gains are right, and nothing has checked them.",
+                GAINS,
+            )
         )
     return [*findings, UseFinding("yes", figures)]
 
@@ -164,7 +178,7 @@ def judge_collision_detection(evidence: HeldOutEvidence, force: DetectableForce 
 _NAMED = 3
 # Postures of the held-out motion that the mass matrix is computed in, spread evenly.
 _POSTURES = 200
-CURE = "Identify again with bodies that can exist: dynident identify … --estimator feasible."
+CURE = "Identify again with physically feasible bodies: dynident identify … --estimator feasible."
 
 
 def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[UseFinding]:
@@ -186,9 +200,9 @@ def judge_simulation(evidence: HeldOutEvidence, drift: Drift | None) -> list[Use
     if drift is not None:
         return [*findings, _judge_drift(drift)]
     if evidence.recordings:
-        sentence = "No robot with these parameters makes a step along the held-out motion."
+        sentence = "A simulation with these parameters fails at the first step along the held-out motion."
         return [*findings, UseFinding("no", sentence, CURE)]
-    sentence = "How far a simulation runs away takes the held-out recordings."
+    sentence = "The drift of a simulation can only be computed from the held-out recordings."
     return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
 
 
@@ -216,7 +230,7 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
         )
     except DynidentError as error:
         return [
-            UseFinding("no", f"Whether bodies that can exist have these parameters is not known: {error.detail}.", CURE)
+            UseFinding("no", f"It is not known whether these parameters are physically feasible: {error.detail}.", CURE)
         ]
     if nearest.is_feasible:
         return []
@@ -226,8 +240,8 @@ def _judge_bodies(evidence: HeldOutEvidence) -> list[UseFinding]:
     if identification.data.held_out is not None:
         after = compute_errors(identification.data.held_out, nearest.values).relative_total
         before = evidence.held_out.relative_total
-        cost = f" The nearest that can have a held-out error of {after:.2%} instead of {before:.2%}."
-    return [UseFinding("no", f"No bodies that can exist have these parameters ({names}{more}).{cost}", CURE)]
+        cost = f" The nearest feasible parameters have a held-out error of {after:.2%} instead of {before:.2%}."
+    return [UseFinding("no", f"These parameters are not physically feasible ({names}{more}).{cost}", CURE)]
 
 
 def _judge_mass_matrix(evidence: HeldOutEvidence) -> list[UseFinding]:
@@ -253,14 +267,19 @@ def _judge_drift(drift: Drift) -> UseFinding:
     # they are unstable without a controller.
     short = share[:2]
     if not np.isfinite(short[0]).all():
-        return UseFinding("no", f"Left alone under the measured torque, the simulation diverges. {figures}", CURE)
+        return UseFinding(
+            "no", f"Without a controller, the simulation under the measured torque diverges. {figures}", CURE
+        )
     if float(np.nanmax(short)) > LARGEST_DRIFT:
         sentence = (
-            f"{figures} Above {LARGEST_DRIFT:.0%} of the way within {AFTER[1]:g} s it is no simulation of the robot."
+            f"{figures} More than {LARGEST_DRIFT:.0%} of the travel within {AFTER[1]:g} s is too much for a "
+            "simulation of the robot."
         )
         return UseFinding("no", sentence, DIAGNOSE)
     if float(np.nanmax(short)) > NOTABLE_DRIFT:
-        sentence = f"Only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
+        sentence = (
+            f"Simulate only with a controller, or for less than {AFTER[1]:g} s: {figures[0].lower()}{figures[1:]}"
+        )
         return UseFinding("limited", sentence, DIAGNOSE)
     return UseFinding("yes", figures)
 
@@ -273,12 +292,12 @@ def word_drift(drift: Drift) -> str:
             continue
         worst = int(np.nanargmax(share))
         size = "all of" if not np.isfinite(share[worst]) else f"{share[worst]:.0%} of"
-        phrases.append(f"{size} its way after {after:g} s ({drift.joint_names[worst]})")
-    return f"Left alone under the measured torque, the worst joint is off by {', '.join(phrases)}."
+        phrases.append(f"{size} its travel after {after:g} s ({drift.joint_names[worst]})")
+    return f"Without a controller, under the measured torque, the worst joint is off by {', '.join(phrases)}."
 
 
 GAINS = (
-    "Run the motion of the identification with a load that was weighed: dynident validate MODEL payload LOADED "
+    "Record the motion of the identification with a load of known mass: dynident validate MODEL payload LOADED "
     "--unloaded RUN --mass KG."
 )
 _LEAST_DETERMINED = 0.5
@@ -287,13 +306,13 @@ _LEAST_DETERMINED = 0.5
 
 def judge_scale(evidence: HeldOutEvidence) -> list[UseFinding]:
     """List the known loads that came out wrong: then all torques, forces and masses are off by the same factor."""
-    step = "Find the drive gains from the runs without and with the load: dynident gains."
+    step = "Find the drive gains from the recordings without and with the load: dynident gains."
     return [UseFinding("no", outcome.judged.reason, step) for outcome in evidence.list_failed("payload")]
 
 
 def judge_units(evidence: HeldOutEvidence) -> list[UseFinding]:
     """List wrong known loads as limits, for uses in which torques are only compared with torques."""
-    sentence = "In the unit of the recorded torque alone: a known load came out wrong, and so are all masses."
+    sentence = "Only in the unit of the recorded torque: a known load came out wrong, so all masses are wrong."
     return [UseFinding("limited", sentence, finding.next_step) for finding in judge_scale(evidence)]
 
 
@@ -315,7 +334,9 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
     findings = [*judge_errors(evidence), *judge_scale(evidence)]
     error = evidence.held_out.relative_total
     if error > LARGEST_TO_WEIGH:
-        sentence = f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: what is left is taken for a load."
+        sentence = (
+            f"The held-out error is {error:.1%}, above {LARGEST_TO_WEIGH:.0%}: the residual would count as a load."
+        )
         findings.append(UseFinding("no", sentence, DIAGNOSE))
     parameters = evidence.identification.parameters
     # Parameters that may be zero are left out: small ones are never determined, and do no harm.
@@ -327,23 +348,26 @@ def judge_payload(evidence: HeldOutEvidence, mass: float | None) -> list[UseFind
     sure = sum(parameter.judgement == "determined" for parameter in links)
     if not links or sure < _LEAST_DETERMINED * len(links):
         sentence = (
-            f"Of the {len(links)} parameters of the links that are not zero the data determine {sure}: a load would be "
-            "weighed against uncertain ones."
+            f"The data determine only {sure} of the {len(links)} nonzero parameters of the links: the estimate of a "
+            "load would rest on uncertain parameters."
         )
         findings.append(UseFinding("no", sentence, "Record a longer, designed motion: dynident design."))
     checked = evidence.list_passed("payload")
     # A wrong gain scales torque and parameters alike: residuals stay small, so that only a known load shows it.
     if not checked:
-        sentence = "Nothing has checked the drive gains: with wrong ones every load is as wrong, and no error shows it."
+        sentence = (
+            "Nothing has checked the drive gains: if they are wrong, all loads are wrong by the same factor, and no "
+            "error shows it."
+        )
         findings.append(UseFinding("not_judged", sentence, GAINS))
     if mass is None:
-        sentence = "Which mass shows takes a held-out motion that moves the tool."
+        sentence = "The smallest detectable mass can only be computed from a held-out motion that moves the tool."
         return [*findings, UseFinding("not_judged", sentence, GIVE_RECORDINGS)]
-    figures = f"Along the held-out motion a load at the tool shows from {mass:.2g} kg on."
+    figures = f"Along the held-out motion a load at the tool is detectable from {mass:.2g} kg on."
     return [*findings, *(UseFinding("yes", outcome.judged.reason) for outcome in checked), UseFinding("yes", figures)]
 
 
-_PRESLIDING = "Find what is missing, most often presliding friction: dynident diagnose MODEL RUN."
+_PRESLIDING = "Find the missing effect, most often presliding friction: dynident diagnose MODEL RUN."
 
 
 def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
@@ -355,14 +379,16 @@ def judge_errors(evidence: HeldOutEvidence) -> list[UseFinding]:
         findings.append(UseFinding("no", f"The held-out error is {error:.1%}, above {LARGEST_ERROR:.0%}.", DIAGNOSE))
     bad = [f"{joints[j]} ({each[j]:.0%})" for j in range(len(joints)) if not each[j] <= LARGEST_OF_JOINT]
     if bad:
-        sentence = f"Where they move, joints are above {LARGEST_OF_JOINT:.0%}: {', '.join(bad)}."
+        sentence = f"These joints have an error above {LARGEST_OF_JOINT:.0%} where they move: {', '.join(bad)}."
         findings.append(
-            UseFinding("no", sentence, f"Find what is missing on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN.")
+            UseFinding(
+                "no", sentence, f"Find the missing effects on {bad[0].split(' (')[0]}: dynident diagnose MODEL RUN."
+            )
         )
     if evidence.never_moving:
         names = ", ".join(evidence.never_moving)
-        sentence = f"Nothing is told of {names}, which never moves in the held-out data."
-        findings.append(UseFinding("limited", sentence, f"Hold out a motion of all joints: {names} stands."))
+        sentence = f"The held-out data contain no information about {names}, which never moves in them."
+        findings.append(UseFinding("limited", sentence, f"Hold out a motion of all joints: {names} does not move."))
     return findings
 
 
@@ -377,7 +403,7 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
         f"{joints[j]} {each[j]:.0%}" for j in range(len(joints)) if NOTABLE_OF_JOINT < each[j] <= LARGEST_OF_JOINT
     ]
     if notable:
-        sentence = f"Much is left to the controller while they move: {', '.join(notable)}."
+        sentence = f"The controller has to compensate much of the torque while joints move: {', '.join(notable)}."
         findings.append(UseFinding("limited", sentence, DIAGNOSE))
     remembers = bool(evidence.identification.model.signals.memory_signals)
     # The first phase, moving, is judged by the joints' errors above, on all rows of the held-out data.
@@ -390,10 +416,10 @@ def judge_feed_forward(evidence: HeldOutEvidence) -> list[UseFinding]:
             figures.append(f"{phase.name} {share:.0%} ({joints[joint]})")
             continue
         state: State = "no" if share > LARGEST_OF_JOINT else "limited"
-        sentence = f"{phase.name.capitalize()} {joints[joint]} is off by {share:.0%} of its torque."
+        sentence = f"{phase.name.capitalize()}, the model of {joints[joint]} is off by {share:.0%} of its torque."
         findings.append(UseFinding(state, sentence, DIAGNOSE if remembers else _PRESLIDING))
     if not evidence.phases:
-        sentence = "What is left where joints reverse and start takes the held-out recordings."
+        sentence = "The errors at reversals and starts can only be computed from the held-out recordings."
         findings.append(UseFinding("limited", sentence, GIVE_RECORDINGS))
     good = f"The held-out error is {error:.1%}; the worst joint {', '.join(figures)}."
     return [*findings, UseFinding("yes", good)]

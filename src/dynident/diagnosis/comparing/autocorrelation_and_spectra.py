@@ -208,7 +208,7 @@ def time_spectrum(t: FloatArray, segment: FloatArray, residual: FloatArray) -> R
     runs = [(first, last) for first, last in split_uniform_intervals(t, segment) if last - first >= _SHORTEST]
     if not runs:
         raise DynidentError(
-            f"no stretch without gaps has {_SHORTEST} rows; use a longer recording or wider windows",
+            f"no segment has {_SHORTEST} rows; use a longer recording or wider windows",
             pointer="over",
             title="Too few samples",
         )
@@ -258,7 +258,8 @@ def angle_spectrum(
     least = _LEAST_CYCLES / highest
     if not span > least:
         raise DynidentError(
-            f"the joint moves through {span:.3g} only: give a run in which it moves through more than {least:.2g}",
+            f"the joint moves through only {span:.3g}: give a recording in which it moves through more than "
+            f"{least:.2g}",
             pointer="joint",
             title="Too little motion",
         )

@@ -54,15 +54,15 @@ class DataOverlap:
 
     def __str__(self) -> str:
         if self.kind == "copied":
-            says = "that of the fit" if self.share >= MOSTLY else "partly that of the fit"
+            says = "the error of the fit" if self.share >= MOSTLY else "partly the error of the fit"
             return (
                 f"{self.held_out} holds the same samples as {self.fitted}, which the model was fitted to "
-                f"({self.share:.0%} of its motion): the held-out error is {says}. "
-                "Give a recording that was made apart."
+                f"({self.share:.0%} of its motion): the held-out error is {says}. Give a recording that was made "
+                "independently."
             )
         return (
-            f"{self.held_out} repeats the motion of {self.fitted} ({self.share:.0%}): the held-out error is that of "
-            "the same motion, and says nothing of others."
+            f"{self.held_out} repeats the motion of {self.fitted} ({self.share:.0%}): the held-out error holds for "
+            "this motion only, not for other motions."
         )
 
 

@@ -131,18 +131,19 @@ def _word_notes(
     notes = []
     if repeated is not None:
         notes.append(
-            f"{repeated.share:.0%} of this motion repeats that of {repeated.name}, which the model was identified "
-            "from: the comparison tests noise, not generalisation. Compare with another motion."
+            f"{repeated.share:.0%} of this motion repeats the motion of {repeated.name}, from which the model was "
+            "identified: the comparison tests noise, not generalisation. Compare with another motion."
         )
     if noise.source == "repeated_periods":
         notes.append(
-            f"The noise floor is from repeated periods: the motion comes {noise.repetitions:.1f} times, every "
-            f"{noise.period:.3g} s."
+            f"The noise floor is estimated from repeated periods: the motion repeats {noise.repetitions:.1f} times, "
+            f"every {noise.period:.3g} s."
         )
     else:
         notes.append(
-            "The noise floor is from the high frequencies of the torque, since the motion does not come twice: slow "
-            "disturbances are not in it. Record at least two periods of a motion for a better one."
+            "The noise floor is estimated from the high frequencies of the torque, because the motion does not "
+            "repeat: it does not include slow disturbances. Record at least two periods of a motion for a better "
+            "estimate."
         )
     fit = noise.lack_of_fit
     if fit is not None:
@@ -153,7 +154,9 @@ def _word_notes(
             if p < _SURE and ratio > _MISSING
         ]
         if wrong:
-            notes.append(f"More than noise is left on {', '.join(wrong)}: something is missing in the model there.")
+            notes.append(
+                f"The residual is larger than the noise on {', '.join(wrong)}: the model lacks an effect there."
+            )
     return tuple(notes)
 
 

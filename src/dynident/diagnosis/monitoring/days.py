@@ -96,7 +96,7 @@ def days_from_bytes(measure: Measure, content: bytes) -> tuple[Day, ...]:
     header = _read_header(content)
     if header["measure"] != measure.digest:
         raise DynidentError(
-            "these days were reduced for another model, or without the temperatures; begin anew",
+            "these days were reduced for another model, or without the temperatures; reduce the recordings again",
             title="Days of another model",
         )
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
@@ -156,9 +156,9 @@ def _read_header(content: bytes) -> dict[str, Any]:
         known = header["format"] == _FORMAT and "measure" in header
     # Whatever file somebody gives, the answer is a sentence.
     except (ValueError, KeyError, OSError, TypeError, zipfile.BadZipFile) as error:
-        raise DynidentError("this is no file of days", title="Unusable file") from error
+        raise DynidentError("this is not a file of days", title="Unusable file") from error
     if not known:
-        raise DynidentError(f"this is no file of days but of {header['format']!r}", title="Unusable file")
+        raise DynidentError(f"this is not a file of days: its format is {header['format']!r}", title="Unusable file")
     return dict(header)
 
 
@@ -364,7 +364,7 @@ def reduce_day(
     effects = measure.model.effects
     if any(choice.runs for choice in effects):
         raise DynidentError(
-            "the model has effects that are in some runs only; take a model without them",
+            "the model has effects that act in some runs only; use a model without them",
             pointer="/identification_id",
             title="Effects of single runs",
         )

@@ -198,10 +198,10 @@ def monitor_days(measure: Measure, days: Sequence[Day], progress: Progress = ign
 
 def _check_days(measure: Measure, days: Sequence[Day], names: Sequence[str]) -> None:
     if len(days) < FEWEST_DAYS:
-        raise DynidentError("a series takes two days at least", pointer="/days", title="Too few days")
+        raise DynidentError("a series needs at least two days", pointer="/days", title="Too few days")
     if len(set(names)) < len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
-        raise DynidentError(f"two days are called {twice!r}; give each a name of its own", pointer="/days")
+        raise DynidentError(f"two days have the name {twice!r}; give each day its own name", pointer="/days")
     for day in days:
         if day.measure != measure.digest:
             raise DynidentError(f"day {day.name!r} was reduced for another model; reduce it again", pointer="/days")
@@ -256,7 +256,7 @@ def _select_independent(days: Sequence[Day], columns: Sequence[StepColumn], numb
 
 def _word_summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
     if not changes:
-        return f"Nothing that these recordings can show has changed from {names[0]} to {names[-1]}."
+        return f"These recordings show no change from {names[0]} to {names[-1]}."
     parts = []
     for change in changes:
         choice, main = change.change.choice, change.change.main
@@ -264,7 +264,7 @@ def _word_summary(changes: Sequence[SeriesChange], names: Sequence[str]) -> str:
         unit = "" if main.unit == "-" else f" {main.unit}"
         when = names[change.since]
         if change.earliest < change.latest:
-            when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit as well)"
+            when = f"{names[change.since]} ({names[change.earliest]} to {names[change.latest]} fit equally well)"
         title = get_effect(choice.effect).title
         parts.append(f"from {when} on: {title}{place} ({main.parameter} {main.value:+.3g}{unit})")
     return f"Changed since {names[0]}: {'; '.join(parts)}."

@@ -47,7 +47,7 @@ def find_invisible(first: Sequence[ScoredCandidate]) -> tuple[Invisible, ...]:
             key = (scored.candidate.effect, scored.candidate.joints)
             # The constants of which most is left count: an effect is invisible only if none of them shows.
             shares[key] = max(shares.get(key, 0.0), scored.separability)
-    why = "of its column is left beside the model on this motion, so it could not have shown"
+    why = "of its column is independent of the model on this motion, so these data cannot show it"
     return tuple(
         Invisible(*key, f"only {share:.1%} {why}", f"{share:.1%} left")
         for key, share in shares.items()
@@ -159,12 +159,12 @@ def _compare_typical_sizes(
         size = abs(usual.values.get(column.parameter, 0.0)) if usual is not None else 0.0
         if size > 0 and spread > 0:
             if not np.isfinite(spread):
-                why = f"beside the model and what was found these data do not determine {column.name}"
+                why = f"these data do not determine {column.name} together with the model and the findings"
                 yield 0.0, Invisible(candidate.effect, candidate.joints, why, f"{column.name} undetermined")
                 continue
             unit = "" if column.unit == "-" else f" {column.unit}"
-            known = f"{column.name} is known to ±{spread:.{_DIGITS}g}{unit} only"
-            why = f"an arm that has it has about {size:.{_DIGITS}g}{unit}, which need not have shown"
+            known = f"{column.name} is known only to ±{spread:.{_DIGITS}g}{unit}"
+            why = f"an arm with this effect has about {size:.{_DIGITS}g}{unit}, which these data may not show"
             brief = f"{column.name} ±{spread:.{_DIGITS}g} of {size:.{_DIGITS}g}{unit}"
             yield size / spread, Invisible(candidate.effect, candidate.joints, f"{known}; {why}", brief)
 

@@ -201,10 +201,9 @@ def find_static_friction(
             continue
         judged = replace(_score_halts(candidate, joint, halts, held, final[0].noise), p=p)
         why = (
-            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held "
-            f"{_MUCH:.0%} or more beyond "
-            f"what the model's friction does, {np.median(halts.share):.0%} in the middle one. At which speed that "
-            "falls off is hardly resolved."
+            f"These are halts: in {halts.count_large(noise)} of {len(halts.beyond)} the joint held at least "
+            f"{_MUCH:.0%} more than the model's friction (median {np.median(halts.share):.0%}). The data hardly "
+            "resolve the speed at which this additional friction vanishes."
         )
         findings.append(Finding(judged, tuple(_list_equivalents(judged)), p, why=why))
         grown, final = larger, after

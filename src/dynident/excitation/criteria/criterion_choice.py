@@ -13,15 +13,19 @@ if TYPE_CHECKING:
     from dynident.effects import EffectChoice
 
 NAMES = OneOf(
-    Choice("condition_number", "condition number", "Of W [12.12]: the usual choice."),
-    Choice("equilibrated", "equilibrated condition number", "And its largest entry over its smallest [12.13]."),
+    Choice("condition_number", "condition number", "That of W [12.12]: the usual choice."),
+    Choice(
+        "equilibrated",
+        "equilibrated condition number",
+        "Condition number plus the largest over the smallest entry [12.13].",
+    ),
     Choice("condition_plus_inverse_sigma", "condition number and smallest singular value", "[12.14]"),
     Choice("weighted", "weighted", "[12.15]"),
     Choice("d_optimal", "D-optimal", "The volume of the ellipsoid of uncertainty."),
     Choice("a_optimal", "A-optimal", "The sum of the variances."),
     Choice("e_optimal", "E-optimal", "The largest variance."),
-    Choice("parameters", "chosen parameters", "The variances of those that are named."),
-    Choice("separation", "separation", "Tells effects from the rest of the model and from each other."),
+    Choice("parameters", "chosen parameters", "The variances of the named parameters."),
+    Choice("separation", "separation", "Distinguishes effects from the rest of the model and from each other."),
 )
 # Smallest weight and a-priori value: one that is smaller is zero but for rounding.
 _SMALLEST = 1e-12
@@ -48,7 +52,10 @@ class CriterionChoice:
     """
 
     name: str = declare_field(
-        "How exciting a motion is (§12.3.4.1)", default="condition_number", kinds=NAMES, option="--criterion"
+        "Measure of the information in a motion (§12.3.4.1)",
+        default="condition_number",
+        kinds=NAMES,
+        option="--criterion",
     )
     weight: float = declare_field(
         "k1 of [12.13], k2 of [12.14] (in the unit of the smallest singular value)",
@@ -58,12 +65,14 @@ class CriterionChoice:
         at_most=1e12,
     )
     a_priori: Mapping[str, float] = declare_field(
-        "|Z| of [12.15] by parameter, else as the robot's description has it; what variances are relative to",
+        "|Z| of [12.15] by parameter, to which variances are relative; by default the value of the robot's description",
         made_by=dict,
     )
-    parameters: tuple[str, ...] = declare_field("For parameters: those whose variances count", default=())
+    parameters: tuple[str, ...] = declare_field("For parameters: the parameters whose variances count", default=())
     effects: tuple[EffectChoice, ...] = declare_field(
-        "For separation: to be told from the rest of the model and from each other", default=(), option="-"
+        "For separation: the effects to distinguish from the rest of the model and from each other",
+        default=(),
+        option="-",
     )
 
     @property
@@ -104,4 +113,4 @@ def check_criterion_targets(choice: CriterionChoice) -> None:
     if choice.name == "parameters" and not choice.parameters:
         raise DynidentError("name the parameters whose variances count", pointer="/criterion/parameters")
     if choice.name == "separation" and not choice.effects:
-        raise DynidentError("name the effects that are to be separated", pointer="/criterion/effects")
+        raise DynidentError("name the effects to separate", pointer="/criterion/effects")

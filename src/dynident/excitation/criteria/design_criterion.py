@@ -294,8 +294,8 @@ def _require_effect_parameters(model: DesignModel, rival: EffectChoice, index: i
     indices = find_effect_parameters(model, rival)
     if not indices:
         raise DynidentError(
-            f"no motion can tell {rival.effect} from the rest of the model: its columns depend on the others, or on "
-            "more than a trajectory gives",
+            f"no motion can distinguish {rival.effect} from the rest of the model: its columns depend on the others, "
+            "or on signals that a trajectory does not contain",
             pointer=f"/criterion/effects/{index}",
             title="Inseparable effect",
         )

@@ -87,20 +87,20 @@ def _check_addable(model: DesignModel, request: DesignRequest) -> None:
     """Raise `DynidentError` where the rows of earlier runs cannot be added to those of the design."""
     if request.kind == "sequential":
         raise DynidentError(
-            "a set of test motions complements itself, not earlier runs; leave the earlier runs out, or choose the "
+            "a set of test motions does not take earlier runs into account; leave the earlier runs out, or choose the "
             'kind "optimized"',
             pointer="/earlier_ids",
         )
     if not model.counted.all():
         raise DynidentError(
-            "with locked joints, the parameters are grouped in another way than in earlier runs of all joints; leave "
+            "with locked joints, the parameters are grouped differently than in earlier runs of all joints; leave "
             "the earlier runs out, or let all joints move",
             pointer="/earlier_ids",
         )
     if request.model != "dynamic":
         raise DynidentError(
-            f"earlier runs count beside the rows of the dynamic model; a design for the {request.model} model cannot "
-            "take them into account",
+            f"earlier runs count only for the dynamic model; a design for the {request.model} model cannot take them "
+            "into account",
             pointer="/earlier_ids",
         )
 

@@ -91,7 +91,7 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     baseline = compute_baseline([candidate.values for candidate in candidates])
     notes += search.notes
     if not np.isfinite(best.values.condition_number):
-        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+        notes.append("W does not have full rank: this motion does not determine all base parameters.")
     # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_sample_dependent else _VALUED_SAMPLES
     fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
@@ -207,7 +207,7 @@ def search_trajectory(
         problem, shrinking, judge, candidates, budget, scale_progress(progress, 0.15, 0.95), course
     )
     completed = f"{result.starts} start{'' if result.starts == 1 else 's'} completed"
-    note = f"{completed} before the time was over." if result.out_of_time else f"{completed}."
+    note = f"{completed} before the time limit." if result.out_of_time else f"{completed}."
     return SearchResult(tuple(candidates), result.best, (note,))
 
 
@@ -261,7 +261,7 @@ def _merge_margins(first: Sequence[Margin], second: Sequence[Margin]) -> tuple[M
 
 def _build_no_room_error(bounds: Bounds) -> DynidentError:
     return ImpossibleLimitsError(
-        "No trajectory fits: the torque limits leave no room to move around any posture that can be held "
+        "No trajectory is possible: the torque limits allow no motion around any posture that the arm can hold "
         f"({', '.join(f'{name} {value:.3g}' for name, value in zip(bounds.names, bounds.torque, strict=True))}).",
         pointer="/limits",
         title="Impossible limits",

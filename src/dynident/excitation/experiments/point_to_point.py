@@ -80,7 +80,7 @@ def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperimen
     course = (placed.approach, *rounds, placed.retreat)
     valued = task.evaluate_pieces(course, exciting)
     if not np.isfinite(valued.values.condition_number):
-        notes.append("W has no full rank: this motion cannot tell all base parameters apart.")
+        notes.append("W does not have full rank: this motion does not determine all base parameters.")
     period = sum(piece.duration for piece in rounds) / request.trajectory.periods
     notes.append(f"One round through {len(pieces)} points takes {period:.9g} s.")
     return DesignedExperiment(
@@ -141,7 +141,7 @@ def _improve_candidates(
         if reached.values.criterion < best.values.criterion:
             best = reached
     ended = f"{completed} start{'' if completed == 1 else 's'} completed"
-    return best, f"{ended} before the time was over." if budget.is_spent else f"{ended}."
+    return best, f"{ended} before the time limit." if budget.is_spent else f"{ended}."
 
 
 def select_first_fitting(

@@ -143,7 +143,7 @@ def lock_model(model: DesignModel, posture: FloatArray, moving: BoolArray) -> De
     ).kept
     if not visible:
         raise DynidentError(
-            "the joints that move show none of the parameters; choose other joints or effects",
+            "the moving joints determine none of the parameters; choose other joints or effects",
             pointer="/trajectory/joints",
         )
     # The parameters to identify come first, so that base selection keeps them before those that only predict torque.
@@ -165,9 +165,8 @@ def note_locked_joints(names: Sequence[str], moving: BoolArray) -> str:
     """
     still = [name for name, moves in zip(names, moving, strict=True) if not moves]
     return (
-        f"Locked at home: {join_names(still)}. W has the equations of the joints that move, and the "
-        f"parameters that these "
-        "show."
+        f"Locked at home: {join_names(still)}. W contains the equations of the moving joints, and the parameters "
+        "that these equations determine."
     )
 
 
@@ -434,7 +433,9 @@ def build_design_model(
     if len(chosen) < len(candidates):
         chosen_ids = set(map(id, chosen))
         left_out = join_names(column.name for column in candidates if id(column) not in chosen_ids)
-        notes.append(f"The criterion leaves out {left_out}: their columns depend on more than a trajectory gives.")
+        notes.append(
+            f"The criterion leaves out {left_out}: their columns depend on signals that a trajectory does not contain."
+        )
     if not chosen:
         raise DynidentError(
             "no column of W is left to design for; choose effects that depend on the motion alone",
@@ -448,7 +449,7 @@ def build_design_model(
     elif robot.inertias is not None:
         reference_parameters = ReferenceParameters.from_links(robot.inertias, robot.n)
     elif any(ca.depends_on(column.torque, signals.reference) for column in chosen):
-        notes.append("The load torque is that of links of 3 kg each: the robot's description gives no inertias.")
+        notes.append("The load torque assumes links of 3 kg each: the robot's description gives no inertias.")
     choices, columns = tuple(effects), list(chosen)
     if robot.inertias is not None:
         present = {column.name for column in chosen if get_role(column) == "link"}

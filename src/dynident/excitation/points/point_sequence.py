@@ -240,8 +240,8 @@ def draw_sequences(
             sequences.append(EvaluatedSequence(sequence, evaluate_moves(moves, yardstick)))
     if not sequences:
         raise ImpossibleLimitsError(
-            f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, keeps the limits of "
-            "torque and clearance; raise them, or let fewer points do.",
+            f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, stays within the "
+            "limits of torque and clearance; relax these limits, or use fewer points.",
             pointer="/limits",
             title="Impossible limits",
         )

@@ -193,9 +193,7 @@ class RunSearch:
             )
             candidates_of_postures += [(candidate, bounds) for candidate in candidates]
         if not candidates_of_postures:
-            raise ImpossibleLimitsError(
-                "no motion with locked joints was found that keeps the limits", pointer="/limits"
-            )
+            raise ImpossibleLimitsError("no motion with locked joints was found within the limits", pointer="/limits")
         # The bounds are those of the posture in which this candidate has the other joints locked.
         best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
         problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds)

@@ -74,8 +74,8 @@ def design_sequential(task: DesignTask, budget: Budget) -> DesignedExperiment:
     if in_time:
         return experiment
     note = (
-        "The time was over before all runs were searched by the criterion: until then, they are chosen by log det M; "
-        "more time may make them much better."
+        "The time limit ended the search before all runs were optimised by the criterion: the others were chosen by "
+        "log det M. More time may improve them much."
     )
     return replace(experiment, notes=(*experiment.notes, note))
 
@@ -196,8 +196,8 @@ def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: Fl
     valued = _evaluate_samples(task, runs)
     notes = [*task.yardstick.notes, *_note_not_shown(task, valued), note_home(home)]
     notes.append(
-        f"{len(runs)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each, only the equations "
-        "of the joints that move count."
+        f"{len(runs)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each run, only the "
+        "equations of the moving joints count."
     )
     return DesignedExperiment(
         pieces=(*pieces, retreat),
@@ -225,11 +225,11 @@ def _note_not_shown(task: DesignTask, valued: MotionValues) -> list[str]:
     missing = [parameter.name for parameter in valued.expected if parameter.share < _NOT_SHOWN]
     if not missing:
         return []
-    note = f"W has no full rank: the runs do not show {join_names(missing)}."
+    note = f"W does not have full rank: the runs do not determine {join_names(missing)}."
     if task.request.trajectory.sets != "vandanjon":
         note += (
-            " Their joints never move together with those that would tell; choose the set 'vandanjon', or state a run "
-            "of all joints as an earlier measurement."
+            " Their joints never move together with the joints that would determine them; choose the set "
+            "'vandanjon', or give a run of all joints as an earlier measurement."
         )
     return [note]
 

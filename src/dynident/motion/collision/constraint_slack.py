@@ -315,5 +315,6 @@ def word_singularity(condition: float, largest: float) -> str:
     if not np.isfinite(condition):
         return "the closed loops would be open: no position of the passive joints closes them there."
     return (
-        f"the closed loops would come near a singular posture: condition {condition:.3g}, at most {largest:g} is kept."
+        f"the closed loops would come near a singular posture: condition number {condition:.3g}, above the limit "
+        f"{largest:g}."
     )

@@ -126,7 +126,7 @@ class FreeSpace:
         if self.contacts is None:
             return "the tool is at an end of its range."
         nearest = min(self.contacts.find_approaches(q[None]), key=lambda approach: approach.slack)
-        return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which leaves no room to move between them."
+        return f"'{nearest.name}' are {nearest.distance:.3g} m apart, which is too close for any motion."
 
     def find_blocked(self, q: FloatArray) -> BoolArray:
         """Return at which of postures q (m, n) something is not kept: (m,)."""
@@ -162,7 +162,7 @@ def word_contact(name: str, distance: float, clearance: float) -> str:
         Distance that has to be kept, m.
     """
     near = f"would come within {distance:.4g} m of each other" if distance > 0 else "would touch each other"
-    return f"'{name}' {near}; {clearance:g} m must be kept."
+    return f"'{name}' {near}; the clearance must be at least {clearance:g} m."
 
 
 def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, high: FloatArray) -> FreeSpace | None:
@@ -234,7 +234,10 @@ def build_free_space(robot: Robot, surroundings: Surroundings, low: FloatArray, 
     against, pair_notes = _reduce_clearances(robot, against, postures, drop=assumed)
     notes += pair_notes
     if obstacles and above_floor.bare:
-        notes.append(f"Not kept from the surroundings, for want of collision geometry: {join_names(above_floor.bare)}.")
+        notes.append(
+            "Not checked against the surroundings, because they have no collision geometry: "
+            f"{join_names(above_floor.bare)}."
+        )
     hindrances = _build_clearance_pairs(robot, above_floor, own, against, surroundings, postures)
     pairs = [*own, *against]
     if not pairs and tool is None and not notes:
@@ -278,9 +281,7 @@ def _select_changeable(
         if not changes and distances[0] < clearance
     ]
     variable = [pair for pair, changes in zip(pairs, changed, strict=True) if changes]
-    return variable, [
-        f"No motion changes how near these are, so it is not checked: {join_names(near)}."
-    ] if near else []
+    return variable, [f"Not checked, because no motion changes their distance: {join_names(near)}."] if near else []
 
 
 def _reduce_clearances(
@@ -297,13 +298,13 @@ def _reduce_clearances(
         # The largest distance over random postures is what a motion can attain at best.
         farthest = float(check.compute_distances(pair, postures).max())
         if farthest <= 0 and drop:
-            notes.append(f"They touch in every posture, so it is not checked: {pair.name}.")
+            notes.append(f"Not checked, because they touch in every posture: {pair.name}.")
             continue
         if 0 < farthest < pair.clearance:
             less = _SHARE_OF_ATTAINABLE * farthest
             notes.append(
-                f"A clearance of {less:.3g} m is kept instead of {pair.clearance:g} m between {pair.name}, which are "
-                f"never more than {farthest:.3g} m apart."
+                f"A clearance of {less:.3g} m is required instead of {pair.clearance:g} m between {pair.name}, which "
+                f"are never more than {farthest:.3g} m apart."
             )
             pair = replace(pair, clearance=less)
         attainable.append(pair)
@@ -313,8 +314,8 @@ def _reduce_clearances(
 def _check_geometry(geometry: CollisionGeometry, surroundings: Surroundings) -> None:
     if surroundings.has_obstacles and not any(body.joint != BASE for body in geometry.bodies):
         raise DynidentError(
-            "the robot's description has no collision geometry, so nothing can be kept away from its surroundings; "
-            "state surroundings.link_radius to take its links for capsules, or leave the obstacles out",
+            "the robot's description has no collision geometry, so its distance to the surroundings cannot be "
+            "checked; state surroundings.link_radius to model its links as capsules, or leave the obstacles out",
             pointer="/surroundings",
             title="No collision geometry",
         )
@@ -351,9 +352,13 @@ def _note_self_collision(geometry: CollisionGeometry, touching: Sequence[str]) -
     if not any(body.joint != BASE for body in geometry.bodies):
         return ["Self-collision is not checked: the robot's description has no collision geometry."]
     if geometry.bare:
-        notes.append(f"Not checked for self-collision, for want of collision geometry: {join_names(geometry.bare)}.")
+        notes.append(
+            f"Not checked for self-collision, because they have no collision geometry: {join_names(geometry.bare)}."
+        )
     if touching:
-        notes.append(f"Near each other in most postures, and not checked against each other: {join_names(touching)}.")
+        notes.append(
+            f"Not checked against each other, because they are close in most postures: {join_names(touching)}."
+        )
     return notes
 
 

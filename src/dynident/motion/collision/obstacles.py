@@ -115,15 +115,16 @@ def note_reach(
     below = f", below that plane for {reach.below:.0%} of the time" if reach.below else ""
     heading = FLOOR_ALONE if floor_assumed else NOTHING_STATED
     return (
-        f"{heading}: no floor, wall or box was stated (surroundings). Lowest comes {reach.lowest_joint}, "
-        f"{height} at {reach.lowest_time:.1f} s{below}; widest {reach.widest_joint}, {reach.widest:.2f} m from the "
-        "base's axis; links and tool reach further. See that this is free, and run it at a third of the speed first.",
+        f"{heading}: no floor, wall or box was stated (surroundings). The lowest joint is {reach.lowest_joint}, "
+        f"{height} at {reach.lowest_time:.1f} s{below}; the widest is {reach.widest_joint}, {reach.widest:.2f} m "
+        "from the base's axis. Links and tool reach further. Make sure that this space is free, and run the motion "
+        "at a third of the speed first.",
     )
 
 
 FLOOR_ASSUMED = (
-    "A floor through the base (z = 0) is assumed, since nothing around the robot was stated: no link but the first may "
-    "reach it. State what is there (surroundings), or that there is no floor (assume_floor: false, --no-floor)."
+    "A floor through the base (z = 0) is assumed, because no surroundings were stated: only the first link may "
+    "reach it. State the surroundings, or that there is no floor (assume_floor: false, --no-floor)."
 )
 _UPRIGHT = 0.99
 """Cosine of the largest angle, 8°, between gravity and the base's z axis of a robot that stands on a floor."""
@@ -247,7 +248,7 @@ def check_surroundings(surroundings: Surroundings, joint_names: Sequence[str] | 
         at = make_pointer(index, within=f"{_AT}/walls")
         if np.linalg.norm(wall.normal) < _SHORTEST:
             raise DynidentError(
-                f"the normal of wall '{wall.name}' is zero; it must point to the side that is free",
+                f"the normal of wall '{wall.name}' is zero; it must point to the free side",
                 pointer=f"{at}/normal",
             )
     if surroundings.tool_range is not None:
@@ -259,7 +260,7 @@ def _check_tool(tool: ToolRange, joint_names: Sequence[str] | None) -> None:
     for axis, low, high in zip("xyz", tool.low, tool.high, strict=True):
         if low is not None and high is not None and low >= high:
             raise DynidentError(
-                f"the tool's range in {axis} is from {low:g} to {high:g}; the lower end comes first", pointer=at
+                f"the tool's range in {axis} is from {low:g} to {high:g}; give the lower end first", pointer=at
             )
     if tool.joint is not None and joint_names is not None and tool.joint not in joint_names:
         raise DynidentError(

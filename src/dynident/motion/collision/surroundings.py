@@ -56,7 +56,7 @@ class Wall:
 
     name: str = declare_field(fewest=1, most=200)
     point: Vector = declare_field("Any point on it, in the base frame", unit="m", at_least=-FARTHEST, at_most=FARTHEST)
-    normal: Vector = declare_field("To the side that is free")
+    normal: Vector = declare_field("Points to the free side")
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class ToolRange:
         "x, y, z; null: no bound", default=(None, None, None), at_least=-FARTHEST, at_most=FARTHEST
     )
     point: Vector = declare_field(
-        "The tool in the frame of the joint",
+        "Position of the tool in the frame of the joint",
         default=(0.0, 0.0, 0.0),
         unit="m",
         at_least=-FARTHEST,
         at_most=FARTHEST,
     )
-    joint: str | None = declare_field("The joint that carries it; the last one", default=None)
+    joint: str | None = declare_field("The joint that carries the tool; the last one by default", default=None)
 
 
 @dataclass(frozen=True)
@@ -120,23 +120,23 @@ class Surroundings:
     """
 
     self_collision: bool = declare_field(
-        "Links must not touch each other, as far as the description has collision geometry", default=True
+        "Links must not touch each other (checked for links with collision geometry)", default=True
     )
     floor: float | None = declare_field(
-        "Height of a floor that no link but the base may reach, in the base frame",
+        "Height of a floor that only the base may reach, in the base frame",
         default=None,
         unit="m",
         at_least=-FARTHEST,
         at_most=FARTHEST,
     )
     assume_floor: bool = declare_field(
-        "Where nothing around an upright robot is stated, a floor through its base is assumed", default=True
+        "Assume a floor through the base of an upright robot if no surroundings are stated", default=True
     )
     walls: tuple[Wall, ...] = declare_field(default=(), most=50)
     boxes: tuple[Box, ...] = declare_field(default=(), most=50)
     tool_range: ToolRange | None = declare_field(default=None)
     clearance: float = declare_field(
-        "Distance that is kept to everything", default=DEFAULT_CLEARANCE, unit="m", at_least=1e-3, at_most=10
+        "Smallest distance to all bodies", default=DEFAULT_CLEARANCE, unit="m", at_least=1e-3, at_most=10
     )
     link_radius: float | None = declare_field(
         "Links without collision geometry count as capsules of this radius between the joints' origins",

@@ -239,9 +239,9 @@ def build_bounds(
         notes.append(f"Torque is not checked for {join_names(unlimited)}: no limit is known.")
     if np.isfinite(torque).any() or np.isfinite(power).any():
         notes.append(
-            "Torque is that of the inertias in the robot's description, without rotor inertia and friction; "
+            "Torque is predicted from the inertias in the robot's description, without rotor inertia and friction; "
             + (
-                f"it may be {100 * torque_margin:g} % larger than predicted: limits of torque and power are divided by "
+                f"it may be {100 * torque_margin:g} % larger: limits of torque and power are divided by "
                 f"{1 + torque_margin:g}."
                 if torque_margin
                 else "leave some room in the torque limits for them."
@@ -290,7 +290,8 @@ def _note_follower_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[st
     if not names:
         return []
     return [
-        f"Of joints that follow others position, velocity and acceleration are limited; not kept: {join_names(names)}."
+        "For joints that follow others, only position, velocity and acceleration are limited; not checked: "
+        f"{join_names(names)}."
     ]
 
 
@@ -308,7 +309,7 @@ def _note_wide_limits(robot: Robot, stated: Mapping[str, Limits]) -> list[str]:
             names.append(f"position {list(requested)} of {joint.name} (its own is [{reach[0]:g}, {reach[1]:g}])")
     if not names:
         return []
-    return [f"Limits wider than the robot's own are not followed: {join_names(names)}. Change the robot's description."]
+    return [f"Limits wider than the robot's own are ignored: {join_names(names)}. Change the robot's description."]
 
 
 def _is_limitless(position: tuple[float, float], joint: Joint) -> bool:
@@ -386,9 +387,8 @@ class _Assumptions:
         if self.limitless:
             turns = WIDEST_RANGE["revolute"] / (2 * np.pi)
             notes.append(
-                f"The position limits of {join_names(self.limitless)} are wider than {turns:g} turns and "
-                f"count as none: "
-                "the motion stays within ±π rad."
+                f"The position limits of {join_names(self.limitless)} are wider than {turns:g} turns and count as no "
+                "limits: the motion stays within ±π rad."
             )
         return notes
 

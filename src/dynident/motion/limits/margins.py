@@ -168,7 +168,7 @@ class Margin:
         if self.limit == "condition":
             complaint = word_singularity(self.value, self.bound)
             return complaint[0].upper() + complaint[1:]
-        return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be broken: {self.value:.4g}."
+        return f"The {self.limit} limit {self.bound:g} of joint '{self.joint}' would be violated: {self.value:.4g}."
 
 
 TorqueFunction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]

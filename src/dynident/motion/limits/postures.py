@@ -83,9 +83,9 @@ def draw_holdable_postures(bounds: Bounds, model: TorqueModel, rng: np.random.Ge
     joint = int(shares[best].argmax())
     name = bounds.names[joint]
     raise ImpossibleLimitsError(
-        f"No posture can be held: in the easiest of {_POSTURES} the weight of the arm alone asks "
-        f"{torque[best, joint]:.3g} of joint '{name}', whose torque limit is {bounds.torque[joint]:.3g}. Raise the "
-        "limit, or widen the position limits to where the arm is easier to hold.",
+        f"No posture can be held: in the easiest of {_POSTURES} the weight of the arm alone needs "
+        f"{torque[best, joint]:.3g} from joint '{name}', whose torque limit is {bounds.torque[joint]:.3g}. Raise the "
+        "limit, or widen the position limits to postures in which the arm needs less torque.",
         pointer=make_pointer(name, "effort", within="/limits"),
         title="Impossible limits",
     )
@@ -131,7 +131,7 @@ def _select_clear(bounds: Bounds, q: FloatArray) -> FloatArray:
     clearest = q[int(room.argmax())]
     complaint = bounds.space.find_complaint(clearest[None]) or bounds.space.describe_narrowness(clearest)
     raise ImpossibleLimitsError(
-        f"In none of {_POSTURES} postures within the position limits is everything clear: in the best of them, "
+        f"None of {_POSTURES} postures within the position limits is free of collisions: in the best of them, "
         + complaint,
         pointer="/limits" if bounds.space.contacts is None and bounds.space.tool is None else "/surroundings",
         title="Impossible limits",

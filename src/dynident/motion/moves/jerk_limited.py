@@ -113,7 +113,7 @@ def plan_move(start: FloatArray, end: FloatArray, bounds: Bounds, rate: float, *
         raise ImpossibleLimitsError(f"no jerk-limited move between two postures was found ({result})")
     extrema = planned.position_extrema[0]
     if extrema.min < -_OVERSHOOT or extrema.max > 1 + _OVERSHOOT:
-        raise ImpossibleLimitsError("the move between two postures would swing beyond its ends")
+        raise ImpossibleLimitsError("the move between two postures would overshoot its ends")
     profile = planned.profiles[0][0]
     sections = np.column_stack([profile.p, profile.v, profile.a, [*profile.j, 0.0]])
     # The last section is rest at the end, exactly; the profile itself ends there but for rounding.
@@ -175,10 +175,9 @@ def move_within_torque(start: FloatArray, end: FloatArray, bounds: Bounds, model
     if not slow_enough:
         names = "" if bounds.follower_rates is None else ", ".join(bounds.follower_rates.names)
         raise ImpossibleLimitsError(
-            f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], joints that "
-            f"follow others ({names}) "
-            "would be faster than their limits of velocity and acceleration, however slow it is; raise these limits, "
-            "or choose another home posture.",
+            f"On the straight path from [{_format_posture(start)}] to [{_format_posture(end)}], joints that follow "
+            f"others ({names}) would exceed their limits of velocity and acceleration at any speed; raise these "
+            "limits, or choose another home posture.",
             pointer="/limits",
             title="Impossible limits",
         )
@@ -209,7 +208,7 @@ def find_straight_obstacle(start: FloatArray, end: FloatArray, bounds: Bounds) -
     if complaint is None:
         return None
     return ImpossibleLimitsError(
-        f"On the straight way from [{_format_posture(start)}] to [{_format_posture(end)}], {complaint}",
+        f"On the straight path from [{_format_posture(start)}] to [{_format_posture(end)}], {complaint}",
         pointer="/home",
         title="Impossible limits",
     )
@@ -231,8 +230,8 @@ def _build_torque_error(torque: FloatArray, bounds: Bounds, doing: str) -> Impos
     sample, j = np.unravel_index(int(shares.argmax()), shares.shape)
     name = bounds.names[int(j)]
     return ImpossibleLimitsError(
-        f"On the straight way between home and start, {doing} asks {torque[sample, j]:.4g} of joint '{name}', whose "
-        f"torque limit is {bounds.torque[j]:.4g}; choose another home posture, or raise the limit.",
+        f"On the straight path between home and start, {doing} needs {torque[sample, j]:.4g} from joint '{name}', "
+        f"whose torque limit is {bounds.torque[j]:.4g}; choose another home posture, or raise the limit.",
         pointer="/home",
         title="Impossible limits",
     )

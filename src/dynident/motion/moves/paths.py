@@ -169,8 +169,8 @@ def plan_home_moves(
         else:
             return HomeMoves(there, back, (note_home(home),))
     note = (
-        "It begins and ends where the exciting part does: no way from zero or from the middle of the ranges was found "
-        "that keeps the limits."
+        "The motion begins and ends where its exciting part does: from zero and from the middle of the ranges, no "
+        "path within the limits was found."
     )
     return HomeMoves(Rest(start), Rest(start), (note,))
 

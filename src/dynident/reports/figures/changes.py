@@ -146,7 +146,7 @@ def draw_friction_differences(friction: Sequence[FrictionDifference]) -> Markup 
     axes.set_yticklabels([shorten_name(difference.joint) for difference in drawn], parse_math=False)
     # Bars otherwise pin the axis to their own ends, without a margin.
     axes.use_sticky_edges = False
-    axes.set_xlabel("difference (% of what it was)", fontsize=8)
+    axes.set_xlabel("difference (% of the value before)", fontsize=8)
     set_panel_title(axes, "Friction of each joint since the baseline, at its mean speed")
     words = [
         f"{difference.joint} {format_number(100.0 * difference.value / difference.before)} %" for difference in drawn

@@ -126,7 +126,7 @@ def draw_residuals(comparisons: Sequence[Comparison], joints: Sequence[int]) -> 
     return to_svg(
         figure,
         f"Residual torque of {names} over the joint's velocity, position and load torque: how often each value occurs, "
-        "and the mean. A flat mean at zero shows nothing missing.",
+        "and the mean. A flat mean at zero shows no missing effect.",
     )
 
 

@@ -129,7 +129,7 @@ _BAND_POINTS = 300
 _PANEL_HEIGHT = 1.6
 # Halts of a joint that are nearer than this share of the axis are drawn as one: paper does not separate them.
 _MIN_SEPARATION = 0.002
-_STANDSTILL_LABELS = ("stands", "what friction may hold at rest")
+_STANDSTILL_LABELS = ("standstill", "range of static friction at standstill")
 JOINTS_PER_FIGURE = 8
 
 
@@ -167,7 +167,9 @@ def _draw_torque_panel(axes: Axes, comparison: Comparison, axis: TimeAxis, joint
     rest = axis.restrict(standing)
     t, lower, upper = thin_series_together(rest, _BAND_POINTS, comparison.lower[:, joint], comparison.upper[:, joint])
     # The edges are drawn, too, since a standstill may be narrower than the smallest area that is visible.
-    axes.fill_between(t, lower, upper, color=AT_REST, alpha=0.6, linewidth=0.6, label="what friction may hold at rest")
+    axes.fill_between(
+        t, lower, upper, color=AT_REST, alpha=0.6, linewidth=0.6, label="range of static friction at standstill"
+    )
     recorded = comparison.has_torque[:, joint]
     t, measured = thin_series(axis.restrict(recorded), comparison.measured[:, joint], _POINTS)
     axes.plot(t, measured, color=MEASURED, linewidth=1.0, label="measured")
@@ -242,7 +244,7 @@ def _describe_figure(comparison: Comparison, joints: Sequence[int], name: str) -
     parts = [
         f"{comparison.joint_names[j]}: residual {rms[j]:.3g} {comparison.units[j]} rms, "
         f"{format_percent(float(relative[j]))}"
-        + (f", standing in {format_percent(float(stands[j]), 2)} of the rows" if stands[j] > 0 else "")
+        + (f", at standstill in {format_percent(float(stands[j]), 2)} of the rows" if stands[j] > 0 else "")
         for j in joints
     ]
     return f"Measured and predicted torque of {name} over time, and the residual with its band. {'; '.join(parts)}."

@@ -95,7 +95,7 @@ def build_residuals_section(runs: Sequence[ReportedRecording]) -> Section:
         tuple(run.name for run in shown_runs),
         any(run.held_out for run in shown_runs),
     )
-    return Section("residuals", "What is left", "residuals", content)
+    return Section("residuals", "Residuals", "residuals", content)
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from dynident.reports.sections.summary import is_recommendation_added
 from dynident.robot import Robot
 
 VERDICTS = {
-    "adequate": "Nothing is missing that this data could show",
-    "missing_effect": "Something is missing, and it has a name",
+    "adequate": "These data show no missing effect",
+    "missing_effect": "Effects are missing, and the diagnosis names them",
     "unexplained": "Something is missing that no effect of the catalogue explains",
 }
 _MOST_SPOTS, _MOST_BARS, _MOST_PANELS, _MOST_ROWS = 12, 12, 8, 6

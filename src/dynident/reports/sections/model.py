@@ -107,12 +107,12 @@ def _get_gain_unit(joint: Joint) -> str:
 
 _COVARIANCE_TEXTS: Mapping[CovarianceName, str] = MappingProxyType(
     {
-        "by_time_and_joints": "Standard deviations take stretches of time for independent and nothing within them, "
-        "of all joints together.",
-        "by_joint": "Standard deviations account for the correlation of each joint's samples in time, and take the "
-        "joints for independent.",
-        "independent": "Standard deviations take every filtered sample for independent, as [12.6] does: they are "
-        "too small.",
+        "by_time_and_joints": "Standard deviations treat blocks of time as independent of each other. "
+        "Within a block, all samples of all joints may be correlated.",
+        "by_joint": "Standard deviations account for the correlation of each joint's samples in time, and "
+        "treat the joints as independent.",
+        "independent": "Standard deviations treat every filtered sample as independent, as [12.6] does: "
+        "they are too small.",
     }
 )
 

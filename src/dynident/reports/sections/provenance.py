@@ -236,10 +236,10 @@ def build_provenance_section(
         ("packages", ", ".join(f"{name} {version(name)}" for name in _PACKAGES)),
         ("robot description", f"{robot.description.format}, sha256 {digest}"),
         ("identified from", ", ".join(identification.data.measurement_names)),
-        ("tried on", ", ".join(identification.data.validation_names) or "no held-out data"),
+        ("held-out data", ", ".join(identification.data.validation_names) or "none"),
         ("shown", ", ".join(run.name for run in runs)),
         *((f"file of {run.name}", f"sha256 {run.sha256}") for run in runs if run.sha256),
-        *((f"said anew of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
+        *((f"changed metadata of {run.name}", "; then ".join(map(str, run.edits))) for run in runs if run.edits),
         ("models before this one", str(len(list(identification.ladder())) - 1)),
     )
     metadata = {run.name: run.stated_metadata for run in runs if run.stated_metadata is not None}

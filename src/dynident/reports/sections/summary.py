@@ -140,9 +140,7 @@ def _build_figures(identification: Identification) -> tuple[Figure, ...]:
     figures = []
     if held_out is not None:
         figures.append(
-            Figure(
-                "held-out error", format_percent(held_out.relative_total), "relative, all joints; data no parameter saw"
-            )
+            Figure("held-out error", format_percent(held_out.relative_total), "relative, all joints; held-out data")
         )
     figures += [
         Figure("error of the fit", format_percent(identification.fit.relative_total), "relative, all joints"),

@@ -14,7 +14,7 @@ import { nextRung } from "./next_rung.js";
 import { pressed, problemBox, showInForm } from "./problem.js";
 
 const HEADLINES = {
-  adequate: "Nothing is missing that this data could show",
+  adequate: "These data show no missing effect",
   missing_effect: "An effect is missing",
   unexplained: "Something is missing that the catalogue does not explain",
 };
