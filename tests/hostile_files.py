@@ -90,7 +90,7 @@ def _arrays_of_numpy() -> list[_Made]:
         ("header of brackets", "run.npy", _npy("(" * 5000), "cannot be read as npy"),
         ("pickled objects", "run.npy", objects, "Python objects"),
         ("archive that unpacks to 300 MB", "run.npz", _archive({f"q{k}.npy": zeros for k in range(38)}), "unpacks to"),
-        ("archive of another kind", "run.npz", _archive({"q.npy": zeros}, zipfile.ZIP_LZMA), "NumPy does not write"),
+        ("archive of another kind", "run.npz", _archive({"q.npy": zeros}, zipfile.ZIP_LZMA), "NumPy does not use"),
         ("pickles in an archive", "run.npz", _archive({"q.npy": objects}), "Python objects"),
         (
             "archive of too many arrays",
@@ -123,7 +123,7 @@ def _mat_files() -> list[_Made]:
         ("parts that unpack to 300 MB", "run.mat", _MAT_HEAD + 7 * _mat_part(packed), "unpacks to"),
         ("part that says to unpack to 4 GB", "run.mat", _MAT_HEAD + _mat_part(_lying_part()), "unpacks to"),
         ("deep structures", "run.mat", _MAT_HEAD + deep, "more than 32 deep"),
-        ("more numbers than there are", "run.mat", _MAT_HEAD + short, "as many numbers as its size says"),
+        ("more numbers than there are", "run.mat", _MAT_HEAD + short, "match how many numbers it has"),
     ]
 
 
@@ -270,7 +270,12 @@ def _tables() -> list[_Made]:
         ("nested column", "run.parquet", parquet(pa.table(nested)), "Column t holds struct"),
         ("too many columns", "run.csv", f"{names}\n".encode(), "columns; at most"),
         ("too many attributes", "run.xml", telegram.encode(), "columns; at most"),
-        ("deep telegram", "run.xml", b"<Rob >" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</Rob>", "no whole telegram"),
+        (
+            "deep telegram",
+            "run.xml",
+            b"<Rob >" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</Rob>",
+            "no complete telegram",
+        ),
     ]
 
 
@@ -297,7 +302,7 @@ def _texts() -> list[_Made]:
         ("long number", "run.jsonl", record + b'\n{"t": 1' + b"0" * 100_000 + b"}", "Record 2 cannot be read"),
         ("too many columns", "run.jsonl", wide, "columns; at most"),
         ("too many items", "run.jsonl", (b'{"a": [' + b"0," * 20_000 + b'0], "b": {}}\n') * 2, "columns; at most"),
-        ("name that is no text", "run.jsonl", b'{"\\ud800": 1}\n' * 3, "no Unicode text"),
+        ("name that is no text", "run.jsonl", b'{"\\ud800": 1}\n' * 3, "not valid Unicode text"),
         ("list that never ends", "run.csv", lines[:18] + b"0,[1],0,0,0\n" * 3 + row, "list in it is not closed"),
         ("dates that are none", "run.csv", dates, "has no number in row 1"),
         ("bomb in an archive", "run.zip", _archive({"a.csv": zeros, "b.csv": zeros}), "unpacks to"),

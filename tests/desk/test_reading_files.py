@@ -173,7 +173,7 @@ def test_a_file_that_is_not_there_is_named_before_any_is_read(desk: Path, robot:
 
 def test_a_wrong_column_is_told_with_those_that_there_are(desk: Path, robot: dy.Robot) -> None:
     with pytest.raises(
-        dy.RecordingError, match=r"run1\.csv: columns maps q1 to 'angle', which the file does not hold.*q1, tau1"
+        dy.RecordingError, match=r"run1\.csv: columns maps q1 to 'angle', which is not in the file.*q1, tau1"
     ):
         dy.read_recordings(desk / "run1.csv", robot=robot, columns={"q1": "angle"})
 

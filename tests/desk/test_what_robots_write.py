@@ -261,8 +261,8 @@ def test_telegrams_are_found_between_what_a_logger_adds_and_those_that_are_cut_o
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("<Rob Type='KUKA'><IPOC>1</IPOC>", "no whole telegram"),
-        ("<Rob><IPOC>1</Rob>", "Telegram 1 is no XML"),
+        ("<Rob Type='KUKA'><IPOC>1</IPOC>", "no complete telegram"),
+        ("<Rob><IPOC>1</Rob>", "Telegram 1 is not valid XML"),
     ],
 )
 def test_broken_telegrams_are_refused_with_their_place(tmp_path, text, told):
@@ -341,7 +341,7 @@ def test_a_bag_that_does_not_say_how_its_messages_are_built_says_so(tmp_path):
 
     with sqlite3.connect(path) as base:
         base.execute("DROP TABLE IF EXISTS message_definitions")
-    with pytest.raises(RecordingError, match="does not say how its messages of lbr_fri_idl"):
+    with pytest.raises(RecordingError, match="does not contain the definition of its messages of the type lbr_fri_idl"):
         dy.inspect(path)
 
 

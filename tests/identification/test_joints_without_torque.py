@@ -163,7 +163,7 @@ def test_a_torque_without_numbers_or_one_that_is_said_not_to_be_recorded_is_told
     assert found.recording.path is not None
     assert open_recording(found.recording.path).joints_without_torque == ("wrist_2_joint",)
     columns = {key: values for key, values in given.columns().items() if key != "tau5"}
-    with pytest.raises(RecordingError, match=r'"columns": \{"tau5": "none"\}: its motion is used'):
+    with pytest.raises(RecordingError, match=r'"columns": \{"tau5": "none"\}; the motion of the joint is still used'):
         read(given.robot, tmp_path, columns)
     said = read(given.robot, tmp_path, columns, columns={"tau5": "none"})
     assert said.recording.joints_without_torque == ("wrist_2_joint",)

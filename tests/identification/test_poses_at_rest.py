@@ -147,7 +147,7 @@ def test_rows_without_numbers_are_left_out_and_told(tmp_path):
     path = write_poses(tmp_path / "poses.csv", t, q, tau)
     recording, checks = import_for_robot(arm("ur10"), path, tmp_path / "stored.parquet", RecordingMetadata())
     assert recording.n_samples == 39
-    assert any("1 rows hold no numbers" in check.detail for check in checks)
+    assert any("1 rows contain no valid numbers" in check.detail for check in checks)
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 100.0])

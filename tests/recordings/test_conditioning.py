@@ -205,7 +205,7 @@ def test_steps_that_are_left_out_change_nothing(tmp_path):
         assert ("corrupted_samples" in {check.name for check in checks}) is not bool(skip)
     assert stored["corrupted_samples",] == 0.0
     assert abs(stored[()] - values[699, 1]) < 0.05
-    with pytest.raises(RecordingError, match="skip names 'bridging', which is no step that can be left out"):
+    with pytest.raises(RecordingError, match="skip names 'bridging', which is not a step that can be left out"):
         RecordingMetadata(skip=("bridging",))
 
 

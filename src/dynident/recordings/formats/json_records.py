@@ -67,7 +67,7 @@ class RecordSource(FileSource):
             if len(head) == _LOOKED_AT or values > _LOOKED_AT_VALUES:
                 break
         if not columns:
-            raise RecordingError("The file holds no JSON object with values.", title=TITLE)
+            raise RecordingError("The file contains no JSON object with values.", title=TITLE)
         super().__init__(list(columns))
         self.texts = {
             name: tuple(cell if isinstance(cell, str) else "" for cell in (row.get(name) for row in head))
@@ -161,7 +161,7 @@ def _read_objects(content: TextContent) -> Iterator[object]:
                 longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
                 if n_left > longest:
                     raise RecordingError(
-                        f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
+                        f"Record {row} is longer than {longest >> 20} MB. Write one object per line, or CSV.",
                         title=TITLE,
                         row=row,
                     ) from error
