@@ -98,7 +98,7 @@ def test_mujoco_takes_the_exported_machine_with_its_loop_and_its_tie() -> None:
 
 def test_a_urdf_cannot_hold_a_loop_and_says_what_can() -> None:
     found, _ = identified("palletiser")
-    with pytest.raises(DynidentError, match="has closed loops, and a URDF is a tree"):
+    with pytest.raises(DynidentError, match="has closed loops, but a URDF can only describe a tree"):
         to_urdf(found, nearest=True)
 
 

@@ -168,19 +168,19 @@ def test_a_machine_from_mjcf_comes_back_from_its_document() -> None:
 BAD = {
     "": "The MJCF is empty",
     "<mujoco>": "line 1: The XML is malformed",
-    "<robot/>": "line 1: The root element is <robot>; an MJCF's is <mujoco>",
+    "<robot/>": "line 1: The root element is <robot>; an MJCF file needs the root element <mujoco>",
     "<mujoco/>": "The model has no <body>",
-    '<mujoco>\n<include file="/etc/passwd"/></mujoco>': "line 2: <include> brings in what is not in this text",
-    '<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>': "<replicate> brings in",
+    '<mujoco>\n<include file="/etc/passwd"/></mujoco>': "line 2: <include> adds elements that are not in this text",
+    '<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>': "<replicate> adds elements",
     '<mujoco><worldbody>\n<body name="a">\n<freejoint/></body></worldbody></mujoco>': "line 3: Body 'a' floats freely",
-    '<mujoco><worldbody><body name="a"><joint type="ball"/></body></worldbody></mujoco>': "'a' hangs on a ball joint",
+    '<mujoco><worldbody><body name="a"><joint type="ball"/></body></worldbody></mujoco>': "connected by a ball joint",
     '<mujoco><worldbody><body name="a"><joint/>\n<geom type="mesh" mesh="m"/></body></worldbody></mujoco>': (
-        "line 2: The mass of its body comes from the mesh 'm', whose file is not here"
+        "line 2: The mass of its body comes from the mesh 'm', but the mesh file is missing"
     ),
     '<mujoco><worldbody>\n\n<body name="a"><joint type="hing"/></body></worldbody></mujoco>': "MuJoCo .*line 3",
     '<mujoco><worldbody><body name="a"><joint/></body></worldbody></mujoco>': "mass and inertia of moving bodies",
     four_bar('<connect body1="b" body2="c" anchor="0.5 0 0"/>', drive=""): (
-        r"line 5: No actuator acts on a joint of loop 'loop1'; expected a <motor joint=…/> for each of .* crank, rod"
+        r"line 5: No actuator acts on a joint of loop 'loop1'. Add a <motor joint=…/> for each of .* crank, rod"
     ),
     four_bar('<connect site1="top" site2="tip"/>', '<keyframe><key qpos="0 0 2"/></keyframe>').replace(
         'name="tip" pos="0.5', 'name="tip" pos="1.5'
@@ -193,9 +193,9 @@ BAD = {
     four_bar('<joint joint1="crank" joint2="rod" polycoef="0 1 2 0 0"/>'): "polycoef .* only the first two",
     four_bar(
         '<joint joint1="crank" joint2="rod"/>', drive='<motor joint="crank"/><motor joint="rod"/>'
-    ): "ties crank, rod, and each of them has an actuator",
+    ): "ties crank, rod, but each of them has an actuator",
     four_bar(HELD["bodies"], drive='<motor joint="crank"/><motor joint="rod"/>'): "hold the driven joints crank, rod",
-    four_bar('<distance geom1="a" geom2="b"/>'): "<distance> is no equality that a machine can be held together by",
+    four_bar('<distance geom1="a" geom2="b"/>'): "<distance> is not a supported equality",
 }
 
 

@@ -222,7 +222,7 @@ BAD = {
     "unknown top field": ({"joints": [{}], "rows": 1}, "/rows", "Unknown field 'rows'; expected joints, gravity"),
     "a row is a list": ([[]], "/0", "Expected an object with name, antecedent, sigma"),
     "unknown field": ({"joints": [{}, {"a": 0.3}]}, "/joints/1/a", "Unknown field 'a'; expected name"),
-    "empty name": ([{"name": ""}], "/0/name", "a text that is not empty"),
+    "empty name": ([{"name": ""}], "/0/name", "a non-empty text"),
     "name twice": ([{"name": "a"}, {"name": "a"}], "/1/name", "'a' is used twice"),
     "called base": ([{"name": "base"}], "/0/name", "No joint can be called 'base'"),
     "called universe": ([{"name": "universe"}], "/0/name", "No joint can be called 'universe'"),

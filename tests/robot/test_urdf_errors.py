@@ -20,13 +20,13 @@ BAD = {
     ),
     "cut off": (one_joint()[:80], "line 3: The XML is malformed .*: unclosed token"),
     "line counted from the start of the text": ("\n\n<robot", "line 3: The XML is malformed"),
-    "other root": ("<sdf/>", "line 1: The root element is <sdf>; a URDF's is <robot>"),
-    "document type": ('<!DOCTYPE r [<!ENTITY a "b">]><robot name="r"/>', "no document type declaration"),
+    "other root": ("<sdf/>", "line 1: The root element is <sdf>; a URDF needs the root element <robot>"),
+    "document type": ('<!DOCTYPE r [<!ENTITY a "b">]><robot name="r"/>', "must not have a document type declaration"),
     "xacro": (
         '<robot xmlns:xacro="x"><xacro:include filename="a"/></robot>',
         "<xacro:include> is xacro; expand the file first",
     ),
-    "nested without end": ("<robot>" + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "<a> is inside more than 100 other"),
+    "nested without end": ("<robot>" + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "<a> is nested more than 100 levels"),
     "elements without end": ("<robot>" + "<a/>" * 150_000 + "</robot>", "more than 100000 elements"),
     "no link": (machine(), "line 1: The robot has no <link>"),
     "link without name": (machine("<link/>"), "line 2: A <link> has no name"),
@@ -44,7 +44,7 @@ BAD = {
     "unknown type": (one_joint("hinge"), "line 4: Joint 'j' has the type 'hinge'; expected revolute, continuous"),
     "mimic": (
         one_joint(inside='<mimic joint="other"/>'),
-        "line 5: Joint 'j' follows 'other', which is no moving joint; moving joints: none",
+        "line 5: Joint 'j' follows 'other', which is not a moving joint; moving joints: none",
     ),
     "unknown child": (
         machine(*TWO, joint("j", "a", "c")),
@@ -56,10 +56,10 @@ BAD = {
         machine(*TWO, link("c"), joint("j", "a", "c"), joint("k", "b", "c")),
         "line 7: Link 'c' is the child of two joints, 'j' and 'k'; closed loops",
     ),
-    "a loop": (machine(*TWO, joint("j", "a", "b"), joint("k", "b", "a")), "form a loop without a base"),
+    "a loop": (machine(*TWO, joint("j", "a", "b"), joint("k", "b", "a")), "form a loop, and no link is the base"),
     "a loop beside the base": (
         machine(link("base"), *TWO, joint("j", "a", "b"), joint("k", "b", "a")),
-        "hangs on a loop of joints",
+        "is connected to a loop of joints",
     ),
     "no direction": (one_joint(inside='<axis xyz="0 0 0"/>'), "line 5: The axis of joint 'j' has no direction"),
     "two numbers": (one_joint(inside='<axis xyz="0 1"/>'), 'line 5: xyz="0 1" in the <axis> .* expected 3 numbers'),

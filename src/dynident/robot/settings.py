@@ -37,13 +37,13 @@ class Limits:
         Largest product of torque and velocity, W.
     """
 
-    position: tuple[float, float] | None = declare_field("Lowest and highest, rad or m", default=None)
+    position: tuple[float, float] | None = declare_field("Lowest and highest position, rad or m", default=None)
     velocity: float | None = declare_field("rad/s or m/s", default=None, at_least=SMALLEST, at_most=LARGEST)
     acceleration: float | None = declare_field("rad/s² or m/s²", default=None, at_least=SMALLEST, at_most=LARGEST)
     jerk: float | None = declare_field("rad/s³ or m/s³", default=None, at_least=SMALLEST, at_most=LARGEST)
     effort: float | None = declare_field("N m or N", default=None, at_least=SMALLEST, at_most=LARGEST)
     power: float | None = declare_field(
-        "Of torque times velocity", default=None, unit="W", at_least=SMALLEST, at_most=LARGEST
+        "Limit of torque times velocity", default=None, unit="W", at_least=SMALLEST, at_most=LARGEST
     )
 
 
@@ -68,12 +68,12 @@ class Drive:
     """
 
     drive_gain: float | None = declare_field("N m or N per unit of current", default=None)
-    gear_ratio: float | None = declare_field("Turns of the motor in one of the joint", default=None)
-    torque_constant: float | None = declare_field("N m per unit of current, of the motor", default=None)
-    amplifier_gain: float | None = declare_field("Unit of current per unit of what is recorded", default=None)
+    gear_ratio: float | None = declare_field("Turns of the motor per turn of the joint", default=None)
+    torque_constant: float | None = declare_field("Motor torque per unit of current, N m", default=None)
+    amplifier_gain: float | None = declare_field("Current per unit of the recorded signal", default=None)
     coupling: Mapping[str, float] = declare_field(
-        "Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same "
-        "shares",
+        "Other joints that this motor also moves, each with its motion relative to the motor's own joint; the motor's "
+        "torque acts on them with the same factors",
         made_by=dict,
     )
 
@@ -207,7 +207,8 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
         low, high = limits.position
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise DynidentError(
-                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower first.",
+                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower one "
+                "first.",
                 pointer=make_pointer("position", within=at),
                 title=TITLE,
             )
@@ -278,7 +279,7 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
             if name not in moving_names:
                 raise _make_error(f"There is no joint '{name}'; joints: {join_names(moving)}.", part, name)
             if part == "drives" and name in settings.locked_joints:
-                raise _make_error(f"Joint '{name}' is locked, so it has no drive.", part, name)
+                raise _make_error(f"Joint '{name}' is locked, so it cannot have a drive.", part, name)
     for joint, drive in settings.drives.items():
         for name in drive.coupling:
             if name == joint or name not in moving_names or name in settings.locked_joints:
@@ -318,8 +319,8 @@ def _check_drive(drive: Drive, joint: str) -> None:
     factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
     if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
         raise _make_error(
-            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain "
-            f"give {factors:g} [12.17]; state one of the two.",
+            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain give "
+            f"{factors:g} [12.17]; give only one of the two.",
             "drives",
             joint,
             "drive_gain",

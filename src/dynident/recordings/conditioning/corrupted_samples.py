@@ -95,9 +95,10 @@ class CorruptedSamples:
         single = rows.n == 1
         detail = (
             f"{rows.n} sample{' is an obvious outlier' if single else 's are obvious outliers'} of "
-            f"{'its signal' if single else 'their signals'} and cannot be a real measurement: "
+            f"{'its signal' if single else 'their signals'} and cannot have been measured: "
             f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} interpolated between the "
-            f'neighbours. Look for lost frames of the bus; if the recorded values are right, say "skip": ["{self.name}"].'
+            "neighbours. Look for lost frames of the bus; if the recorded values are right, say "
+            f'"skip": ["{self.name}"].'
         )
         return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
