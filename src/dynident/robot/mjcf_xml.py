@@ -106,8 +106,8 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
     for element in _iter_descendants(root):
         if element.tag in _MAKES_MORE:
             raise fail(
-                f"<{element.tag}> adds elements that are not in this text; let MuJoCo write the whole model into one file "
-                "(mj_saveLastXML).",
+                f"<{element.tag}> adds elements that are not in this text; let MuJoCo write the whole model to one "
+                "file (mj_saveLastXML).",
                 element.line,
             )
     for equality in (child for part in root.iter_children("equality") for child in part.children):
