@@ -186,7 +186,7 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
         ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf, mjcf, modified_dh, dh."),
         (
             "t,q1",
-            "bad.json: this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table:",
+            "bad.json: this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table:",
         ),
     ],
 )
