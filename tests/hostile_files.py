@@ -267,7 +267,7 @@ def _tables() -> list[_Made]:
     return [
         ("rows of one value", "run.parquet", parquet(constant), "unpacks to"),
         ("too many columns", "run.parquet", parquet(many), "has 10001 columns"),
-        ("nested column", "run.parquet", parquet(pa.table(nested)), "Column t holds struct"),
+        ("nested column", "run.parquet", parquet(pa.table(nested)), "Column t contains struct"),
         ("too many columns", "run.csv", f"{names}\n".encode(), "columns; at most"),
         ("too many attributes", "run.xml", telegram.encode(), "columns; at most"),
         (
@@ -433,8 +433,8 @@ def _mcap_files() -> list[_Made]:
             _mcap("lbr_fri_msgs/LBRState a\n", "lbr_fri_msgs/msg/LBRState"),
             "itself",
         ),
-        ("array of 10^9", "run.mcap", _mcap("float64[1000000000] q\n", franka), "holds 1000000000 numbers"),
-        ("texts of 10^8", "run.mcap", _mcap("string[100000000] q\n", franka), "holds 100000000 numbers"),
+        ("array of 10^9", "run.mcap", _mcap("float64[1000000000] q\n", franka), "contains 1000000000 numbers"),
+        ("texts of 10^8", "run.mcap", _mcap("string[100000000] q\n", franka), "contains 100000000 numbers"),
         ("long definition", "run.mcap", _mcap("float64 q\n" * 40_000, franka), "has 400000 characters"),
         ("too many joints", "run.mcap", _mcap("", JOINT_STATE, *[data] * 3), "has 10001 columns"),
     ]

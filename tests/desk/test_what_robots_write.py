@@ -297,7 +297,7 @@ def test_a_gripper_beside_the_joints_is_told_apart_by_name_and_asked_about_by_nu
     assert found.questions == ()
     assert found.said["columns"]["tau7"] == "observation.effort.fr3_joint7"
     asked = {one.field: one.detail for one in dy.inspect(counted, machine("franka_panda")).questions}
-    assert "observation.state1 … observation.state8 are 8, and the robot has 7 joints" in asked["columns/q"]
+    assert "observation.state1 … observation.state8 are 8 columns, but the robot has 7 joints" in asked["columns/q"]
 
 
 def test_two_arms_in_one_data_set_are_asked_about(tmp_path):

@@ -52,7 +52,7 @@ def test_every_joint_may_count_by_itself_and_a_wrong_unit_names_what_is_known(tm
     shift = np.array([0, 0, 0, 0, 0, 17.0])
     columns = given.columns(q=given.q * counts / (2.0 * np.pi) + shift)
     np.testing.assert_allclose(signals(read(given.robot, tmp_path, columns, units=units))[0], given.q, atol=1e-6)
-    with pytest.raises(RecordingError, match=r"known are rad.*counts:N"):
+    with pytest.raises(RecordingError, match=r"choose from rad.*counts:N"):
         read(given.robot, tmp_path, columns, units={"q": "counts:none"})
 
 

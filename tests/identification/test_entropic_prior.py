@@ -211,7 +211,7 @@ def test_the_choice_is_kept_in_files():
 
 
 def test_it_goes_with_the_feasible_estimator_alone():
-    with pytest.raises(DynidentError, match="goes with the estimator feasible") as refused:
+    with pytest.raises(DynidentError, match="works only with the estimator feasible") as refused:
         replace(CHOICES, estimator="wls")
     assert refused.value.pointer == "/prior"
 

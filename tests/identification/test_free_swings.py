@@ -86,4 +86,4 @@ def test_a_random_walk_of_zero_torque_has_no_ratios(tmp_path):
     recording, _ = import_for_robot(ROBOT, path, tmp_path / "stored.parquet", RecordingMetadata())
     with pytest.raises(DynidentError, match="only ratios can be identified") as refused:
         identify(ROBOT, [recording], [], CHOICES)
-    assert "up to one common factor" not in refused.value.detail
+    assert "up to a common factor" not in refused.value.detail

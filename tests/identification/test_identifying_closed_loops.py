@@ -147,4 +147,4 @@ def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp
     assert found.effort_kind == "joint_torque"
     assert found.is_sure
     assert [found.columns[f"q{k}"] for k in range(1, 5)] == [f"q_{name}" for name in robot.joint_names]
-    assert any("q_forearm, q_rod" in one.value and "not driven" in one.reason for one in found.guesses)
+    assert any("q_forearm, q_rod" in one.value and "passive joints" in one.reason for one in found.guesses)

@@ -81,7 +81,7 @@ def test_the_filter_predicts_torque_as_well_as_weighted_least_squares(both):
 
 def test_the_user_is_told_what_the_filter_began_with_and_how_far_its_own_covariance_is_off(both):
     filtered, _ = both
-    assert "began with the first 25% of the data and saw 19." in filtered.warnings[0]
+    assert "used the first 25% of the data for its initial values, and processed 19." in filtered.warnings[0]
     assert "times those of its own covariance" in filtered.warnings[0]
 
 

@@ -84,6 +84,6 @@ def test_the_same_choice_identifies_again_with_the_held_out_run_named():
 
 
 def test_a_load_in_held_out_runs_alone_is_refused_with_the_runs_to_name():
-    with pytest.raises(DynidentError, match=r"held-out runs alone.*empty, carrying") as refused:
+    with pytest.raises(DynidentError, match=r"only in held-out runs.*empty, carrying") as refused:
         added([run("new", 3, 1.0)], replace(PAYLOAD, runs=("new",)))
     assert refused.value.pointer == "/effects/0/runs"

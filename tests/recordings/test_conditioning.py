@@ -281,7 +281,7 @@ def test_samples_that_are_held_are_told_with_their_true_rate_and_interpolated(ra
     right, checks = conditioned(t, held)
     check = checks["held_samples"]
     assert check.status == "warning"
-    assert f"comes about {rate / hold:.3g} times a second" in check.detail
+    assert f"come only about {rate / hold:.3g} times a second" in check.detail
     inner = slice(2 * hold, -3 * hold)
     assert np.abs(right - values)[inner, :N].max() < 0.05 * np.abs(held - values)[inner, :N].max()
 

@@ -99,7 +99,7 @@ def test_a_prismatic_joint_is_in_metres(tmp_path):
     metadata = RecordingMetadata(units={"q3": "mm"})
     recording, _ = imported(write_parquet(tmp_path / "run.parquet", given), metadata=metadata, **how)
     np.testing.assert_allclose(stored(recording)["q_wrist"], columns["q3"], rtol=1e-12)
-    with pytest.raises(RecordingError, match="known are m, mm, cm") as caught:
+    with pytest.raises(RecordingError, match="choose from m, mm, cm") as caught:
         imported(tmp_path / "run.parquet", metadata=RecordingMetadata(units={"q3": "deg"}), **how)
     assert caught.value.pointer == "/units/q3"
 
@@ -140,11 +140,11 @@ def test_columns_are_found_by_joint_name_by_number_and_by_mapping(tmp_path):
     ("change", "metadata", "pointer", "words"),
     [
         ({"q2": None}, {}, "/columns/q2", "q_elbow or q2"),
-        ({"t": None}, {}, "/columns/t", "No column t"),
+        ({"t": None}, {}, "/columns/t", "no column t"),
         ({"tau3": None}, {}, "/columns/tau3", "current3"),
         ({}, {"columns": {"q1": "angle"}}, "/columns/q1", "not in the file"),
         ({}, {"columns": {"angle": "q1"}}, "/columns/angle", "not a standard column"),
-        ({}, {"units": {"q": "gradians"}}, "/units/q", "known are rad"),
+        ({}, {"units": {"q": "gradians"}}, "/units/q", "choose from rad"),
         ({}, {"units": {"speed": "rad/s"}}, "/units/speed", "neither"),
         ({}, {"windows": ((20.0, 30.0),)}, "/windows/0", "runs from 0 to"),
     ],

@@ -160,7 +160,7 @@ def test_a_file_that_does_not_fit_on_the_disk_is_refused_before_it_is_unpacked(t
     content = written(lambda path: np.savez_compressed(path, q=np.zeros(1_000_000)), "run.npz")
     (tmp_path / "run.npz").write_bytes(content)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 2**20}))
-    with pytest.raises(RecordingError, match="unpacks to 8 MB, and 1 MB are free"):
+    with pytest.raises(RecordingError, match="unpacks to 8 MB, but only 1 MB are free"):
         open_source(tmp_path / "run.npz", None)
 
 
