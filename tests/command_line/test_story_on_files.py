@@ -60,7 +60,7 @@ def test_identify_shows_errors_parameters_and_warnings_to_people(desk: Path) -> 
         assert joint in answer.out
     for parameter in stored.parameters:
         assert parameter.name in answer.out
-    assert "No validation data was given" in answer.out
+    assert "There is no validation data" in answer.out
 
 
 def test_choices_of_effects_estimator_filters_and_windows_are_followed(desk: Path) -> None:

@@ -300,7 +300,7 @@ def test_no_model_file_and_no_effect_are_told(tmp_path: Path, model: dy.Model, f
     with pytest.raises(dy.DynidentError, match=r"there is no file .*none\.npz"):
         dy.load_model(tmp_path / "none.npz")
     (tmp_path / "bad.npz").write_bytes(b"nothing")
-    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this is no identified model"):
+    with pytest.raises(dy.DynidentError, match=r"bad\.npz: this version cannot read the file as an identified model"):
         dy.load_model(tmp_path / "bad.npz")
     with pytest.raises(dy.DynidentError, match=r"name must end in \.npz"):
         model.save(tmp_path / "arm.pkl")

@@ -144,7 +144,7 @@ def test_runs_of_single_joints_are_found_in_ordinary_recordings_too():
 
 
 def test_motions_of_all_joints_are_no_friction_runs():
-    with pytest.raises(DynidentError, match="each joint by itself") as caught:
+    with pytest.raises(DynidentError, match="each joint alone") as caught:
         identify(UR10, [whole_motion(UR10, drawn_standard(UR10))], [], choices())
     assert caught.value.pointer == "/measurement_ids"
 
