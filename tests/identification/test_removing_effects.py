@@ -123,7 +123,7 @@ def test_what_was_removed_is_in_the_file(grown):
 
 
 def test_an_addition_that_helps_is_not_warned_of(grown):
-    assert not any("survive" in warning for warning in grown.warnings)
+    assert not any("do not confirm" in warning for warning in grown.warnings)
 
 
 def test_an_addition_that_only_fits_noise_is_warned_of(plain):

@@ -196,7 +196,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
             arg=made[joint],
         )
     page.goto(f"/?identification={made['shoulder']}")
-    expect(page.locator("#warnings")).to_contain_text("survive")
+    expect(page.locator("#warnings")).to_contain_text("do not confirm")
     open_tab(page, "Missing")
     page.locator("#ladder-table").get_by_role("button", name="Remove").click()
     expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
