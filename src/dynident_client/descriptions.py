@@ -66,7 +66,7 @@ class MeasurementOptions(TypedDict, total=False):
     """Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, from 1,
     of the column of joint k"""
     rate: float | None
-    """Sampling rate in Hz of a file without a time column; it replaces a column t, in Hz"""
+    """Sampling rate of a file without a time column; it replaces a column t, in Hz"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     """Purpose of the recording; friction: constant velocity, one joint at a time; payload: with a load"""
     scale: Mapping[str, float]
@@ -97,7 +97,7 @@ class RevisionOptions(TypedDict, total=False):
     """Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, from 1,
     of the column of joint k"""
     rate: float | None
-    """Sampling rate in Hz of a file without a time column; it replaces a column t"""
+    """Sampling rate of a file without a time column; it replaces a column t"""
     role: Literal["identification", "validation", "friction", "payload"] | None
     """Purpose of the recording; friction: constant velocity, one joint at a time; payload: with a load"""
     scale: Mapping[str, float] | None

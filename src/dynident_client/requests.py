@@ -131,7 +131,7 @@ class IdentificationOptions(TypedDict, total=False):
     free_links: Sequence[str]
     """Joints whose links the prior does not apply to, such as a link with a load"""
     interval: float | None
-    """Interval of one equation of the energy model, in s; from the data if left out, in s"""
+    """Interval of one equation of the energy model; from the data if left out, in s"""
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     """Rows of W"""
     name: str | None
@@ -202,9 +202,9 @@ class Preprocessing(TypedDict, total=False):
     filter_order: int | Literal["auto"]
     """Order of one pass of the position filter"""
     position_cutoff: float | Literal["auto"] | None
-    """Cut-off of the position filter, in Hz, in Hz"""
+    """Cut-off of the position filter, in Hz"""
     torque_cutoff: float | Literal["auto"] | None
-    """Cut-off of the filter of torque and columns, in Hz, in Hz"""
+    """Cut-off of the filter of torque and columns, in Hz"""
 
 
 class ReportOptions(TypedDict, total=False):

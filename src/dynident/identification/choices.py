@@ -140,7 +140,7 @@ class IdentificationChoices:
         at_most=1e6,
     )
     interval: float | None = declare_field(
-        "Interval of one equation of the energy model, in s; from the data if left out",
+        "Interval of one equation of the energy model; from the data if left out",
         default=None,
         unit="s",
         at_least=1e-6,

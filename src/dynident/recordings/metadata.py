@@ -122,7 +122,7 @@ class RecordingMetadata:
     name: str = declare_field("Name of the recording", default="recording")
     format: Format | None = declare_field("Detected from the file if not given", default=None)
     columns: Mapping[str, str] = declare_field(
-        ('From the standard name to the name in the file: {"q1": "shoulder_angle"}'), made_by=dict
+        'From the standard name to the name in the file: {"q1": "shoulder_angle"}', made_by=dict
     )
     units: Mapping[str, str] = declare_field(
         'Units by kind of signal or by column: {"q": "deg"}; SI if not given', made_by=dict
@@ -161,7 +161,7 @@ class RecordingMetadata:
         kinds=EFFORT_KINDS,
     )
     rate: float | None = declare_field(
-        "Sampling rate in Hz of a file without a time column; it replaces a column t",
+        "Sampling rate of a file without a time column; it replaces a column t",
         default=None,
         unit="Hz",
         at_least=1e-3,
@@ -209,10 +209,10 @@ class PreprocessingChoices:
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
     position_cutoff: float | Literal["auto"] | None = declare_field(
-        "Cut-off of the position filter, in Hz", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+        "Cut-off of the position filter", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
     torque_cutoff: float | Literal["auto"] | None = declare_field(
-        "Cut-off of the filter of torque and columns, in Hz", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+        "Cut-off of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
     decimation: int | Literal["auto"] = declare_field(
         "Every n-th row is kept", default="auto", at_least=1, at_most=1_000_000
