@@ -343,9 +343,9 @@ def _bags() -> list[_Made]:
     trigger = "CREATE TRIGGER one AFTER INSERT ON messages BEGIN DELETE FROM topics; END"
     large = "INSERT INTO messages VALUES (1, 1, 1, zeroblob(4200000))"
     return [
-        ("endless view", "run.db3", _bag(endless, messages=False), "holds messages, a view"),
-        ("view beside the tables", "run.db3", _bag("CREATE VIEW v AS SELECT 1"), "holds v, a view"),
-        ("trigger", "run.db3", _bag(trigger), "holds one, a trigger"),
+        ("endless view", "run.db3", _bag(endless, messages=False), "contains messages, a view"),
+        ("view beside the tables", "run.db3", _bag("CREATE VIEW v AS SELECT 1"), "contains v, a view"),
+        ("trigger", "run.db3", _bag(trigger), "contains one, a trigger"),
         ("virtual table", "run.db3", _bag("CREATE VIRTUAL TABLE v USING fts4(a)"), "a virtual table"),
         (
             "computed column",

@@ -107,7 +107,7 @@ CASES = {
     "nothing to add": (["extend", "{desk}/model.npz", "{desk}/run1.csv"], ["--effects"]),
     "what is in the model already": (
         ["extend", "{desk}/model.npz", "{desk}/run1.csv", "--effects", "coulomb"],
-        ["in the model already"],
+        ["already in the model"],
     ),
     "an unknown candidate": (
         ["diagnose", "{desk}/model.npz", "{desk}/run1.csv", "--candidates", "magic"],

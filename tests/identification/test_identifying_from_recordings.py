@@ -374,7 +374,7 @@ def test_extending_adds_a_rung_to_the_ladder(identified):
 
 @pytest.mark.parametrize("nothing", [(), (EffectChoice("coulomb"),)])
 def test_extending_by_nothing_new_is_refused(identified, nothing):
-    with pytest.raises(DynidentError, match="in the model already"):
+    with pytest.raises(DynidentError, match="already in the model"):
         extend(identified, nothing, [TRAINING])
 
 

@@ -227,8 +227,8 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
         "joint_columns",
         "warning",
         f"The file has {' and '.join(surplus)}, but the robot has {n} joints: columns are matched to joints in the "
-        "robot's order, and these are not used. If the joint that the robot does not have is not the last one of the "
-        "file, map the other columns by columns.",
+        "order of the robot, and the surplus columns are not used. If the joint that the robot does not have is not "
+        "the last one of the file, map the columns of the other joints by columns.",
         column=surplus[0],
     )
 

@@ -394,7 +394,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     """
     if not isinstance(request, Mapping):
         raise RecordingError(
-            f'preprocessing is {request!r}; give "auto", or an object with any of {", ".join(FIELDS)}.',
+            f'preprocessing is {request!r}; give "auto", or an object with fields from {", ".join(FIELDS)}.',
             pointer="/preprocessing",
             title="Impossible preprocessing",
         )

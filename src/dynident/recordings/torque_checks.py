@@ -83,7 +83,7 @@ def check_torque(
         return [
             *checks,
             *(model_checks or ()),
-            Check("torque_alignment", "ok", f"The check with the robot's dynamics gives it: {DELAY}."),
+            Check("torque_alignment", "ok", f"See the check {DELAY}, which uses the robot's dynamics."),
         ]
     evidence = against_motion.gather_evidence(recording)
     if evidence is None:

@@ -211,13 +211,11 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     if not lost or find_undetermined_parameters(model, torque):
         return
     why = {
-        "energy": "it has one equation per interval, and work-free torques do not appear in it",
-        "power": "it has one equation, and work-free torques do not appear in it",
+        "energy": "its equation adds up energy over intervals, and torques that do no work do not appear in it",
+        "power": "its equation adds up power, and torques that do no work do not appear in it",
     }
     raise EstimationError(
-        f"not identifiable with the {name} model ({why.get(name, 'its equations')}): {', '.join(lost)}. The joint "
-        "torques show them: choose the dynamic or the filtered model, leave these effects out, or record a motion "
-        "whose joints do not swing together",
+        "its equations do not show them",
         pointer="/model",
         title="Not identifiable with this model",
     )

@@ -173,7 +173,7 @@ def extend(
     """
     new = tuple(choice for choice in added if choice not in identification.choices.effects)
     if not new:
-        raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
+        raise DynidentError("all of these effects are already in the model", pointer="/effects", title="Nothing to add")
     check_shapes_given(new)
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)

@@ -63,7 +63,7 @@ def check_hdf5_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
     unknown = [code for code in filters if code not in _FILTERS]
     if unknown or len(set(filters)) < len(filters):
-        which = f"the filter {unknown[0]}" if unknown else "one filter twice"
+        which = f"the filter {unknown[0]}" if unknown else "the same filter twice"
         raise _unusable_data_error(
             name,
             (f"is stored with {which}; supported are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)"),

@@ -192,7 +192,7 @@ def _flatten_record(record: object) -> dict[str, Value]:
 
 def _collect_values(value: object, name: str, values: dict[str, Value], depth: int) -> None:
     if depth > DEEPEST:
-        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+        raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     if isinstance(value, dict):
         for key, inner in value.items():
             _collect_values(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
@@ -226,7 +226,7 @@ def _to_number(value: Any) -> float:
 def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
     """Yield the arrays of numbers in an object that holds one for every signal."""
     if depth > DEEPEST:
-        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+        raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     for key, inner in value.items():
         own = f"{name}.{key}" if name else str(key)
         if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdigit, inner)):

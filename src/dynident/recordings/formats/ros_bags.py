@@ -168,7 +168,7 @@ class _Bag:
             virtual = kind == "table" and (not root or "virtual" in str(text).casefold().split()[1:2])
             if kind not in ("table", "index") or virtual:
                 raise RecordingError(
-                    f"The bag holds {name}, a {'virtual table' if virtual else kind}; a ROS 2 bag contains only "
+                    f"The bag contains {name}, a {'virtual table' if virtual else kind}; a ROS 2 bag contains only "
                     "tables and indices. Convert it on the computer that recorded it (ros2 bag convert).",
                     pointer=str(name),
                     title=TITLE,
