@@ -215,7 +215,9 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
         "power": "its equation adds up power, and torques that do no work do not appear in it",
     }
     raise EstimationError(
-        "its equations do not show them",
+        f"not identifiable with the {name} model ({why.get(name, 'its equations do not show them')}): "
+        f"{', '.join(lost)}. The joint torques show them: choose the dynamic or the filtered model, leave these "
+        "effects out, or record a motion whose joints do not swing together",
         pointer="/model",
         title="Not identifiable with this model",
     )
