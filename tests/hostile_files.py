@@ -477,13 +477,13 @@ def _meshes(outside: str) -> list[_Made]:
         ("glTF as PLY", "part.ply", elsewhere, "not a PLY file"),
         ("glTF as DAE", "part.dae", elsewhere, "not a DAE file"),
         ("more triangles than there are", "part.stl", bytes(80) + b"\xff" * 4 + stl_file()[84:], "not an STL file"),
-        ("more corners than there are", "part.ply", large, "names 4294967296"),
+        ("more corners than there are", "part.ply", large, "declares 4294967296"),
         ("face of 4 billion corners", "part.ply", listing + b"\xff" * 4, "last rows are missing"),
         ("materials elsewhere", "part.obj", obj_file().replace(b"part.mtl", outside.encode()), None),
         ("entities", "part.dae", laughs, "document type"),
         ("nodes that double", "part.dae", doubling, "nodes"),
         ("deep elements", "part.dae", deep, "more than 100"),
-        ("geometry elsewhere", "part.dae", other, "names "),
+        ("geometry elsewhere", "part.dae", other, "refers to "),
     ]
 
 

@@ -128,7 +128,7 @@ def test_the_data_that_a_model_is_given_are_those_that_it_was_identified_from(
 ) -> None:
     with pytest.raises(dy.DynidentError, match=r"identified from run1; these recordings are run2"):
         model.with_data(runs[1:])
-    with pytest.raises(dy.DynidentError, match=r"tried on run2; these recordings are run1"):
+    with pytest.raises(dy.DynidentError, match=r"validated on run2; these recordings are run1"):
         model.with_data(runs[:1], runs[:1])
 
 

@@ -292,7 +292,7 @@ def test_files_are_read_before_they_are_identified_from(robot: dy.Robot, model: 
 
 
 def test_recordings_of_another_robot_are_refused(runs: dy.Recordings) -> None:
-    with pytest.raises(dy.DynidentError, match=r"run1 has the joints shoulder.*; the robot has shoulder_pan_joint"):
+    with pytest.raises(dy.DynidentError, match=r"run1 has the joints shoulder.*, but the robot has shoulder_pan_joint"):
         dy.identify(dy.load_robot("ur10"), runs)
 
 

@@ -267,7 +267,7 @@ def test_without_any_of_them_both_are_named(better: dy.Model, monkeypatch: pytes
         better.parameters.to_frame()
     with pytest.raises(dy.DynidentError, match="needs polars, which is not installed"):
         better.parameters.to_frame("polars")
-    with pytest.raises(dy.DynidentError, match="no frames of 'arrow'; choose pandas or polars"):
+    with pytest.raises(dy.DynidentError, match="data frames of 'arrow' are not supported; choose pandas or polars"):
         better.parameters.to_frame("arrow")  # type: ignore[arg-type]
 
 

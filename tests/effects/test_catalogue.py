@@ -216,7 +216,7 @@ def test_an_effect_that_cannot_sit_on_a_joint_says_where_it_can():
 def test_a_tilt_needs_gravity():
     base = arm("ur10")
     floating = Robot(base.name, base.joints, np.zeros(3), base.drives, base.description, base.inertias)
-    with pytest.raises(UnknownEffectError, match="no joint"):
+    with pytest.raises(UnknownEffectError, match="cannot act on any joint"):
         build_columns([EffectChoice("base_tilt")], Signals(floating))
 
 

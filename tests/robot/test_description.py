@@ -65,7 +65,11 @@ BAD = {
         "/limits/a~1b/velocity",
         "velocity limit of joint 'a/b' is -1; expected a positive number",
     ),
-    "limits exchanged": ({"limits": {"lift": Limits((1, -1))}}, "/limits/lift/position", r"\[1, -1\].*the lower first"),
+    "limits exchanged": (
+        {"limits": {"lift": Limits((1, -1))}},
+        "/limits/lift/position",
+        r"\[1, -1\].*the lower one first",
+    ),
     "infinite range": ({"limits": {"lift": Limits((0, math.inf))}}, "/limits/lift/position", "expected two numbers"),
     "infinite jerk": (
         {"limits": {"lift": Limits(jerk=math.inf)}},

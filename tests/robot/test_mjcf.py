@@ -184,17 +184,17 @@ BAD = {
     ),
     four_bar('<connect site1="top" site2="tip"/>', '<keyframe><key qpos="0 0 2"/></keyframe>').replace(
         'name="tip" pos="0.5', 'name="tip" pos="1.5'
-    ): r"line 5: Loop 'loop1' does not close: .* [\d.]+ m apart, and [\d.]+ m at best",
+    ): r"line 5: Loop 'loop1' does not close: .* [\d.]+ m apart, and at least [\d.]+ m",
     four_bar('<connect site1="top" site2="tip"/>').replace('pos="0.5 0 0"/></body>', 'pos="0.5 0.01 0"/></body>'): (
-        r"does not close: .* 0.01 m at best"
+        r"does not close: .* at least 0.01 m"
     ),
-    four_bar('<weld body1="b" body2="c"/>'): "equations of loop1 hold the driven joints crank where they start",
-    four_bar('<connect body1="a" body2="a" anchor="0 0 0"/>', drive=""): "MuJoCo does not take|same body",
+    four_bar('<weld body1="b" body2="c"/>'): "equations of loop1 fix the driven joints crank at their start",
+    four_bar('<connect body1="a" body2="a" anchor="0 0 0"/>', drive=""): "MuJoCo rejects|same body",
     four_bar('<joint joint1="crank" joint2="rod" polycoef="0 1 2 0 0"/>'): "polycoef .* only the first two",
     four_bar(
         '<joint joint1="crank" joint2="rod"/>', drive='<motor joint="crank"/><motor joint="rod"/>'
     ): "ties crank, rod, but each of them has an actuator",
-    four_bar(HELD["bodies"], drive='<motor joint="crank"/><motor joint="rod"/>'): "hold the driven joints crank, rod",
+    four_bar(HELD["bodies"], drive='<motor joint="crank"/><motor joint="rod"/>'): "fix the driven joints crank, rod",
     four_bar('<distance geom1="a" geom2="b"/>'): "<distance> is not a supported equality",
 }
 

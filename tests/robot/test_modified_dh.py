@@ -234,7 +234,11 @@ BAD = {
     "huge integer": ('[{"r": 1' + "0" * 400 + "}]", "/0/r", "is not a number"),
     "later antecedent": ([{"antecedent": 1}], "/0/antecedent", "antecedent 1 is not above this row; expected 0 or"),
     "unknown antecedent": ([{}, {"antecedent": "hip"}], "/1/antecedent", "'hip' .* name or number of joint1"),
-    "limits exchanged": ([{"limits": {"position": [2, 1]}}], "/0/limits/position", r"\[2.0, 1.0\].*the lower first"),
+    "limits exchanged": (
+        [{"limits": {"position": [2, 1]}}],
+        "/0/limits/position",
+        r"\[2.0, 1.0\].*the lower one first",
+    ),
     "one limit": ([{"limits": {"position": [2]}}], "/0/limits/position", "Expected a list of 2 numbers"),
     "limit of zero": ([{"limits": {"velocity": 0}}], "/0/limits/velocity", "is 0.0; expected a positive number"),
     "unknown limit": ([{"limits": {"torque": 1}}], "/0/limits/torque", "Unknown field 'torque'"),

@@ -227,7 +227,7 @@ BAD = {
     "both": ("/joints/4/passive", "give either passive or tie"),
     "too short": (
         "/loops/0",
-        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and [\d.]+ m at best",
+        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and at least [\d.]+ m",
     ),
     "redundant": ("/loops/0", "'parallelogram' has redundant constraints: 3 equations for 2 passive"),
     "free": ("/loops", "The passive joints flange belong to no loop"),

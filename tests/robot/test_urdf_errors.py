@@ -50,7 +50,7 @@ BAD = {
         machine(*TWO, joint("j", "a", "c")),
         "The child link 'c' of joint 'j' does not exist; links: a, b",
     ),
-    "no parent": (one_joint().replace('<parent link="base"/>', ""), "line 4: Joint 'j' names no parent link"),
+    "no parent": (one_joint().replace('<parent link="base"/>', ""), "line 4: Joint 'j' refers to no parent link"),
     "two bases": (machine(*TWO, link("c"), joint("j", "a", "b")), r"line 4: 2 links have no parent \(a, c\)"),
     "two parents": (
         machine(*TWO, link("c"), joint("j", "a", "c"), joint("k", "b", "c")),
