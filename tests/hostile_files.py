@@ -122,7 +122,7 @@ def _mat_files() -> list[_Made]:
     return [
         ("parts that unpack to 300 MB", "run.mat", _MAT_HEAD + 7 * _mat_part(packed), "unpacks to"),
         ("part that says to unpack to 4 GB", "run.mat", _MAT_HEAD + _mat_part(_lying_part()), "unpacks to"),
-        ("deep structures", "run.mat", _MAT_HEAD + deep, "more than 32 deep"),
+        ("deep structures", "run.mat", _MAT_HEAD + deep, "more than 32 levels deep"),
         ("more numbers than there are", "run.mat", _MAT_HEAD + short, "match how many numbers it has"),
     ]
 
@@ -227,7 +227,7 @@ def _hdf5_files(outside: str) -> list[_Made]:
         ),
         ("chunk that unpacks to 300 MB", "run.h5", _with_signals(bomb), "unpacks to more than the 400000 bytes"),
         ("filter of a plug-in", "run.h5", _with_signals(foreign_filter), "is stored with the filter 32015"),
-        ("deep groups", "run.h5", _hdf5(deep), "more than 32 deep"),
+        ("deep groups", "run.h5", _hdf5(deep), "more than 32 levels deep"),
         ("chunk of no bytes", "run.h5", chunk_of_no_bytes(), "is damaged"),
         ("table with texts", "run.h5", _with_signals(table), None),
         (
@@ -293,7 +293,7 @@ def _texts() -> list[_Made]:
     return [
         ("gzip bomb", "run.csv.gz", zlib.compress(bomb, 1, wbits=31), "unpacks to"),
         ("zstd bomb", "run.csv.zst", bytes(pa.compress(bomb, "zstd", asbytes=True)), "unpacks to"),
-        ("compressed array", "run.npy.gz", zlib.compress(_npy((3,)), wbits=31), "unpack the file first"),
+        ("compressed array", "run.npy.gz", zlib.compress(_npy((3,)), wbits=31), "Unpack the file first"),
         ("cut gzip", "run.csv.gz", zlib.compress(lines, wbits=31)[:60], "Truncated compressed stream"),
         ("deep JSON", "run.json", b'{"a":' * 100_000, "JSON"),
         ("deep arrays", "run.json", b'[{"a":' + b"[" * 100_000, "JSON"),
@@ -306,7 +306,7 @@ def _texts() -> list[_Made]:
         ("list that never ends", "run.csv", lines[:18] + b"0,[1],0,0,0\n" * 3 + row, "list in it is not closed"),
         ("dates that are none", "run.csv", dates, "has no number in row 1"),
         ("bomb in an archive", "run.zip", _archive({"a.csv": zeros, "b.csv": zeros}), "unpacks to"),
-        ("many files", "run.zip", _archive({f"f{k}.csv": b"0\n" for k in range(65)}), "one to 64"),
+        ("many files", "run.zip", _archive({f"f{k}.csv": b"0\n" for k in range(65)}), "at most 64"),
         ("way out of an archive", "run.zip", _archive({**zipped, "../../q.csv": b"0 0\n" * 10}), "twice"),
         ("archive in an archive", "run.zip", _archive({"a.zip": _archive(zipped)}), "neither Parquet nor text"),
         ("workbook", "run.xlsx", _archive({"[Content_Types].xml": b"<a/>"}), "save the sheet as CSV"),

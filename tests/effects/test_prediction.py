@@ -200,5 +200,5 @@ def test_parameters_of_another_robot_predict_no_torque_of_this_one(links, joints
     signals = Signals(robot)
     observation = Observation.from_columns(robot, build_columns([EffectChoice("drive_gain_error")], signals), signals)
     other = ReferenceParameters.from_links(np.zeros((links, 10)), joints)
-    with pytest.raises(DynidentError, match=f"of {links} links and {joints} driven joints, but ur10 has 6 and 6"):
+    with pytest.raises(DynidentError, match=f"for {links} links and {joints} driven joints, but ur10 has 6 and 6"):
         observation.evaluate(*np.zeros((3, 1, 6)), reference=other, memory=np.zeros((1, 0)))
