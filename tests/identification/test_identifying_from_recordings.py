@@ -184,7 +184,7 @@ def test_the_smallest_inertia_eigenvalue_is_pinocchios():
 
 
 def test_a_user_is_warned_that_nothing_was_held_out():
-    assert any("No validation data" in w for w in identify(ROBOT, [TRAINING], [], choices()).warnings)
+    assert any("no validation data" in w for w in identify(ROBOT, [TRAINING], [], choices()).warnings)
 
 
 @pytest.mark.parametrize("joint", [0, 3, 4, 5])

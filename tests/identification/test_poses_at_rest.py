@@ -75,7 +75,7 @@ def test_the_band_of_friction_is_said(name):
     # Every row is off by the friction, one way or the other.
     np.testing.assert_allclose(found.fit.rms, 0.05 * size, rtol=0.2)
     assert "poses at rest: they show gravity" in found.warnings[0]
-    assert "rotor_inertia, coulomb, viscous show in motion alone" in found.warnings[0]
+    assert "rotor_inertia, coulomb, viscous act only in motion" in found.warnings[0]
     assert found.warnings[1].startswith("Static friction and noise are within a band")
     assert not any("inertia matrix" in warning for warning in found.warnings)
 
