@@ -411,7 +411,7 @@ def test_a_urdf_gives_the_robot_its_name(tmp_path: Path) -> None:
     answer = dynident(
         "simulate", tmp_path / "description.urdf", "--effects", "stribeck@nowhere", "-o", tmp_path / "m.csv"
     )
-    assert "Arm 7 has" in answer.err
+    assert "the joints of Arm 7 are" in answer.err
     robot = load_robot_argument(str(tmp_path / "description.urdf"))
     assert robot.name == "Arm 7"
     assert robot.joint_names == ROBOT.joint_names

@@ -308,7 +308,7 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
         return EffortGuess("joint_torque", 0.9, "its size matches the inertias of the description")
     if is_current and not is_torque:
         return EffortGuess(
-            "motor_current", 0.9, ("with the drive gains its size matches the inertias of the description")
+            "motor_current", 0.9, "with the drive gains its size matches the inertias of the description"
         )
     if is_torque and may_be_current:
         return EffortGuess("unknown", 0.3, "its size matches the description both with and without the drive gains")

@@ -156,9 +156,7 @@ class _ColumnInference(WorkingProposal):
 
     def _finish(self, kind: EffortKind) -> Proposal:
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
-            self.add_guess(
-                "columns", ", ".join(strangers), 0.8, ("not used: by their names they belong to no joint of the robot")
-            )
+            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _report_empty_columns(self) -> None:
@@ -178,9 +176,7 @@ class _ColumnInference(WorkingProposal):
         raw = np.array(self.sample.values)
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
-        detail = (
-            f"{self.name_columns(group)} are signed numbers that were read as unsigned: {register}. They are corrected."
-        )
+        detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
         self.add_guess("rows/registers", "corrected", 0.95, detail)
 
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
@@ -191,10 +187,7 @@ class _ColumnInference(WorkingProposal):
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
-            reason = (
-                f"{name} has no torque: its equation is left out, its motion is used. If it is a finger, lock it: "
-                f"--lock {name}"
-            )
+            reason = f"{name} has no torque: its equation is left out, its motion is used; lock a finger: --lock {name}"
             self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
@@ -296,9 +289,7 @@ class _ColumnInference(WorkingProposal):
         equal = [group for group in candidates if group.rank == candidates[0].rank]
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
-            self.add_question(
-                "columns/q", "Several sets of columns could be the measured positions: which set is it?", names
-            )
+            self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)
         elif candidates[0].rank >= 4:
             self.add_question(
                 "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
@@ -323,8 +314,7 @@ class _ColumnInference(WorkingProposal):
             self.assign_columns(silent[0].signal or "tau", silent[0])
             detail = (
                 f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
-                "swing with its motors off? From a free swing only ratios can be identified, inertia and friction "
-                "over gravity."
+                "swing with its motors off? Then only ratios can be identified, inertia and friction over gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
@@ -343,9 +333,7 @@ class _ColumnInference(WorkingProposal):
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
-            self.add_question(
-                "columns/tau", "Several sets of columns could be the measured torque: which set is it?", names
-            )
+            self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
         kind: EffortKind = "unknown"
         if best.named.external:
             kind = "external"
@@ -453,7 +441,9 @@ class _ColumnInference(WorkingProposal):
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
-                self._refuse_kind(kind, f"{self.name_columns(effort)} seem to be ({by_data.reason}); they")
+                self._refuse_kind(
+                    kind, f"{self.name_columns(effort)} seem to be of another kind ({by_data.reason}); they"
+                )
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
         self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         if effort.unit in ("permille", "percent"):
