@@ -255,7 +255,7 @@ def _check_quantisation(recording: Recording, positions: _MeasuredPositions, lay
     advice = (
         ""
         if status == "ok"
-        else (" Log all digits of the encoder, or move farther: steps become errors of acceleration.")
+        else " Log all digits of the encoder, or move farther: steps become errors of acceleration."
     )
     changes = np.flatnonzero(np.diff(positions.q[:, worst]) != 0)
     row = int(changes[0]) + 1 if len(changes) else 0

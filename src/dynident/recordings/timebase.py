@@ -419,7 +419,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
         )
     if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
         return Check(
-            "sampling_jitter", "ok", (f"Sampled at {rate:.5g} Hz, with equal steps within {100 * spread:.2g} %.")
+            "sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, with equal steps within {100 * spread:.2g} %."
         )
     return Check(
         "sampling_jitter",

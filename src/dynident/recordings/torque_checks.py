@@ -298,7 +298,7 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
     steady = against_motion.measure_lag(evidence, steady_only=True)
     if whole is None or steady is None:
         return Check(
-            "torque_alignment", "ok", ("The delay between torque and position cannot be detected without a model.")
+            "torque_alignment", "ok", "The delay between torque and position cannot be detected without a model."
         )
     # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.
     certain = (

@@ -286,10 +286,7 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
     if variable is not None:
         if variable[0].lstrip().startswith("-"):
             raise _make_error(
-                (
-                    f"{column} has -{variable[0].strip(' -')}: a joint variable must be positive; reverse the axis of "
-                    "the joint."
-                ),
+                f"{column} has -{variable[0].strip(' -')}: the joint variable must be positive; reverse the axis.",
                 line.number,
                 pointer,
             )

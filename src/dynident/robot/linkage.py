@@ -262,7 +262,7 @@ def _solve_ties(
             if name in path:
                 way = " follows ".join(f"'{joint_name}'" for joint_name in (*path[path.index(name) :], name))
                 raise _make_tie_error(
-                    (f"Joint {way}: a joint cannot follow itself. Make one of these joints independent."), tie, title
+                    f"Joint {way}: a joint cannot follow itself. Make one of these joints independent.", tie, title
                 )
             offsets[j] = tie.offset
             for other, ratio in tie.ratios.items():

@@ -103,7 +103,7 @@ def find_torque_of_most_joints(
         )
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
     return ColumnGroup(
-        members, first.signal, first.unit, first.rank, first, ("by their names they belong to most joints")
+        members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
     )
 
 

@@ -269,7 +269,7 @@ def _classify_measured(
         if scales is not None and not scales.is_plausible(torque_factor):
             size = scales.median * torque_factor
             return EffortGuess(
-                "unknown", 0.3, (f"it is {size:.2g} times the torque that the inertias of the description need")
+                "unknown", 0.3, f"it is {size:.2g} times the torque that the inertias of the description need"
             )
     if signal in ("tau", "current") or unit is not None:
         return _classify_by_name(signal, unit, 0.9, "by its name; gravity and motion explain it")
@@ -315,7 +315,7 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
     return _classify_by_elimination(robot, motion, torque_factor) or EffortGuess(
         "unknown",
         0.3,
-        (f"as torque it is {scales.median * torque_factor:.2g} times the value that the description needs"),
+        f"as torque it is {scales.median * torque_factor:.2g} times the value that the description needs",
     )
 
 

@@ -240,7 +240,7 @@ def guess_position_unit(
             return UnitGuess(
                 best,
                 0.97,
-                (f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque unexplained, {others}"),
+                f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque unexplained, {others}",
             )
         if clear and len(unexplained) == len(likely):
             return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")

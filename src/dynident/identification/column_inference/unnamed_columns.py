@@ -156,7 +156,7 @@ def _split_two_blocks(
         q,
         (),
         tau,
-        (f"with this choice the robot's dynamics leave {share:.0%} of the torque unexplained; with others far more"),
+        f"with this choice the robot's dynamics leave {share:.0%} of the torque unexplained; with others far more",
     )
 
 

@@ -92,7 +92,7 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     if old.model == "base_wrench" and choices.solver.weighted != old.solver.weighted:
         raise _recordings_needed_error(
             "/estimator",
-            ("the parameters that only the wrench shows were removed with the weights of the other estimator"),
+            "the parameters that only the wrench shows were removed with the weights of the other estimator",
         )
     if not choices.solver.from_reduced:
         able = ", ".join(ESTIMATORS.names_with("from_reduced"))

@@ -66,7 +66,7 @@ def check_hdf5_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
         which = f"the filter {unknown[0]}" if unknown else "the same filter twice"
         raise _unusable_data_error(
             name,
-            (f"is stored with {which}; supported are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)"),
+            f"is stored with {which}; supported are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)",
         )
     if item.chunks is None:
         return
