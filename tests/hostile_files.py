@@ -90,7 +90,7 @@ def _arrays_of_numpy() -> list[_Made]:
         ("header of brackets", "run.npy", _npy("(" * 5000), "cannot be read as npy"),
         ("pickled objects", "run.npy", objects, "Python objects"),
         ("archive that unpacks to 300 MB", "run.npz", _archive({f"q{k}.npy": zeros for k in range(38)}), "unpacks to"),
-        ("archive of another kind", "run.npz", _archive({"q.npy": zeros}, zipfile.ZIP_LZMA), "NumPy does not write"),
+        ("archive of another kind", "run.npz", _archive({"q.npy": zeros}, zipfile.ZIP_LZMA), "NumPy does not use"),
         ("pickles in an archive", "run.npz", _archive({"q.npy": objects}), "Python objects"),
         (
             "archive of too many arrays",
@@ -122,8 +122,8 @@ def _mat_files() -> list[_Made]:
     return [
         ("parts that unpack to 300 MB", "run.mat", _MAT_HEAD + 7 * _mat_part(packed), "unpacks to"),
         ("part that says to unpack to 4 GB", "run.mat", _MAT_HEAD + _mat_part(_lying_part()), "unpacks to"),
-        ("deep structures", "run.mat", _MAT_HEAD + deep, "more than 32 deep"),
-        ("more numbers than there are", "run.mat", _MAT_HEAD + short, "as many numbers as its size says"),
+        ("deep structures", "run.mat", _MAT_HEAD + deep, "more than 32 levels deep"),
+        ("more numbers than there are", "run.mat", _MAT_HEAD + short, "match how many numbers it has"),
     ]
 
 
@@ -227,7 +227,7 @@ def _hdf5_files(outside: str) -> list[_Made]:
         ),
         ("chunk that unpacks to 300 MB", "run.h5", _with_signals(bomb), "unpacks to more than the 400000 bytes"),
         ("filter of a plug-in", "run.h5", _with_signals(foreign_filter), "is stored with the filter 32015"),
-        ("deep groups", "run.h5", _hdf5(deep), "more than 32 deep"),
+        ("deep groups", "run.h5", _hdf5(deep), "more than 32 levels deep"),
         ("chunk of no bytes", "run.h5", chunk_of_no_bytes(), "is damaged"),
         ("table with texts", "run.h5", _with_signals(table), None),
         (
@@ -267,10 +267,15 @@ def _tables() -> list[_Made]:
     return [
         ("rows of one value", "run.parquet", parquet(constant), "unpacks to"),
         ("too many columns", "run.parquet", parquet(many), "has 10001 columns"),
-        ("nested column", "run.parquet", parquet(pa.table(nested)), "Column t holds struct"),
+        ("nested column", "run.parquet", parquet(pa.table(nested)), "Column t contains struct"),
         ("too many columns", "run.csv", f"{names}\n".encode(), "columns; at most"),
         ("too many attributes", "run.xml", telegram.encode(), "columns; at most"),
-        ("deep telegram", "run.xml", b"<Rob >" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</Rob>", "no whole telegram"),
+        (
+            "deep telegram",
+            "run.xml",
+            b"<Rob >" + b"<a>" * 10_000 + b"</a>" * 10_000 + b"</Rob>",
+            "no complete telegram",
+        ),
     ]
 
 
@@ -288,7 +293,7 @@ def _texts() -> list[_Made]:
     return [
         ("gzip bomb", "run.csv.gz", zlib.compress(bomb, 1, wbits=31), "unpacks to"),
         ("zstd bomb", "run.csv.zst", bytes(pa.compress(bomb, "zstd", asbytes=True)), "unpacks to"),
-        ("compressed array", "run.npy.gz", zlib.compress(_npy((3,)), wbits=31), "unpack the file first"),
+        ("compressed array", "run.npy.gz", zlib.compress(_npy((3,)), wbits=31), "Unpack the file first"),
         ("cut gzip", "run.csv.gz", zlib.compress(lines, wbits=31)[:60], "Truncated compressed stream"),
         ("deep JSON", "run.json", b'{"a":' * 100_000, "JSON"),
         ("deep arrays", "run.json", b'[{"a":' + b"[" * 100_000, "JSON"),
@@ -297,11 +302,11 @@ def _texts() -> list[_Made]:
         ("long number", "run.jsonl", record + b'\n{"t": 1' + b"0" * 100_000 + b"}", "Record 2 cannot be read"),
         ("too many columns", "run.jsonl", wide, "columns; at most"),
         ("too many items", "run.jsonl", (b'{"a": [' + b"0," * 20_000 + b'0], "b": {}}\n') * 2, "columns; at most"),
-        ("name that is no text", "run.jsonl", b'{"\\ud800": 1}\n' * 3, "no Unicode text"),
+        ("name that is no text", "run.jsonl", b'{"\\ud800": 1}\n' * 3, "not valid Unicode text"),
         ("list that never ends", "run.csv", lines[:18] + b"0,[1],0,0,0\n" * 3 + row, "list in it is not closed"),
         ("dates that are none", "run.csv", dates, "has no number in row 1"),
         ("bomb in an archive", "run.zip", _archive({"a.csv": zeros, "b.csv": zeros}), "unpacks to"),
-        ("many files", "run.zip", _archive({f"f{k}.csv": b"0\n" for k in range(65)}), "one to 64"),
+        ("many files", "run.zip", _archive({f"f{k}.csv": b"0\n" for k in range(65)}), "at most 64"),
         ("way out of an archive", "run.zip", _archive({**zipped, "../../q.csv": b"0 0\n" * 10}), "twice"),
         ("archive in an archive", "run.zip", _archive({"a.zip": _archive(zipped)}), "neither Parquet nor text"),
         ("workbook", "run.xlsx", _archive({"[Content_Types].xml": b"<a/>"}), "save the sheet as CSV"),
@@ -338,9 +343,9 @@ def _bags() -> list[_Made]:
     trigger = "CREATE TRIGGER one AFTER INSERT ON messages BEGIN DELETE FROM topics; END"
     large = "INSERT INTO messages VALUES (1, 1, 1, zeroblob(4200000))"
     return [
-        ("endless view", "run.db3", _bag(endless, messages=False), "holds messages, a view"),
-        ("view beside the tables", "run.db3", _bag("CREATE VIEW v AS SELECT 1"), "holds v, a view"),
-        ("trigger", "run.db3", _bag(trigger), "holds one, a trigger"),
+        ("endless view", "run.db3", _bag(endless, messages=False), "contains messages, a view"),
+        ("view beside the tables", "run.db3", _bag("CREATE VIEW v AS SELECT 1"), "contains v, a view"),
+        ("trigger", "run.db3", _bag(trigger), "contains one, a trigger"),
         ("virtual table", "run.db3", _bag("CREATE VIRTUAL TABLE v USING fts4(a)"), "a virtual table"),
         (
             "computed column",
@@ -428,8 +433,8 @@ def _mcap_files() -> list[_Made]:
             _mcap("lbr_fri_msgs/LBRState a\n", "lbr_fri_msgs/msg/LBRState"),
             "itself",
         ),
-        ("array of 10^9", "run.mcap", _mcap("float64[1000000000] q\n", franka), "holds 1000000000 numbers"),
-        ("texts of 10^8", "run.mcap", _mcap("string[100000000] q\n", franka), "holds 100000000 numbers"),
+        ("array of 10^9", "run.mcap", _mcap("float64[1000000000] q\n", franka), "contains 1000000000 numbers"),
+        ("texts of 10^8", "run.mcap", _mcap("string[100000000] q\n", franka), "contains 100000000 numbers"),
         ("long definition", "run.mcap", _mcap("float64 q\n" * 40_000, franka), "has 400000 characters"),
         ("too many joints", "run.mcap", _mcap("", JOINT_STATE, *[data] * 3), "has 10001 columns"),
     ]
@@ -467,18 +472,18 @@ def _meshes(outside: str) -> list[_Made]:
     )
     return [
         ("glTF by its name", "part.gltf", elsewhere, "ends in '.gltf'"),
-        ("glTF as STL", "part.stl", elsewhere, "no STL"),
+        ("glTF as STL", "part.stl", elsewhere, "not an STL file"),
         ("glTF as OBJ", "part.obj", elsewhere, "no triangles"),
-        ("glTF as PLY", "part.ply", elsewhere, "no PLY"),
-        ("glTF as DAE", "part.dae", elsewhere, "no DAE"),
-        ("more triangles than there are", "part.stl", bytes(80) + b"\xff" * 4 + stl_file()[84:], "no STL"),
-        ("more corners than there are", "part.ply", large, "names 4294967296"),
+        ("glTF as PLY", "part.ply", elsewhere, "not a PLY file"),
+        ("glTF as DAE", "part.dae", elsewhere, "not a DAE file"),
+        ("more triangles than there are", "part.stl", bytes(80) + b"\xff" * 4 + stl_file()[84:], "not an STL file"),
+        ("more corners than there are", "part.ply", large, "declares 4294967296"),
         ("face of 4 billion corners", "part.ply", listing + b"\xff" * 4, "last rows are missing"),
         ("materials elsewhere", "part.obj", obj_file().replace(b"part.mtl", outside.encode()), None),
         ("entities", "part.dae", laughs, "document type"),
         ("nodes that double", "part.dae", doubling, "nodes"),
         ("deep elements", "part.dae", deep, "more than 100"),
-        ("geometry elsewhere", "part.dae", other, "names "),
+        ("geometry elsewhere", "part.dae", other, "refers to "),
     ]
 
 
@@ -490,7 +495,7 @@ def _descriptions() -> list[_Made]:
         ("many comments", "arm.urdf", (comments + URDF).encode(), None),
         ("many comments", "arm.xml", (comments + MJCF).encode(), None),
         ("comments without a robot", "arm.urdf", comments.encode(), "malformed"),
-        ("deep elements", "arm.urdf", ("<robot>" + "<a>" * 10_000).encode(), "inside more than 100"),
+        ("deep elements", "arm.urdf", ("<robot>" + "<a>" * 10_000).encode(), "nested more than 100"),
         ("entities", "arm.urdf", ('<!DOCTYPE a [<!ENTITY a "a">]>' + URDF).encode(), "document type"),
         ("mass of 1e300", "arm.urdf", URDF.replace('value="2"', 'value="1e300"').encode(), "too large"),
         ("mass that is no number", "arm.urdf", URDF.replace('value="2"', 'value="nan"').encode(), "expected a number"),
@@ -503,7 +508,7 @@ def _descriptions() -> list[_Made]:
         ),
         ("JSON of 400 levels", "arm.json", (table % ("[" * 400 + "]" * 400)).encode(), "nested too deeply"),
         ("JSON of 100,000 levels", "arm.json", b"[" * 100_000, "nested too deeply"),
-        ("half of a character", "arm.json", (table % '"\\ud800"').encode(), "half of a character"),
+        ("incomplete character", "arm.json", (table % '"\\ud800"').encode(), "incomplete character"),
         ("line break in a name", "arm.json", (table % '"a\\nb"').encode(), "without control characters"),
         ("size of 1e300", "arm.xml", MJCF.replace('size=".1', 'size="1e300').encode(), "MuJoCo"),
         ("place of 1e300", "arm.xml", MJCF.replace('pos="0 0 .3"', 'pos="0 0 1e300"').encode(), "MuJoCo"),

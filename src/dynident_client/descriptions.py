@@ -12,25 +12,25 @@ class Drive(TypedDict, total=False):
     """The drive chain of a joint [12.17]: torque = drive_gain x recorded current."""
 
     amplifier_gain: float | None
-    """Unit of current per unit of what is recorded"""
+    """Current per unit of the recorded signal"""
     coupling: Mapping[str, float]
-    """Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same
-    shares"""
+    """Other joints that this motor also moves, each with its motion relative to the motor's own joint; the motor's
+    torque acts on them with the same factors"""
     drive_gain: float | None
     """N m or N per unit of current"""
     gear_ratio: float | None
-    """Turns of the motor in one of the joint"""
+    """Turns of the motor per turn of the joint"""
     torque_constant: float | None
-    """N m per unit of current, of the motor"""
+    """Motor torque per unit of current, N m"""
 
 
 class MeasurementOptions(TypedDict, total=False):
     """What is said about an uploaded file."""
 
     accept: Sequence[str]
-    """Names of checks whose errors are to count as warnings"""
+    """Names of checks whose errors count as warnings"""
     columns: Mapping[str, str]
-    """Our name to the file's: {"q1": "shoulder_angle"}"""
+    """From the standard name to the name in the file: {"q1": "shoulder_angle"}"""
     effort_kind: Literal[
         "motor_current",
         "motor_torque",
@@ -41,9 +41,9 @@ class MeasurementOptions(TypedDict, total=False):
         "unknown",
         None,
     ]
-    """What the torque or current columns hold; those that are no measurement are refused"""
+    """Kind of signal in the torque or current columns; signals that are not measurements are rejected"""
     exclude: Sequence[tuple[float, float]]
-    """Seconds of t to leave out, [from, to]; [] for nothing"""
+    """Windows of t to leave out in s, [from, to]; [] for none"""
     format: Literal[
         "csv",
         "parquet",
@@ -59,60 +59,60 @@ class MeasurementOptions(TypedDict, total=False):
         "zip",
         None,
     ]
-    """Told from the file where not given"""
+    """Detected from the file if not given"""
     payload: Mapping[str, Any] | None
     """The known load: {"mass": kg, "centre": [x, y, z] in m}"""
     permutation: Mapping[str, Sequence[int]]
-    """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
-    column"""
+    """Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, from 1,
+    of the column of joint k"""
     rate: float | None
-    """Rows a second, evenly spaced, of a file without time; it replaces a column t, in Hz"""
+    """Sampling rate of a file without a time column; it replaces a column t, in Hz"""
     role: Literal["identification", "validation", "friction", "payload"] | None
-    """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
+    """Purpose of the recording; friction: constant velocity, one joint at a time; payload: with a load"""
     scale: Mapping[str, float]
-    """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
+    """Positive factors for the positions or torques of a joint: {"tau2": 0.1}"""
     signs: Mapping[str, float]
-    """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
+    """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints"""
     skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]]
-    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
-    right"""
+    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, corrupted
+    or wrapped are right"""
     torque_delay: float
-    """Seconds by which the file's torque is late"""
+    """Delay of the torque in the file, in s"""
     units: Mapping[str, str]
-    """By kind of signal or by column: {"q": "deg"}; SI elsewhere"""
+    """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]]
-    """Seconds of t to use, [from, to]; [] for all"""
+    """Windows of t to use in s, [from, to]; [] for all"""
 
 
 class RevisionOptions(TypedDict, total=False):
     """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said."""
 
     columns: Mapping[str, str] | None
-    """Our name to the file's: {"q1": "shoulder_angle"}"""
+    """From the standard name to the name in the file: {"q1": "shoulder_angle"}"""
     exclude: Sequence[tuple[float, float]] | None
-    """Seconds of t to leave out, [from, to]; [] for nothing"""
+    """Windows of t to leave out in s, [from, to]; [] for none"""
     name: str | None
-    """What it is called"""
+    """Name of the recording"""
     permutation: Mapping[str, Sequence[int]] | None
-    """Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k's
-    column"""
+    """Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, from 1,
+    of the column of joint k"""
     rate: float | None
-    """Rows a second, evenly spaced, of a file without time; it replaces a column t"""
+    """Sampling rate of a file without a time column; it replaces a column t"""
     role: Literal["identification", "validation", "friction", "payload"] | None
-    """What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load"""
+    """Purpose of the recording; friction: constant velocity, one joint at a time; payload: with a load"""
     scale: Mapping[str, float] | None
-    """Positive factors of a joint's positions or torques: {"tau2": 0.1}"""
+    """Positive factors for the positions or torques of a joint: {"tau2": 0.1}"""
     signs: Mapping[str, float] | None
-    """1 or -1 by which a joint's positions or torques are taken: {"tau2": -1}; "tau" means all joints"""
+    """Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints"""
     skip: Sequence[Literal["registers", "held_samples", "idle_drives", "corrupted_samples", "wrapped_angles"]] | None
-    """Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or wrapped is
-    right"""
+    """Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, corrupted
+    or wrapped are right"""
     torque_delay: float | None
-    """Seconds by which the file's torque is late"""
+    """Delay of the torque in the file, in s"""
     units: Mapping[str, str] | None
-    """By kind of signal or by column: {"q": "deg"}; SI elsewhere"""
+    """Units by kind of signal or by column: {"q": "deg"}; SI if not given"""
     windows: Sequence[tuple[float, float]] | None
-    """Seconds of t to use, [from, to]; [] for all"""
+    """Windows of t to use in s, [from, to]; [] for all"""
 
 
 class RobotOptions(TypedDict, total=False):

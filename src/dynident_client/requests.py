@@ -101,9 +101,9 @@ class DriveGainsOptions(TypedDict, total=False):
     """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
 
     centre: tuple[float, float, float] | None
-    """Centre of the known load in the last joint's frame, where known, in m"""
+    """Centre of the known load in the last joint's frame, if known, in m"""
     mass: float | None
-    """Mass of the known load, where the measurements do not state it, in kg"""
+    """Mass of the known load, if the measurements do not state it, in kg"""
     name: str | None
 
 
@@ -124,14 +124,14 @@ class IdentificationOptions(TypedDict, total=False):
     """What is to be identified, from which measurements, and how."""
 
     covariance: Literal["by_time_and_joints", "by_joint", "independent"]
-    """What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, or
-    nothing"""
+    """Which residuals count as correlated: those of all joints over blocks of time, those of each joint over time, or
+    none"""
     estimator: Literal["auto", "wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
-    """How χ is solved for"""
+    """Method that estimates χ"""
     free_links: Sequence[str]
-    """Joints whose links the prior is not believed of, such as a loaded one"""
+    """Joints whose links the prior does not apply to, such as a link with a load"""
     interval: float | None
-    """Time that an equation of the energy model spans; from the data if left out, in s"""
+    """Interval of one equation of the energy model; from the data if left out, in s"""
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
     """Rows of W"""
     name: str | None
@@ -140,15 +140,15 @@ class IdentificationOptions(TypedDict, total=False):
     preprocessing: Preprocessing | Literal["auto"]
     """Filters; from the data if left out"""
     prior: Literal["description", "description_entropic"] | None
-    """Inertias that the robot's description gives, weighted by their uncertainty"""
+    """Use of the inertias in the robot's description, weighted by their uncertainty"""
     prior_error: float
-    """Share by which the description's inertias are usually off"""
+    """Usual relative error of the description's inertias"""
     steps: Literal["link_by_link", "wrist_then_shoulder"]
-    """Of the sequential strategy"""
+    """Steps of the sequential strategy"""
     strategy: Literal["global", "sequential", "separate_friction"]
-    """Parameters at a time"""
+    """Order in which parameters are estimated"""
     weigh_turns: bool
-    """Of joints' torques by wls or feasible: rows where a joint turns round count by a noise of their own"""
+    """For joint torques with wls or feasible: rows at reversals have their own weight"""
 
 
 class Limits(TypedDict, total=False):
@@ -161,9 +161,9 @@ class Limits(TypedDict, total=False):
     jerk: float | None
     """rad/s³ or m/s³"""
     position: tuple[float, float] | None
-    """Lowest and highest, rad or m"""
+    """Lowest and highest position, rad or m"""
     power: float | None
-    """Of torque times velocity, in W"""
+    """Limit of torque times velocity, in W"""
     velocity: float | None
     """rad/s or m/s"""
 
@@ -198,13 +198,13 @@ class Preprocessing(TypedDict, total=False):
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
     decimation: int | Literal["auto"]
-    """Every how many-th row is kept"""
+    """Every n-th row is kept"""
     filter_order: int | Literal["auto"]
-    """Of one pass of the filter of the positions"""
+    """Order of one pass of the position filter"""
     position_cutoff: float | Literal["auto"] | None
-    """Of the filter of the positions, in Hz"""
+    """Cut-off of the position filter, in Hz"""
     torque_cutoff: float | Literal["auto"] | None
-    """Of the filter of torque and columns, in Hz"""
+    """Cut-off of the filter of torque and columns, in Hz"""
 
 
 class ReportOptions(TypedDict, total=False):

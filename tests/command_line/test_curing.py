@@ -36,7 +36,7 @@ def test_a_cured_file_gives_the_model_of_the_right_one(turned: Path) -> None:
     right = dynident("identify", turned / "arm.urdf", turned / "right.csv", "--json").document
     assert cured["residual"]["relative_total"] == pytest.approx(right["residual"]["relative_total"], rel=1e-6)
     told = [one["detail"] for one in cured["measurements"][0]["checks"] if one["name"] == "cure"]
-    assert told == ["Read as if it had been said: signs tau1: -1."]
+    assert told == ["Read with this correction: signs tau1: -1."]
 
 
 def test_a_report_says_how_a_cured_file_was_read(turned: Path) -> None:

@@ -72,7 +72,7 @@ def test_tables_and_a_file_tell_the_same(runs: tuple[Path, Path], tmp_path: Path
     ("effects", "words"),
     [
         ("default,load_dependent_friction", "without the gains"),
-        ("default,stribeck", "not searched for here: give vs"),
+        ("default,stribeck", "does not search for: give vs"),
         ("default,payload", "leave it out"),
     ],
 )

@@ -60,7 +60,7 @@ def test_identify_shows_errors_parameters_and_warnings_to_people(desk: Path) -> 
         assert joint in answer.out
     for parameter in stored.parameters:
         assert parameter.name in answer.out
-    assert "No validation data was given" in answer.out
+    assert "There is no validation data" in answer.out
 
 
 def test_choices_of_effects_estimator_filters_and_windows_are_followed(desk: Path) -> None:
@@ -411,7 +411,7 @@ def test_a_urdf_gives_the_robot_its_name(tmp_path: Path) -> None:
     answer = dynident(
         "simulate", tmp_path / "description.urdf", "--effects", "stribeck@nowhere", "-o", tmp_path / "m.csv"
     )
-    assert "Arm 7 has" in answer.err
+    assert "the joints of Arm 7 are" in answer.err
     robot = load_robot_argument(str(tmp_path / "description.urdf"))
     assert robot.name == "Arm 7"
     assert robot.joint_names == ROBOT.joint_names

@@ -97,7 +97,7 @@ CASES = {
         ["identify", "{desk}/arm.json", "{desk}/run1.csv", "--preprocessing", "cutoff=8"],
         ["cutoff", "position_cutoff"],
     ),
-    "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "no identified model"]),
+    "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "as an identified model"]),
     "a diagnosis that is none": (
         ["report", "{desk}/model.npz", "{desk}/run1.csv", "--diagnosis", "{desk}/arm.json", "-o", "{desk}/x.html"],
         ["arm.json", "no diagnosis"],
@@ -107,7 +107,7 @@ CASES = {
     "nothing to add": (["extend", "{desk}/model.npz", "{desk}/run1.csv"], ["--effects"]),
     "what is in the model already": (
         ["extend", "{desk}/model.npz", "{desk}/run1.csv", "--effects", "coulomb"],
-        ["in the model already"],
+        ["already in the model"],
     ),
     "an unknown candidate": (
         ["diagnose", "{desk}/model.npz", "{desk}/run1.csv", "--candidates", "magic"],
@@ -186,7 +186,7 @@ def test_a_bad_file_is_refused_by_its_column(case: str, desk: Path, tmp_path: Pa
         ('{"description": {"format": "sdf"}}', "bad.json: /description/format: Expected urdf, mjcf, modified_dh, dh."),
         (
             "t,q1",
-            "bad.json: this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table:",
+            "bad.json: this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table:",
         ),
     ],
 )

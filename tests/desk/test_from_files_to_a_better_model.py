@@ -128,7 +128,7 @@ def test_the_data_that_a_model_is_given_are_those_that_it_was_identified_from(
 ) -> None:
     with pytest.raises(dy.DynidentError, match=r"identified from run1; these recordings are run2"):
         model.with_data(runs[1:])
-    with pytest.raises(dy.DynidentError, match=r"tried on run2; these recordings are run1"):
+    with pytest.raises(dy.DynidentError, match=r"validated on run2; these recordings are run1"):
         model.with_data(runs[:1], runs[:1])
 
 
@@ -189,7 +189,7 @@ def test_a_report_is_one_page_with_the_diagnosis_in_it(
     assert "cross: on data that no parameter saw" in text
     page.save(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(DynidentError, match=r"report\.txt; the file's ending has to be \.html or \.pdf"):
+    with pytest.raises(DynidentError, match=r"report\.txt; the file name must end in \.html or \.pdf"):
         page.save(tmp_path / "report.txt")
 
 

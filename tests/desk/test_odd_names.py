@@ -122,7 +122,7 @@ def test_every_format_writes_any_name(tmp_path: Path, name: str) -> None:
     model = model_called(name)
     for format in get_args(ExportFormat):
         if format in ("urdf", "mjcf") and NOT_XML.search(escape_surrogates(name)):
-            with pytest.raises(dy.DynidentError, match="XML cannot hold"):
+            with pytest.raises(dy.DynidentError, match="XML cannot contain"):
                 export_model(model.identification, format, nearest=True)
             continue
         file = export_model(model.identification, format, nearest=True)

@@ -118,7 +118,7 @@ def _reported(name: str) -> object:
 def _next(name: str) -> object:
     experiment = diagnosis_of(name).next_experiment
     if experiment is None:
-        return "nothing is left to decide"
+        return "no question is open"
     wanted = replace(experiment.design, starts=1, random_trajectories=2)
     return dy.design(one_joint_robot(name), replace(wanted, trajectory=replace(wanted.trajectory, duration=4.0)))
 

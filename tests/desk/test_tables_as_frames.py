@@ -149,7 +149,7 @@ def test_what_friction_did_is_drawn_where_nothing_has_changed_as_well(changed: d
         assert "Friction of each joint since the baseline" in drawn
         assert all(joint in drawn for joint in found.model.robot.joint_names)
     unknown = replace(same, diagnosis=replace(same.diagnosis, friction=()))
-    with pytest.raises(dy.DynidentError, match="there is no change to draw"):
+    with pytest.raises(dy.DynidentError, match="nothing to draw, because there are no changes"):
         unknown.plot()
 
 

@@ -115,7 +115,7 @@ def test_an_inspected_file_shows_what_is_proposed_and_what_is_asked(
     (tmp_path / "asked.csv").write_text(without, encoding="utf-8")
     asked = dy.inspect(tmp_path / "asked.csv", robot)
     assert asked.questions
-    assert "To be answered" in asked._repr_html_()
+    assert "Questions to answer" in asked._repr_html_()
     assert "<b>" not in asked._repr_html_()
     assert "t, q1" in shown["inspected file of an unknown robot"]._repr_html_()
 
@@ -201,7 +201,7 @@ def test_chosen_joints_alone_are_drawn(shown: dict[str, Any]) -> None:
     drawn = shown["comparison"].plot(["elbow"]).svg
     assert "elbow, torque" in drawn
     assert "shoulder, torque" not in drawn
-    with pytest.raises(dy.DynidentError, match="no joint 'wrist'; the robot has: shoulder"):
+    with pytest.raises(dy.DynidentError, match="no joint 'wrist'; the joints are: shoulder"):
         shown["comparison"].plot(["wrist"])
 
 
@@ -212,7 +212,7 @@ def test_units_in_a_drawn_recording_are_those_of_the_joint(shown: dict[str, Any]
 
 
 def test_figures_go_to_svg_files_alone(shown: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(dy.DynidentError, match=r"figure\.png; the file's ending has to be \.svg"):
+    with pytest.raises(dy.DynidentError, match=r"figure\.png; the file name must end in \.svg"):
         shown["model"].plot().save(tmp_path / "figure.png")
 
 
@@ -221,7 +221,7 @@ def test_parameters_come_by_number_by_slice_and_by_name(better: dy.Model, model:
     assert [one.name for one in better.parameters[:2]] == ["ZZ1", "ZZ2"]
     assert "Fst1" in better.parameters
     assert "Fst1" not in model.parameters
-    with pytest.raises(KeyError, match="no parameter 'Fst9'; there are: ZZ1"):
+    with pytest.raises(KeyError, match="no parameter 'Fst9'; the parameters are: ZZ1"):
         better.parameters["Fst9"]
 
 
@@ -267,7 +267,7 @@ def test_without_any_of_them_both_are_named(better: dy.Model, monkeypatch: pytes
         better.parameters.to_frame()
     with pytest.raises(dy.DynidentError, match="needs polars, which is not installed"):
         better.parameters.to_frame("polars")
-    with pytest.raises(dy.DynidentError, match="no frames of 'arrow'; choose pandas or polars"):
+    with pytest.raises(dy.DynidentError, match="data frames of 'arrow' are not supported; choose pandas or polars"):
         better.parameters.to_frame("arrow")  # type: ignore[arg-type]
 
 

@@ -261,8 +261,8 @@ def test_telegrams_are_found_between_what_a_logger_adds_and_those_that_are_cut_o
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("<Rob Type='KUKA'><IPOC>1</IPOC>", "no whole telegram"),
-        ("<Rob><IPOC>1</Rob>", "Telegram 1 is no XML"),
+        ("<Rob Type='KUKA'><IPOC>1</IPOC>", "no complete telegram"),
+        ("<Rob><IPOC>1</Rob>", "Telegram 1 is not valid XML"),
     ],
 )
 def test_broken_telegrams_are_refused_with_their_place(tmp_path, text, told):
@@ -297,7 +297,7 @@ def test_a_gripper_beside_the_joints_is_told_apart_by_name_and_asked_about_by_nu
     assert found.questions == ()
     assert found.said["columns"]["tau7"] == "observation.effort.fr3_joint7"
     asked = {one.field: one.detail for one in dy.inspect(counted, machine("franka_panda")).questions}
-    assert "observation.state1 … observation.state8 are 8, and the robot has 7 joints" in asked["columns/q"]
+    assert "observation.state1 … observation.state8 are 8 columns, but the robot has 7 joints" in asked["columns/q"]
 
 
 def test_two_arms_in_one_data_set_are_asked_about(tmp_path):
@@ -341,7 +341,7 @@ def test_a_bag_that_does_not_say_how_its_messages_are_built_says_so(tmp_path):
 
     with sqlite3.connect(path) as base:
         base.execute("DROP TABLE IF EXISTS message_definitions")
-    with pytest.raises(RecordingError, match="does not say how its messages of lbr_fri_idl"):
+    with pytest.raises(RecordingError, match="does not contain the definition of its messages of the type lbr_fri_idl"):
         dy.inspect(path)
 
 

@@ -101,7 +101,7 @@ def test_an_effect_on_one_joint_is_a_torque_on_that_joint_alone(name, robot_name
     robot = arm(robot_name)
     possible = get_effect(name).applicable(robot)
     if not possible:
-        pytest.skip(f"{name} can sit on no joint of {robot_name}")
+        pytest.skip(f"{name} cannot act on any joint of {robot_name}")
     found = Evaluated(robot, *(EffectChoice(name, (robot.joint_names[j],)) for j in possible))
     for k, column in enumerate(found.columns):
         j = possible[k // len(get_effect(name).parameters)]
@@ -207,16 +207,16 @@ def test_an_unknown_joint_is_answered_with_those_there_are():
 
 def test_an_effect_that_cannot_sit_on_a_joint_says_where_it_can():
     robot = arm("scara")
-    with pytest.raises(UnknownEffectError, match="cannot sit on"):
+    with pytest.raises(UnknownEffectError, match="cannot act on"):
         find_joints(EffectChoice("position_dependent_friction", (robot.joint_names[2],)), robot)
-    with pytest.raises(UnknownEffectError, match="cannot sit on"):
+    with pytest.raises(UnknownEffectError, match="cannot act on"):
         find_joints(EffectChoice("transmission_coupling", (robot.joint_names[3],)), robot)
 
 
 def test_a_tilt_needs_gravity():
     base = arm("ur10")
     floating = Robot(base.name, base.joints, np.zeros(3), base.drives, base.description, base.inertias)
-    with pytest.raises(UnknownEffectError, match="no joint"):
+    with pytest.raises(UnknownEffectError, match="cannot act on any joint"):
         build_columns([EffectChoice("base_tilt")], Signals(floating))
 
 

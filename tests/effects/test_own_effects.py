@@ -171,14 +171,14 @@ number = 3
 
 
 WHY = {
-    "broken:Taken": "'coulomb' of broken:Taken is left out: that id is taken",
-    "broken:Nameless": "broken:Nameless is no effect: derive from dynident.effects.Effect and give it id",
-    "broken:number": "broken:number is no effect",
+    "broken:Taken": "'coulomb' of broken:Taken is left out: another effect has this id",
+    "broken:Nameless": "broken:Nameless is not an effect: derive it from dynident.effects.Effect and define id",
+    "broken:number": "broken:number is not an effect",
     "broken:Missing": "(broken:Missing) cannot be loaded",
     "nowhere:Missing": "(nowhere:Missing) cannot be loaded: No module named 'nowhere'",
     "broken:Failing": "'failing' (broken:Failing) is left out: nobody has written this yet",
     "broken:Short": "'short' (broken:Short) is left out: its columns belong to []",
-    "broken:Again": "'good' of broken:Again is left out: that id is taken",
+    "broken:Again": "'good' of broken:Again is left out: another effect has this id",
 }
 
 

@@ -190,7 +190,7 @@ def test_parameters_that_torque_is_predicted_with_have_names():
 @pytest.mark.parametrize("length", [0, 59, 66, 72, 83, 85])
 def test_parameters_of_half_of_the_motors_are_not_filled_up_with_nothing(length):
     robot = robot_from_library("ur10")
-    with pytest.raises(DynidentError, match="expected 60 of the links alone, or 84 with Ia, Fc, Fv and b"):
+    with pytest.raises(DynidentError, match="expected 60 for the links alone, or 84 with Ia, Fc, Fv and b"):
         ReferenceParameters.from_vector(np.zeros(length), robot)
 
 
@@ -200,5 +200,5 @@ def test_parameters_of_another_robot_predict_no_torque_of_this_one(links, joints
     signals = Signals(robot)
     observation = Observation.from_columns(robot, build_columns([EffectChoice("drive_gain_error")], signals), signals)
     other = ReferenceParameters.from_links(np.zeros((links, 10)), joints)
-    with pytest.raises(DynidentError, match=f"of {links} links and {joints} driven joints; ur10 has 6 and 6"):
+    with pytest.raises(DynidentError, match=f"for {links} links and {joints} driven joints, but ur10 has 6 and 6"):
         observation.evaluate(*np.zeros((3, 1, 6)), reference=other, memory=np.zeros((1, 0)))

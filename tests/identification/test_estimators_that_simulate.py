@@ -96,8 +96,8 @@ def test_without_noise_the_estimates_are_the_true_parameters(estimator, least):
     assert np.abs((found.values - SMALL.truth) * torque).max() < least * np.abs(SMALL.truth * torque).max()
     assert found.fit.relative_total < least
     said = found.warnings[0]
-    assert "settled after" in said
-    assert "not settled" not in said
+    assert "converged after" in said
+    assert "not converge" not in said
 
 
 def test_the_user_is_told_what_was_simulated_and_how_strong_the_instruments_are():
@@ -172,7 +172,7 @@ def test_the_command_is_brought_as_late_as_the_motion(late):
 @pytest.mark.parametrize("estimator", ["iv", "didim"])
 def test_a_robot_that_follows_its_command_late_is_identified_from_the_command(estimator):
     found = identify(SMALL.robot, [commanded_run(0.02)], [], choices(estimator))
-    assert "the commanded positions, shifted in time by up to 20 ms" in found.warnings[0]
+    assert "the commanded positions, delayed by up to 20 ms" in found.warnings[0]
     torque = found.estimate.solution.scales
     assert np.abs((found.values - SMALL.truth) * torque).max() < 2e-2 * np.abs(SMALL.truth * torque).max()
 

@@ -111,7 +111,7 @@ def test_friction_that_drives_the_motion_is_held_at_zero_and_named():
     assert all(p.standard_deviation < 1e-9 for p in held)
     warning = next(warning for warning in found.warnings if "Held at zero" in warning)
     assert all(p.name in warning for p in held)
-    assert any("costs" in warning and "residual" in warning for warning in found.warnings)
+    assert any("increases the residual" in warning and "residual" in warning for warning in found.warnings)
 
 
 def test_a_limit_that_holds_makes_its_direction_certain_and_leaves_the_others():

@@ -1,4 +1,4 @@
-"""Robots that swing with their motors off: only ratios can be found, which is said with them."""
+"""Robots that swing with their motors off: only ratios can be identified, which is said with them."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_free_swing_ends_with_its_ratios(inertia, moment, viscous, dry, tmp_pa
     (check,) = [check for check in checks if check.name == "constant_torque"]
     assert check.status == "warning"
     assert "only ratios" in check.detail
-    with pytest.raises(DynidentError, match="only ratios can be found") as refused:
+    with pytest.raises(DynidentError, match="only ratios can be identified") as refused:
         identify(ROBOT, [recording], [], CHOICES)
     assert "record the torque of a motion that the motors drive" in refused.value.detail
     told = {name: float(value) for name, value in re.findall(r"(\w+) = (-?[\d.e-]+)", refused.value.detail)}
@@ -84,6 +84,6 @@ def test_a_random_walk_of_zero_torque_has_no_ratios(tmp_path):
     )
     path = written(tmp_path, rows)
     recording, _ = import_for_robot(ROBOT, path, tmp_path / "stored.parquet", RecordingMetadata())
-    with pytest.raises(DynidentError, match="only ratios can be found") as refused:
+    with pytest.raises(DynidentError, match="only ratios can be identified") as refused:
         identify(ROBOT, [recording], [], CHOICES)
-    assert "up to one common factor" not in refused.value.detail
+    assert "up to a common factor" not in refused.value.detail

@@ -188,7 +188,7 @@ def brought_in(
 
 def test_a_file_with_torques_in_another_order_is_refused_unless_its_user_knows_better(tmp_path: Path) -> None:
     wrong = written(tmp_path / "wrong.csv", [1, 0, 2, 3, 4, 5])
-    with pytest.raises(RecordingError, match="stand in each other's place") as refused:
+    with pytest.raises(RecordingError, match="are exchanged") as refused:
         brought_in(wrong)
     assert refused.value.pointer == "tau1"
     assert brought_in(wrong, "torque_order")[0].n == 6

@@ -127,7 +127,7 @@ def test_a_joint_of_the_robot_that_the_file_has_not_is_to_be_locked_and_one_of_t
     for kind in ("q", "tau"):
         del lacking[f"wrist_3_joint/{kind}"]
     (asked,) = guess(given.robot, lacking).questions
-    assert asked.detail == "wrist_3_joint is in the robot, and not in the file: lock it, --lock wrist_3_joint."
+    assert asked.detail == "wrist_3_joint is in the robot, but not in the file: lock it, --lock wrist_3_joint."
     whole |= {"finger_joint/q": 0.1 * np.sin(given.t), "finger_joint/tau": np.cos(given.t)}
     found = guess(given.robot, whole)
     assert found.questions == ()

@@ -98,7 +98,7 @@ def test_mujoco_takes_the_exported_machine_with_its_loop_and_its_tie() -> None:
 
 def test_a_urdf_cannot_hold_a_loop_and_says_what_can() -> None:
     found, _ = identified("palletiser")
-    with pytest.raises(DynidentError, match="has closed loops, and a URDF is a tree"):
+    with pytest.raises(DynidentError, match="has closed loops, but a URDF can only describe a tree"):
         to_urdf(found, nearest=True)
 
 
@@ -147,4 +147,4 @@ def test_a_file_of_a_machine_with_loops_is_understood_from_its_driven_joints(tmp
     assert found.effort_kind == "joint_torque"
     assert found.is_sure
     assert [found.columns[f"q{k}"] for k in range(1, 5)] == [f"q_{name}" for name in robot.joint_names]
-    assert any("q_forearm, q_rod" in one.value and "not driven" in one.reason for one in found.guesses)
+    assert any("q_forearm, q_rod" in one.value and "passive joints" in one.reason for one in found.guesses)

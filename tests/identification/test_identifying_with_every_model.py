@@ -179,7 +179,7 @@ def test_joints_that_swing_together_are_told_apart_by_torque_and_not_by_power():
     recording = record(ROBOT, together, tau)
     friction = (EffectChoice("viscous"), EffectChoice("coulomb"))
     assert identify(ROBOT, [recording], [], choices("dynamic", effects=friction)).values.shape == (2 * ROBOT.n,)
-    with pytest.raises(DynidentError, match="what does no work") as caught:
+    with pytest.raises(DynidentError, match="torques that do no work") as caught:
         identify(ROBOT, [recording], [], choices("power", effects=friction))
     assert caught.value.pointer == "/model"
     assert "Fv1" in caught.value.detail

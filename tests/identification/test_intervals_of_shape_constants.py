@@ -82,7 +82,7 @@ def test_parameters_are_told_with_the_shape_uncertain():
 def test_what_is_one_of_a_few_kinds_is_said_to_be_chosen():
     found = constant(FOUND, "delta")
     assert (found.judgement, found.interval) == ("chosen", None)
-    assert "kinds" in found.note
+    assert "discrete values" in found.note
 
 
 def test_without_the_effect_in_the_data_the_constant_is_not_determined():

@@ -85,7 +85,7 @@ def test_the_other_joints_are_identified_as_well_as_with_it(
     assert not [one for one in found.parameters if one.link == silent and one.effect in ("coulomb", "viscous")]
     (told,) = [one for one in found.warnings if silent in one and "not identifiable" in one]
     assert f"Fc{joint + 1}, Fv{joint + 1}" in told
-    assert not [one for one in found.warnings if one.startswith("Not separable")]
+    assert not [one for one in found.warnings if one.startswith("Left out, because")]
     # What is in both models has the same values.
     known = {one.name: one for one in with_it.parameters}
     for one in found.parameters:
@@ -163,7 +163,7 @@ def test_a_torque_without_numbers_or_one_that_is_said_not_to_be_recorded_is_told
     assert found.recording.path is not None
     assert open_recording(found.recording.path).joints_without_torque == ("wrist_2_joint",)
     columns = {key: values for key, values in given.columns().items() if key != "tau5"}
-    with pytest.raises(RecordingError, match=r'"columns": \{"tau5": "none"\}: its motion is used'):
+    with pytest.raises(RecordingError, match=r'"columns": \{"tau5": "none"\}; the motion of the joint is still used'):
         read(given.robot, tmp_path, columns)
     said = read(given.robot, tmp_path, columns, columns={"tau5": "none"})
     assert said.recording.joints_without_torque == ("wrist_2_joint",)

@@ -46,7 +46,7 @@ def test_a_load_that_a_held_out_run_carries_too_is_found_there_and_said_so():
     assert found.choices.effects[-1].runs == ("carrying", "new")
     assert found.held_out.relative_total < 0.6 * plain.held_out.relative_total
     (said,) = advice(found)
-    assert "shows in held-out runs as well and is taken to be there: new" in said
+    assert "also appears in held-out runs and is assumed there: new" in said
 
 
 def test_of_several_held_out_runs_those_that_carry_it_are_told_from_those_that_do_not():
@@ -65,7 +65,7 @@ def test_a_held_out_run_without_the_load_is_predicted_without_it():
 def test_what_was_said_of_a_held_out_run_is_believed():
     _, found = added([run("new", 3), run("other", 4, 1.0)], replace(PAYLOAD, runs=("carrying", "new")))
     assert found.choices.effects[-1].runs == ("carrying", "new")
-    assert any("does not survive held-out data" in one for one in found.warnings)
+    assert any("Held-out data do not confirm" in one for one in found.warnings)
 
 
 def test_a_load_that_is_not_there_is_not_found_in_held_out_runs_either():
@@ -73,7 +73,7 @@ def test_a_load_that_is_not_there_is_not_found_in_held_out_runs_either():
     plain = identify(arm("ur10"), training, validation, CHOICES)
     found = extend(plain, [PAYLOAD], training, validation)
     assert found.choices.effects[-1].runs == ("carrying",)
-    assert not any("held-out runs as well" in one for one in found.warnings)
+    assert not any("also appears in held-out runs" in one for one in found.warnings)
 
 
 def test_the_same_choice_identifies_again_with_the_held_out_run_named():
@@ -84,6 +84,6 @@ def test_the_same_choice_identifies_again_with_the_held_out_run_named():
 
 
 def test_a_load_in_held_out_runs_alone_is_refused_with_the_runs_to_name():
-    with pytest.raises(DynidentError, match=r"held-out runs alone.*empty, carrying") as refused:
+    with pytest.raises(DynidentError, match=r"only in held-out runs.*empty, carrying") as refused:
         added([run("new", 3, 1.0)], replace(PAYLOAD, runs=("new",)))
     assert refused.value.pointer == "/effects/0/runs"

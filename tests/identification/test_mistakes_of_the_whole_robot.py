@@ -102,7 +102,7 @@ def test_an_angle_that_is_counted_from_the_joint_before_is_named() -> None:
     assert left < 0.1
     (check,) = findings(recording)
     assert check.name == "joint_coupling"
-    assert "q3 - q2 is what the description means" in check.detail
+    assert "the description needs q3 - q2" in check.detail
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_look_at_a_file_says_first_what_is_left_of_its_torque_and_why() -> Non
     first = found.guesses[0]
     assert first.field == "check"
     assert "shoulder_pan_joint" in first.reason
-    assert "Gravity seems to pull along (0,-9.81,0)" in first.reason
+    assert "Gravity seems to act along (0,-9.81,0)" in first.reason
     assert [one.field for one in found.questions] == ["gravity"]
 
 

@@ -67,7 +67,7 @@ def changed(content: bytes, **changes: object) -> bytes:
 
 
 def test_a_model_of_a_newer_format_says_to_update() -> None:
-    with pytest.raises(DynidentError, match="is of format 4, and this version reads 1 to 3; update dynident"):
+    with pytest.raises(DynidentError, match="has the format 4, but this version reads formats 1 to 3; update dynident"):
         from_bytes(changed(content_of(3), format="dynident identification 4"))
 
 

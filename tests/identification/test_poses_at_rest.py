@@ -74,8 +74,8 @@ def test_the_band_of_friction_is_said(name):
     size = np.sqrt((pinocchio_torque(robot, q, still, still) ** 2).mean(axis=0)).max()
     # Every row is off by the friction, one way or the other.
     np.testing.assert_allclose(found.fit.rms, 0.05 * size, rtol=0.2)
-    assert "poses at rest: they tell the torque of gravity" in found.warnings[0]
-    assert "rotor_inertia, coulomb, viscous show in motion alone" in found.warnings[0]
+    assert "poses at rest: they show gravity" in found.warnings[0]
+    assert "rotor_inertia, coulomb, viscous act only in motion" in found.warnings[0]
     assert found.warnings[1].startswith("Static friction and noise are within a band")
     assert not any("inertia matrix" in warning for warning in found.warnings)
 
@@ -103,7 +103,7 @@ def test_the_model_is_kept_in_files_compared_and_extended():
     grown = extend(found, [EffectChoice("joint_spring", (arm("ur10").joint_names[0],))], [learnt], [tried])
     assert grown.step.parent is found
     assert any(parameter.effect == "joint_spring" for parameter in grown.parameters)
-    with pytest.raises(DynidentError, match="cannot be told from poses at rest"):
+    with pytest.raises(DynidentError, match="cannot be identified from poses at rest"):
         extend(found, [EffectChoice("stribeck", (), (("vs", 0.1), ("delta", 2.0)))], [learnt])
     with pytest.raises(DynidentError, match="poses at rest show only gravity"):
         diagnose(found, [learnt])
@@ -113,7 +113,7 @@ def test_poses_beside_a_motion_are_refused_in_words():
     robot = arm("ur10")
     motion = fourier_motion(robot, 5.0, 100.0, 0)
     moved = record(robot, motion, pinocchio_torque(robot, motion.q, motion.dq, motion.ddq))
-    with pytest.raises(DynidentError, match="are poses at rest, the others motions"):
+    with pytest.raises(DynidentError, match="are poses at rest, the other recordings are motions"):
         identify(robot, [moved], [recorded("ur10", 0)], CHOICES)
 
 
@@ -147,7 +147,7 @@ def test_rows_without_numbers_are_left_out_and_told(tmp_path):
     path = write_poses(tmp_path / "poses.csv", t, q, tau)
     recording, checks = import_for_robot(arm("ur10"), path, tmp_path / "stored.parquet", RecordingMetadata())
     assert recording.n_samples == 39
-    assert any("1 rows hold no numbers" in check.detail for check in checks)
+    assert any("1 rows contain no valid numbers" in check.detail for check in checks)
 
 
 @pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 100.0])

@@ -116,12 +116,12 @@ def test_a_prior_makes_a_poor_motion_predict_a_good_one():
 
 def test_parameters_that_rest_on_the_prior_are_named_and_not_called_well_identified():
     found = short("description")
-    warning = next(warning for warning in found.warnings if "rest on it" in warning)
+    warning = next(warning for warning in found.warnings if "less than the prior does" in warning)
     poor = {p.name for p in found.parameters if not p.well_identified}
     named = {name.strip(" .") for name in warning.rsplit(":", 1)[1].split(",")}
     assert len(named) > 5
     assert named <= poor
-    assert "a belief" in warning
+    assert "an assumption" in warning
     assert found.condition_number == pytest.approx(short(None).condition_number)
     assert any("condition number" in text and "motion alone" in text for text in found.warnings)
 
@@ -211,7 +211,7 @@ def mended(place: tuple[int, int], value: float) -> np.ndarray:
         (None, "gives no inertias"),
         (np.zeros((6, 10)), "gives no inertias"),
         (np.tile([0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0, 1.0], (6, 1)), "placeholders"),
-        (mended((2, 3), np.nan), "nothing can be believed"),
+        (mended((2, 3), np.nan), "which cannot be used"),
         (mended((1, 9), -2.0), "mass of -2 kg"),
     ],
 )

@@ -144,7 +144,7 @@ def test_runs_of_single_joints_are_found_in_ordinary_recordings_too():
 
 
 def test_motions_of_all_joints_are_no_friction_runs():
-    with pytest.raises(DynidentError, match="each joint by itself") as caught:
+    with pytest.raises(DynidentError, match="each joint alone") as caught:
         identify(UR10, [whole_motion(UR10, drawn_standard(UR10))], [], choices())
     assert caught.value.pointer == "/measurement_ids"
 
@@ -154,7 +154,7 @@ def test_friction_tests_alone_are_not_enough_to_identify_a_robot():
         identify(UR10, friction_tests(UR10, drawn_standard(UR10)), [], choices())
 
 
-@pytest.mark.parametrize(("speeds", "said"), [((0.2, 0.5, 0.8), "one direction"), ((0.4, -0.4), "one speed of 0.4")])
+@pytest.mark.parametrize(("speeds", "said"), [((0.2, 0.5, 0.8), "one direction"), ((0.4, -0.4), "one speed, 0.4")])
 def test_friction_runs_that_do_not_suffice_are_named(speeds, said):
     standard = drawn_standard(UR10)
     runs = [

@@ -77,7 +77,7 @@ def test_a_model_from_a_file_is_solved_again():
         ({"estimator": "iv"}, "/estimator", "wls, ols, feasible"),
         ({"strategy": "separate_friction"}, "/strategy", "single joints"),
         ({"effects": (*EFFECTS, EffectChoice("stribeck"))}, "/effects", "stribeck"),
-        ({"preprocessing": Preprocessing(8.0, 8.0, 5)}, "/preprocessing", "filtered otherwise"),
+        ({"preprocessing": Preprocessing(8.0, 8.0, 5)}, "/preprocessing", "filtered with other settings"),
     ],
     ids=str,
 )

@@ -68,7 +68,7 @@ def test_its_commands_find_the_spring_in_jupyter_and_the_next_experiment_decides
     told = " ".join("".join(of_cells).split())
     # Of one recording, of both, and in Python.
     assert told.count("The model lacks: Gravity compensating spring on shoulder_lift_joint") == 3
-    assert "Joint spring does not survive held-out data" in told
+    assert "Held-out data do not confirm Joint spring" in told
     assert re.search(r"would distinguish Gravity compensating spring from (Torque ripple|Joint spring)", told)
     page = " ".join(TEXT.split())
     for rung in ("1 first model", *(f"2 {name} on shoulder_lift_joint" for name in (SPRING, "Joint spring"))):

@@ -67,7 +67,7 @@ def test_a_kr300_is_predicted_with_the_prior_and_a_free_payload(kr300, prior):
         assert found.inertia_matrix_positive_definite
         assert smallest_pseudo_inertia(found.estimate.standard.to_inertias(found.model)).min() > 0
         assert any("the motion alone does not determine the model" in warning for warning in found.warnings)
-        assert any("rest on it rather than on the motion" in warning for warning in found.warnings)
+        assert any("determine these parameters less than the prior does" in warning for warning in found.warnings)
 
 
 def test_limits_of_physics_alone_already_tame_a_kr300(kr300):

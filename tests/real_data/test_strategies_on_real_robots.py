@@ -87,7 +87,7 @@ def test_friction_that_runs_of_single_joints_hardly_show_is_left_to_the_whole_mo
     assert held_out(found) < 0.05
     (shoulder,) = [p for p in found.parameters if p.name == "cl1"]
     assert abs(shoulder.value) < 1.0
-    (said,) = [warning for warning in found.warnings if "runs alone do not tell" in warning]
+    (said,) = [warning for warning in found.warnings if "runs alone do not determine" in warning]
     assert "cl1" in said
     assert "Fv3" not in said
 

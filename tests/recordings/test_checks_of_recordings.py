@@ -142,7 +142,7 @@ def test_standstill_is_told_joint_by_joint_and_asks_for_no_windows(tmp_path):
     told = dict(re.findall(r"(\w+) (\d+) %", check.detail))
     assert abs(float(told["shoulder"]) - 25) <= 2
     assert abs(float(told["elbow"]) - 50) <= 2
-    assert "windows" not in check.detail.replace("needs no windows", "")
+    assert "windows" not in check.detail.replace("No windows are needed", "")
     inside = found(tmp_path, still, "standstill", windows=((3.0, 18.0),))
     assert "elbow" in inside.detail
     assert "shoulder" not in inside.detail
@@ -281,7 +281,7 @@ def test_torque_that_is_late_or_early_is_told_in_milliseconds(tmp_path, shift):
     columns |= {f"tau{j}": np.roll(columns[f"tau{j}"], shift) for j in (1, 2, 3)}
     check = found(tmp_path, columns, "torque_alignment", windows=((0.1, 44.0),))
     assert check.status == "warning"
-    first, last = (float(part) for part in check.detail.split(" ms")[0].removeprefix("Torque comes ").split(" to "))
+    first, last = (float(part) for part in check.detail.split(" ms")[0].removeprefix("The torque is ").split(" to "))
     assert abs(first - 5.0 * abs(shift)) < 2.5
     assert abs(last - 5.0 * abs(shift)) < 2.5
     assert ("late" if shift > 0 else "early") in check.detail

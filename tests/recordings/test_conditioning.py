@@ -205,7 +205,7 @@ def test_steps_that_are_left_out_change_nothing(tmp_path):
         assert ("corrupted_samples" in {check.name for check in checks}) is not bool(skip)
     assert stored["corrupted_samples",] == 0.0
     assert abs(stored[()] - values[699, 1]) < 0.05
-    with pytest.raises(RecordingError, match="skip names 'bridging', which is no step that can be left out"):
+    with pytest.raises(RecordingError, match="skip names 'bridging', which is not a step that can be left out"):
         RecordingMetadata(skip=("bridging",))
 
 
@@ -281,7 +281,7 @@ def test_samples_that_are_held_are_told_with_their_true_rate_and_interpolated(ra
     right, checks = conditioned(t, held)
     check = checks["held_samples"]
     assert check.status == "warning"
-    assert f"comes about {rate / hold:.3g} times a second" in check.detail
+    assert f"come only about {rate / hold:.3g} times a second" in check.detail
     inner = slice(2 * hold, -3 * hold)
     assert np.abs(right - values)[inner, :N].max() < 0.05 * np.abs(held - values)[inner, :N].max()
 

@@ -99,7 +99,7 @@ def test_a_csv_file_without_names_has_numbered_columns(tmp_path, columns):
     path = tmp_path / "run.csv"
     np.savetxt(path, np.column_stack([columns["t"], wide(columns, "q"), wide(columns, "tau")]))
     assert open_source(path, None).names == [f"column{k}" for k in range(1, 8)]
-    with pytest.raises(RecordingError, match="No column t"):
+    with pytest.raises(RecordingError, match="no column t"):
         imported(path)
 
 

@@ -163,7 +163,7 @@ def test_files_of_different_lengths_and_a_file_alone_say_what_is_missing(tmp_pat
     run = recorded(*CASES[0])
     LAYOUTS["clock_in_a_file"](tmp_path, run)
     np.savetxt(tmp_path / "short.csv", run.tau[:-5])
-    with pytest.raises(RecordingError, match=r"short.csv ends after \d+ rows, and .* goes on"):
+    with pytest.raises(RecordingError, match=r"short.csv ends after \d+ rows, but .* has more"):
         read_sample(tmp_path / "t.csv+q.csv+short.csv")
     alone = propose(read_sample(tmp_path / "q.csv"), machine("ur10"))
     assert "rate" in alone.questions[0].detail

@@ -160,7 +160,7 @@ def test_a_file_that_does_not_fit_on_the_disk_is_refused_before_it_is_unpacked(t
     content = written(lambda path: np.savez_compressed(path, q=np.zeros(1_000_000)), "run.npz")
     (tmp_path / "run.npz").write_bytes(content)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 2**20}))
-    with pytest.raises(RecordingError, match="unpacks to 8 MB, and 1 MB are free"):
+    with pytest.raises(RecordingError, match="unpacks to 8 MB, but only 1 MB are free"):
         open_source(tmp_path / "run.npz", None)
 
 
@@ -170,11 +170,11 @@ def test_a_column_whose_name_is_no_unicode_is_refused(tmp_path):
     (tmp_path / "run.npy").write_bytes(
         content.replace(b"('q1', '<f8')]", b"('\\ud800', '<f8')]").replace(b"    \n", b"\n", 1)
     )
-    with pytest.raises(RecordingError, match="is no Unicode text"):
+    with pytest.raises(RecordingError, match="is not valid Unicode text"):
         open_source(tmp_path / "run.npy", None)
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "run.h5", "w") as file:
         h5py.h5d.create(file.id, b"q\xff", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((20,)))
         file["t"] = np.zeros(20)
-    with pytest.raises(RecordingError, match="is no UTF-8 text"):
+    with pytest.raises(RecordingError, match="is not UTF-8 text"):
         open_source(tmp_path / "run.h5", None)

@@ -49,7 +49,7 @@ def test_torques_of_registers_are_read_with_their_sign(
     assert f"jump by {2**bit if kind == 'sign bit' else 2 ** (bit + 1)} around zero" in check.detail
     np.testing.assert_allclose(signals(found)[1], counts, atol=0.02 * COUNTS[bit])
     told = {one.field: one.value for one in guess(given.robot, columns).guesses}
-    assert told["rows/registers"] == "put right"
+    assert told["rows/registers"] == "corrected"
 
 
 def test_registers_are_left_as_they_are_where_somebody_says_so(tmp_path: Path) -> None:

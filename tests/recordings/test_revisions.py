@@ -87,7 +87,7 @@ def test_excluded_seconds_are_not_used(tmp_path: Path) -> None:
     assert (before, after) == (5.0, 7.0)
     part, _ = brought_in(path, RecordingMetadata(windows=((4.0, 12.0),), exclude=((5.0, 7.0), (11.0, 30.0))))
     assert part.windows == ((4.0, 5.0), (7.0, 11.0))
-    with pytest.raises(RecordingError, match="leaves nothing"):
+    with pytest.raises(RecordingError, match="removes the whole recording"):
         brought_in(path, RecordingMetadata(windows=((4.0, 12.0),), exclude=((0.0, 30.0),)))
 
 

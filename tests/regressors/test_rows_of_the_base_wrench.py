@@ -213,7 +213,7 @@ def test_a_wrench_of_the_wrong_sign_is_suspected():
 
 def test_friction_is_refused_with_what_to_choose():
     robot = arm("scara")
-    with pytest.raises(DynidentError, match="coulomb, rotor_inertia, viscous: not in the base's wrench") as caught:
+    with pytest.raises(DynidentError, match="coulomb, rotor_inertia, viscous: not in the base wrench") as caught:
         identify(robot, [recorded(robot, 20.0, 200.0)], [], IdentificationChoices(model="base_wrench"))
     assert caught.value.pointer == "/effects/1"
     assert "rigid_body" in caught.value.detail

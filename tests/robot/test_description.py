@@ -53,7 +53,7 @@ BAD = {
     "drive of a locked joint": (
         {"locked_joints": {"lift": 0.0}, "drives": {"lift": Drive(1.0)}},
         "/drives/lift",
-        "'lift' is locked, so it has no drive",
+        "'lift' is locked, so it cannot have a drive",
     ),
     "everything locked": (
         {"description": TABLE, "locked_joints": {"a/b": 0.0, "c": 1.0}},
@@ -65,7 +65,11 @@ BAD = {
         "/limits/a~1b/velocity",
         "velocity limit of joint 'a/b' is -1; expected a positive number",
     ),
-    "limits exchanged": ({"limits": {"lift": Limits((1, -1))}}, "/limits/lift/position", r"\[1, -1\].*the lower first"),
+    "limits exchanged": (
+        {"limits": {"lift": Limits((1, -1))}},
+        "/limits/lift/position",
+        r"\[1, -1\].*the lower one first",
+    ),
     "infinite range": ({"limits": {"lift": Limits((0, math.inf))}}, "/limits/lift/position", "expected two numbers"),
     "infinite jerk": (
         {"limits": {"lift": Limits(jerk=math.inf)}},
@@ -77,7 +81,7 @@ BAD = {
     "two gains": (
         {"drives": {"lift": Drive(10.0, 100.0, 0.2)}},
         "/drives/lift/drive_gain",
-        r"drive_gain is 10.0, but .* give 20 \[12.17\]; state one",
+        r"drive_gain is 10.0, but .* give 20 \[12.17\]; give only one",
     ),
     "flat gravity": ({"gravity": [0, -9.81]}, "/gravity", "expected three numbers in m/s²"),
     "gravity unknown": ({"gravity": [0, 0, math.nan]}, "/gravity", "expected three numbers in m/s²"),
@@ -107,7 +111,7 @@ def test_equal_statements_of_a_drive_gain_do_not_contradict():
     ],
 )
 def test_numbers_beyond_computing_are_refused(description):
-    with pytest.raises(DynidentError, match="too large to compute with") as caught:
+    with pytest.raises(DynidentError, match="too large; expected values") as caught:
         robot_from_description("r", description)
     assert caught.value.pointer == "/description/content"
 

@@ -86,10 +86,10 @@ def test_a_modified_table_is_read_in_every_common_notation(text: str) -> None:
         ("classical\na alpha d theta\n0 90 0 q1", "line 3: Alpha is 90"),
         ("classical\na alpha d theta\n0 x 0 q1", "line 3: Alpha is 'x'"),
         ("classical\na alpha d theta\n0 0 q1 q1", "line 3: Theta and the offset along z are both variable"),
-        ("classical\na alpha d theta\n0 0", "line 3: 2 cells"),
-        ("classical\na alpha theta d d\n0 0 0 0 0", "line 2: The column d stands twice"),
+        ("classical\na alpha d theta\n0 0", "line 3: The row has 2 cells"),
+        ("classical\na alpha theta d d\n0 0 0 0 0", "line 2: The column d occurs twice"),
         ("classical\na alpha d theta", "no rows"),
-        ("some words", "no line with the names of its columns"),
+        ("some words", "no line with column names"),
     ],
 )
 def test_what_cannot_be_read_is_told_with_its_line(text: str, told: str) -> None:

@@ -168,34 +168,34 @@ def test_a_machine_from_mjcf_comes_back_from_its_document() -> None:
 BAD = {
     "": "The MJCF is empty",
     "<mujoco>": "line 1: The XML is malformed",
-    "<robot/>": "line 1: The root element is <robot>; an MJCF's is <mujoco>",
+    "<robot/>": "line 1: The root element is <robot>; an MJCF file needs the root element <mujoco>",
     "<mujoco/>": "The model has no <body>",
-    '<mujoco>\n<include file="/etc/passwd"/></mujoco>': "line 2: <include> brings in what is not in this text",
-    '<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>': "<replicate> brings in",
+    '<mujoco>\n<include file="/etc/passwd"/></mujoco>': "line 2: <include> adds elements that are not in this text",
+    '<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>': "<replicate> adds elements",
     '<mujoco><worldbody>\n<body name="a">\n<freejoint/></body></worldbody></mujoco>': "line 3: Body 'a' floats freely",
-    '<mujoco><worldbody><body name="a"><joint type="ball"/></body></worldbody></mujoco>': "'a' hangs on a ball joint",
+    '<mujoco><worldbody><body name="a"><joint type="ball"/></body></worldbody></mujoco>': "connected by a ball joint",
     '<mujoco><worldbody><body name="a"><joint/>\n<geom type="mesh" mesh="m"/></body></worldbody></mujoco>': (
-        "line 2: The mass of its body comes from the mesh 'm', whose file is not here"
+        "line 2: The mass of its body comes from the mesh 'm', but the mesh file is missing"
     ),
     '<mujoco><worldbody>\n\n<body name="a"><joint type="hing"/></body></worldbody></mujoco>': "MuJoCo .*line 3",
     '<mujoco><worldbody><body name="a"><joint/></body></worldbody></mujoco>': "mass and inertia of moving bodies",
     four_bar('<connect body1="b" body2="c" anchor="0.5 0 0"/>', drive=""): (
-        r"line 5: No actuator acts on a joint of loop 'loop1'; expected a <motor joint=…/> for each of .* crank, rod"
+        r"line 5: No actuator acts on a joint of loop 'loop1'. Add a <motor joint=…/> for each of .* crank, rod"
     ),
     four_bar('<connect site1="top" site2="tip"/>', '<keyframe><key qpos="0 0 2"/></keyframe>').replace(
         'name="tip" pos="0.5', 'name="tip" pos="1.5'
-    ): r"line 5: Loop 'loop1' does not close: .* [\d.]+ m apart, and [\d.]+ m at best",
+    ): r"line 5: Loop 'loop1' does not close: .* [\d.]+ m apart, and at least [\d.]+ m",
     four_bar('<connect site1="top" site2="tip"/>').replace('pos="0.5 0 0"/></body>', 'pos="0.5 0.01 0"/></body>'): (
-        r"does not close: .* 0.01 m at best"
+        r"does not close: .* at least 0.01 m"
     ),
-    four_bar('<weld body1="b" body2="c"/>'): "equations of loop1 hold the driven joints crank where they start",
-    four_bar('<connect body1="a" body2="a" anchor="0 0 0"/>', drive=""): "MuJoCo does not take|same body",
+    four_bar('<weld body1="b" body2="c"/>'): "equations of loop1 fix the driven joints crank at their start",
+    four_bar('<connect body1="a" body2="a" anchor="0 0 0"/>', drive=""): "MuJoCo rejects|same body",
     four_bar('<joint joint1="crank" joint2="rod" polycoef="0 1 2 0 0"/>'): "polycoef .* only the first two",
     four_bar(
         '<joint joint1="crank" joint2="rod"/>', drive='<motor joint="crank"/><motor joint="rod"/>'
-    ): "ties crank, rod, and each of them has an actuator",
-    four_bar(HELD["bodies"], drive='<motor joint="crank"/><motor joint="rod"/>'): "hold the driven joints crank, rod",
-    four_bar('<distance geom1="a" geom2="b"/>'): "<distance> is no equality that a machine can be held together by",
+    ): "ties crank, rod, but each of them has an actuator",
+    four_bar(HELD["bodies"], drive='<motor joint="crank"/><motor joint="rod"/>'): "fix the driven joints crank, rod",
+    four_bar('<distance geom1="a" geom2="b"/>'): "<distance> is not a supported equality",
 }
 
 

@@ -222,15 +222,15 @@ def table(change: str) -> dict[str, Any]:
 BAD = {
     "itself": ("/joints/5/tie", "'flange' follows 'flange': a joint cannot follow itself"),
     "each other": ("/tie", "'yaw' follows 'flange' follows 'yaw': a joint cannot follow itself"),
-    "nobody": ("/joints/5/tie", "follows 'elbow', which is no moving joint; moving joints: yaw, arm"),
+    "nobody": ("/joints/5/tie", "follows 'elbow', which is not a moving joint; moving joints: yaw, arm"),
     "none": ("/joints/5/tie", "by 0.0; expected a number other than 0"),
-    "both": ("/joints/4/passive", "state either passive or tie"),
+    "both": ("/joints/4/passive", "give either passive or tie"),
     "too short": (
         "/loops/0",
-        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and [\d.]+ m at best",
+        r"'parallelogram' does not close: .* its frames are [\d.]+ m apart, and at least [\d.]+ m",
     ),
     "redundant": ("/loops/0", "'parallelogram' has redundant constraints: 3 equations for 2 passive"),
-    "free": ("/loops", "No loop holds the passive joints flange"),
+    "free": ("/loops", "The passive joints flange belong to no loop"),
     "undriven": ("/loops/0", "No driven joint moves loop 'parallelogram'|4 passive joints .* for 2 equations"),
     "same body": ("/loops/0/between", "on the same body"),
     "unknown body": ("/loops/0/between/1/joint", "There is no moving joint 'elbow'; expected base or one of yaw"),
@@ -250,7 +250,9 @@ def test_what_cannot_be_closed_or_followed_is_said_with_its_place(change: str) -
 def test_a_passive_joint_has_no_drive() -> None:
     from dynident.robot import Drive
 
-    with pytest.raises(DynidentError, match="'rod' follows other joints, so it has no drive; driven joints: yaw, arm"):
+    with pytest.raises(
+        DynidentError, match="'rod' follows other joints, so it cannot have a drive; driven joints: yaw, arm"
+    ):
         robot_from_modified_dh("bad", palletiser(), drives={"rod": Drive(drive_gain=2.0)})
 
 

@@ -70,5 +70,5 @@ def test_the_last_frame_is_that_of_the_published_classical_parameters(name, d, a
 
 
 def test_an_unknown_arm_is_told_which_there_are():
-    with pytest.raises(DynidentError, match="no arm 'puma'; known: dual_arm, franka_panda"):
+    with pytest.raises(DynidentError, match="no arm 'puma'; choose from: dual_arm, franka_panda"):
         robot_from_library("puma")

@@ -120,8 +120,8 @@ def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_
     older = (OLDER / "model_of_format_1.npz").read_bytes()
     unreadable = {
         made("identification", "model", older): "its request or its result: ValidationError",
-        made("identification", "model", newer.getvalue()): "of format 99, and this version reads 1 to 3",
-        made("measurement", "recording", b"no Parquet"): "is no Parquet file",
+        made("identification", "model", newer.getvalue()): "has the format 99, but this version reads formats 1 to 3",
+        made("measurement", "recording", b"no Parquet"): "is not a Parquet file",
         made("comparison", "signals", b"no signals"): "ArrowInvalid",
         made("series", "days", b"no days"): "not a file of days",
         made("diagnosis", "evidence", b"[{}]"): "ValidationError",

@@ -37,7 +37,7 @@ def test_a_model_of_joints_without_torque_goes_the_whole_way(live: Client, tmp_p
     silent = given[0].robot.joint_names[SILENT]
     told = {check["name"]: check for check in runs[0]["checks"]}
     assert silent in told["joint_torque"]["detail"]
-    with pytest.raises(ProblemError, match="counts of an encoder") as refused:
+    with pytest.raises(ProblemError, match="encoder counts") as refused:
         live.measurements.upload(robot, tmp_path / "run0.csv")
     assert refused.value.status == 422
     model = live.identifications.create(robot, runs[:1], validation=runs[1:]).wait()

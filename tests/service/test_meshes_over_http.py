@@ -127,7 +127,7 @@ def test_what_is_no_mesh_of_the_robot_is_refused_with_its_name(live: Client, tmp
     with pytest.raises(ValueError, match="has the name of a mesh"):
         live.robots.send_meshes(robot, folder_with(tmp_path / "others", other=rod()))
     twice = live.robots.create("two of a name", urdf=TWICE)
-    with pytest.raises(ProblemError, match=r"may be package://arm/left/two\.stl or package://arm/right/two\.stl"):
+    with pytest.raises(ProblemError, match=r"could be package://arm/left/two\.stl or package://arm/right/two\.stl"):
         live.robots.send_meshes(twice, folder_with(tmp_path / "bare", two=rod()))
     assert all(one["sha256"] is None for one in live.robots.get(twice)["meshes"])
     (tmp_path / "arm" / "left").mkdir()
@@ -156,7 +156,7 @@ def test_names_that_no_files_can_have_are_refused_with_the_name(
     urdf = ARM.replace("package://arm/meshes/one.stl", names[0]).replace("package://arm/meshes/two.stl", names[1])
     robot = live.robots.create("arm", urdf=urdf)
     (tmp_path / "a.stl").write_bytes(rod())
-    with pytest.raises(ProblemError, match="no file can have the name of the mesh"):
+    with pytest.raises(ProblemError, match="a file cannot have the name of the mesh"):
         live.robots.put_meshes(robot, dict.fromkeys(names, tmp_path / "a.stl"))
 
 

@@ -54,7 +54,7 @@ def test_a_machine_with_a_loop_is_made_from_its_mjcf_and_a_bad_one_is_refused_wi
     refused = client.post("/v1/robots", json=body)
     assert refused.status_code == 422
     assert refused.json()["errors"][0]["pointer"] == "/description/content"
-    assert "line 2: <include> brings in" in refused.json()["errors"][0]["detail"]
+    assert "line 2: <include> adds elements" in refused.json()["errors"][0]["detail"]
 
 
 def test_a_retry_with_the_same_idempotency_key_makes_no_second_robot(client: TestClient) -> None:

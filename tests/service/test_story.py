@@ -82,14 +82,14 @@ def test_a_hidden_effect_is_found_added_and_reported(live: Client, tmp_path: Pat
     assert after < 0.7 * before
     assert [rung["id"] for rung in live.identifications.lineage(better)] == [model.id, better.id]
     assert better["parent_id"] == model.id
-    assert not any("survive" in warning for warning in better.result["warnings"])
+    assert not any("do not confirm" in warning for warning in better.result["warnings"])
 
     back = live.identifications.remove(better, [{"effect": "joint_spring"}]).wait()
     assert back["parent_id"] == better.id
     assert [one["effect"] for one in back["removed"]] == ["joint_spring"]
     assert back.result["validation"]["relative"] == pytest.approx(model.result["validation"]["relative"], rel=1e-6)
     other = live.identifications.extend(model, [{"effect": "joint_spring", "joints": [robot.joints[1]["name"]]}]).wait()
-    assert "survive" in other.result["warnings"][0]
+    assert "do not confirm" in other.result["warnings"][0]
     compared = live.identifications.compare_lineages(back, other)
     assert [rung["id"] for rung in compared["items"]] == [model.id, better.id, back.id]
     assert [rung["id"] for rung in compared["against"]] == [model.id, other.id]

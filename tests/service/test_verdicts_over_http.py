@@ -88,7 +88,7 @@ def test_a_stop_names_the_measurement_and_its_cure(client: TestClient, robot: di
     assert stop["measurement_id"] == wrong
     # Torques or positions stand in each other's place, which nothing tells: no cure is ordered.
     assert stop["apply"] is None
-    assert "which this data cannot tell from it" in stop["cause"]
+    assert "These data fit equally well" in stop["cause"]
     cure = {"permutation": {"tau": [2, 1]}}
     right = client.post(f"/v1/measurements/{wrong}/revisions", json=cure).json()["id"]
     refused = client.get(f"/v1/identifications/{model}/export")

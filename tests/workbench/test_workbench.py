@@ -196,7 +196,7 @@ def test_what_was_added_is_removed_again_and_two_ladders_stand_beside_each_other
             arg=made[joint],
         )
     page.goto(f"/?identification={made['shoulder']}")
-    expect(page.locator("#warnings")).to_contain_text("survive")
+    expect(page.locator("#warnings")).to_contain_text("do not confirm")
     open_tab(page, "Missing")
     page.locator("#ladder-table").get_by_role("button", name="Remove").click()
     expect(page.locator("#step")).to_contain_text("Removed Joint spring on shoulder")
@@ -327,7 +327,7 @@ def test_a_mistake_is_explained_beside_the_field_that_caused_it(
     form.locator("input[name=windows]").fill("20 to 10")
     form.get_by_role("button", name="Confirm and store").click()
     windows = page.locator("[data-pointer='/metadata/windows']")
-    expect(windows.locator(".complaint")).to_contain_text("the end has to come after the beginning")
+    expect(windows.locator(".complaint")).to_contain_text("the end must be later than the start")
     form.locator("input[name=windows]").fill("")
     form.get_by_role("button", name="Confirm and store").click()
     expect(page.locator(STORED)).to_have_count(1)

@@ -41,7 +41,7 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
 
     robot = require_robot(services, body.robot_id)
     _check_gains(robot)
-    refuse_coupled(robot, "currents are told joint by joint for")
+    refuse_coupled(robot, "current units are identified joint by joint for")
     effects = from_wire_choices(body.effects or [])
     check_choices(effects, restore_robot(robot.request))
     check_current_effects(effects)

@@ -83,7 +83,7 @@ class ComparedRecording(Framed):
         # A misspelt joint is refused: leaving it out would look as if all had been drawn.
         strangers = [name for name in joints if name not in names]
         if strangers:
-            raise DynidentError(f"there is no joint {strangers[0]!r}; the robot has: {', '.join(names)}")
+            raise DynidentError(f"there is no joint {strangers[0]!r}; the joints are: {', '.join(names)}")
         indices = [names.index(name) for name in joints or names]
         parts = [
             draw_torque(self.comparison, indices[first : first + JOINTS_PER_FIGURE], self.name)
@@ -119,7 +119,8 @@ class ComparedRecording(Framed):
     def _repr_html_(self) -> str:
         rows = [self._format_row(j) for j in range(len(self.comparison.joint_names))]
         worst = [
-            f"{stretch.joint}, {stretch.start:.2f} to {stretch.end:.2f} s: {stretch.ratio:.1f} x the joint's own rms"
+            f"{stretch.joint}, {stretch.start:.2f} to {stretch.end:.2f} s: {stretch.ratio:.1f} times the rms of the "
+            "joint"
             for stretch in self.comparison.worst[:_SHOWN]
         ]
         return join_html(
@@ -262,7 +263,7 @@ def compare(
     """
     desk_model, checked_recordings = as_model(model), as_recordings(recordings)
     if not checked_recordings:
-        raise DynidentError("give at least one recording to compare with", title="Recordings needed")
+        raise DynidentError("give at least one recording for the comparison", title="Recordings needed")
     # Only with the recordings of the fit can it be told whether a recording was fitted to, or repeats one of these.
     fit_recordings = (desk_model.recordings if learnt is None else as_recordings(learnt)).recordings
     if learnt is not None:

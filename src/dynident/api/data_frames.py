@@ -92,7 +92,7 @@ class Framed(ABC):
 
 def _build_frame(columns: Columns, library: FrameLibrary | None) -> pandas.DataFrame | polars.DataFrame:
     if library is not None and library not in _LIBRARIES:
-        raise DynidentError(f"there are no frames of {library!r}; choose pandas or polars", pointer="library")
+        raise DynidentError(f"data frames of {library!r} are not supported; choose pandas or polars", pointer="library")
     for name in (library,) if library else _LIBRARIES:
         # Imported by name and only now, as the library works without both.
         try:

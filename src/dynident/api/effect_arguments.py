@@ -113,8 +113,8 @@ def collect_added_effects(additions: Iterable[Addition], robot: Robot) -> tuple[
             # the reason that is given where nothing is left to add.
             reason = "" if diagnosis.recommended else f"the diagnosis recommends nothing to add: {diagnosis.summary}"
         else:
-            raise DynidentError(f"{item!r} is no diagnosis and no effect; an effect is written stribeck@joint2")
+            raise DynidentError(f"{item!r} is neither a diagnosis nor an effect; write an effect as stribeck@joint2")
     if not choices:
-        detail = reason or 'say what to add: a diagnosis, or effects such as "stribeck@joint2"'
+        detail = reason or 'no effect to add is given: give a diagnosis, or effects such as "stribeck@joint2"'
         raise DynidentError(detail, title=_TITLE)
     return check_effects(tuple(choices), robot)

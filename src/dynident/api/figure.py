@@ -45,7 +45,7 @@ class Figure:
         """
         path = Path(path)
         if path.suffix != ".svg":
-            raise DynidentError(f"cannot write {path.name}; the file's ending has to be .svg", pointer=str(path))
+            raise DynidentError(f"cannot write {path.name}; the file name must end in .svg", pointer=str(path))
         check_folder_exists(path)
         path.write_bytes(encode_text(self.svg))
 

@@ -211,7 +211,7 @@ class Model:
         _check_recording_names(fit_recordings, self.identification.data.measurement_names, "was identified from")
         check_same_recordings(self.identification, fit_recordings.recordings)
         if held_out and self.identification.data.validation_names:
-            _check_recording_names(held_out, self.identification.data.validation_names, "was tried on")
+            _check_recording_names(held_out, self.identification.data.validation_names, "was validated on")
         return replace(self, recordings=fit_recordings, validation=held_out)
 
     def check_data(self, purpose: str) -> None:
@@ -230,8 +230,8 @@ class Model:
         if not self.recordings:
             names = ", ".join(self.identification.data.measurement_names)
             raise DynidentError(
-                f"to {purpose} takes the recordings that it was identified from ({names}), and a file holds the model "
-                "alone; read them and give them: model = model.with_data(recordings, validation)",
+                f"the recordings of the model ({names}) are needed to {purpose}, but the file of a model does not "
+                "contain them; read them and add them: model = model.with_data(recordings, validation)",
                 title="Recordings needed",
             )
 
@@ -286,7 +286,7 @@ class Model:
         """
         path = Path(path)
         if path.suffix != ".npz":
-            raise DynidentError(f"cannot write {path.name}; the file's ending has to be .npz", pointer=str(path))
+            raise DynidentError(f"cannot write {path.name}; the file name must end in .npz", pointer=str(path))
         check_folder_exists(path)
         path.write_bytes(to_bytes(self.identification))
 

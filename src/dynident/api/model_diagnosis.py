@@ -120,8 +120,8 @@ class DiagnosedModel(Framed):
         if self.evidence:
             parts.append(draw_evidence(self.evidence[:_MOST_PANELS], self.model.robot))
         if not parts:
-            raise DynidentError("the diagnosis ranked no effect: there is nothing to draw")
-        return join_figures(parts, "what is missing, and the evidence")
+            raise DynidentError("nothing to draw: the diagnosis ranked no effect")
+        return join_figures(parts, "missing effects and their evidence")
 
     def _build_frame_row(self, candidate: RankedEffect) -> tuple[object, ...]:
         return (
@@ -163,7 +163,7 @@ class DiagnosedModel(Framed):
             render_paragraph("Evidence:") if recommended else "",
             render_list(candidate.evidence for candidate in diagnosis.candidates if candidate.significant),
             render_table(CANDIDATE_COLUMNS, format_candidates(diagnosis.candidates, robot), right_from=3),
-            render_paragraph(f"These data could not have shown: {invisible}.") if invisible else "",
+            render_paragraph(f"These data cannot show: {invisible}.") if invisible else "",
             _render_next_experiment(diagnosis.next_experiment),
         )
 

@@ -55,15 +55,15 @@ class DesignedMotion(Framed):
         random_text = (
             ""
             if baseline is None
-            else f"; the best of {baseline.count} random motions reaches "
-            f"{format_number(baseline.best.condition_number)}"
+            else f"; the best of {baseline.count} random motions has {format_number(baseline.best.condition_number)}"
         )
         # The limit that is used most: it is the one to relax where the motion is too poor.
         nearest = max(design.margins, key=lambda margin: margin.share)
         return (
-            f"{design.duration:.3g} s from rest to rest, {design.n_samples} samples at {design.sampling_rate:g} Hz. "
-            f"Condition number {format_number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
-            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, used to {format_percent(nearest.share)}."
+            f"{design.duration:.3g} s from standstill to standstill, {design.n_samples} samples at "
+            f"{design.sampling_rate:g} Hz. Condition number "
+            f"{format_number(design.criterion_values.condition_number)}{random_text}. Nearest limit: "
+            f"{nearest.limit.replace('_', ' ')} of {nearest.joint}, {format_percent(nearest.share)} used."
         )
 
     def save(self, path: str | Path) -> None:
@@ -83,7 +83,7 @@ class DesignedMotion(Framed):
         path = Path(path)
         if path.suffix not in _FILE_ENDINGS:
             raise DynidentError(
-                f"cannot write {path.name}; the file's ending has to be .csv, .parquet or .yaml (ROS 2)",
+                f"cannot write {path.name}; the file name must end in .csv, .parquet or .yaml (ROS 2)",
                 pointer=str(path),
             )
         check_folder_exists(path)
@@ -203,7 +203,7 @@ def _resolve_request(request: DesignRequest | DiagnosedModel | None) -> DesignRe
         return DesignRequest()
     if request.next_experiment is None:
         raise DynidentError(
-            "the diagnosis proposes no experiment: nothing is left to decide", title="Nothing to design"
+            "the diagnosis proposes no experiment, because no question is open", title="Nothing to design"
         )
     # The diagnosis proposes a whole request, so that its family of motions fits the question that it leaves open.
     return request.next_experiment.design

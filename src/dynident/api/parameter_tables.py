@@ -68,7 +68,8 @@ class Parameters(Sequence[IdentifiedParameter], Framed):
             parameter = next((item for item in self.items if item.name == index), None)
             if parameter is None:
                 raise KeyError(
-                    f"there is no parameter {index!r}; there are: {', '.join(item.name for item in self.items)}"
+                    f"there is no parameter {index!r}; the parameters are: "
+                    f"{', '.join(item.name for item in self.items)}"
                 )
             return parameter
         return self.items[index]

@@ -23,7 +23,7 @@ from dynident.recordings.recording_files import check_readable_path, make_unique
 from dynident.result_display import join_html, render_list, render_paragraph, render_table
 from dynident.robot import Robot
 
-_COLUMNS = ("what", "proposed", "how sure", "why")
+_COLUMNS = ("what", "proposed", "confidence", "why")
 _SHOWN, _NAMES = 30, 12
 
 
@@ -86,7 +86,7 @@ class InspectedFile:
         return join_html(
             render_paragraph(self._format_head(), strong=True),
             render_table(_COLUMNS, rows, right_from=len(_COLUMNS)) if rows else "",
-            render_paragraph("To be answered:") if self.questions else "",
+            render_paragraph("Questions to answer:") if self.questions else "",
             render_list(_format_question(question) for question in self.questions),
         )
 
@@ -286,12 +286,17 @@ def revise(
         Where the file cannot be used with these changes.
     """
     if recording.source is None or recording.robot is None:
-        raise DynidentError(f"{recording.name} was not read from a file by read_recordings", title="Nothing to revise")
+        raise DynidentError(
+            f"{recording.name} was not read from a file with read_recordings, so it cannot be revised",
+            title="Nothing to revise",
+        )
     try:
         revision = Revision(**fields) if change is None else replace(change, **fields)
     except TypeError as error:
         field_names = ", ".join(Revision.__dataclass_fields__)
-        raise DynidentError(f"{error}; a revision has: {field_names}", title="Nothing to revise") from error
+        raise DynidentError(
+            f"{error}; the fields of a revision are: {field_names}", title="Nothing to revise"
+        ) from error
     source = recording.source
     # Edits are kept one by one beside the metadata that they lead to, so that a report can list what was changed.
     edits = (*source.edits, revision)

@@ -180,13 +180,15 @@ class Recordings(Sequence[CheckedRecording], Framed):
         # Checked before anything is written: the second file would replace the first.
         repeated = next((name for name in self.names if self.names.count(name) > 1), None)
         if repeated is not None:
-            raise DynidentError(f"two recordings are called {repeated!r}; save them in folders of their own")
+            raise DynidentError(f"two recordings are called {repeated!r}; save them in different folders")
         folder = Path(folder)
         # Only now, after all names are checked: a refused call leaves no empty folder.
         folder.mkdir(parents=True, exist_ok=True)
         for item in self.items:
             if item.recording.path is None:
-                raise DynidentError(f"{item.name} is held in memory; what read_recordings gives can be saved")
+                raise DynidentError(
+                    f"{item.name} exists only in memory; only recordings from read_recordings can be saved"
+                )
             destination = folder / f"{item.name}.checked.parquet"
             # Copied beside its destination first: a copy that breaks off does not destroy an older file.
             unfinished = destination.with_suffix(".unfinished")
@@ -224,7 +226,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
             Where there is no recording.
         """
         if not self.items:
-            raise DynidentError("there is no recording to draw")
+            raise DynidentError("nothing to draw: there are no recordings")
         svgs = [item.plot().svg for item in self.items]
         return join_figures(svgs, f"recordings {', '.join(self.names)}", self.names)
 
@@ -244,7 +246,7 @@ class Recordings(Sequence[CheckedRecording], Framed):
         if isinstance(index, str):
             recording = next((item for item in self.items if item.name == index), None)
             if recording is None:
-                raise KeyError(f"there is no recording {index!r}; there are: {', '.join(self.names)}")
+                raise KeyError(f"there is no recording {index!r}; the recordings are: {', '.join(self.names)}")
             return recording
         return self.items[index]
 
@@ -319,7 +321,7 @@ def _to_checked(item: object) -> CheckedRecording:
     if isinstance(item, Recording):
         return CheckedRecording(item)
     raise DynidentError(
-        f"{item!r} is no recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
+        f"{item!r} is not a recording; read files with read_recordings(…, robot=robot) first", title="Not a recording"
     )
 
 

@@ -50,7 +50,7 @@ class Report:
         """
         path = Path(path)
         if path.suffix not in _ENDINGS:
-            detail = f"cannot write {path.name}; the file's ending has to be .html or .pdf"
+            detail = f"cannot write {path.name}; the file name must end in .html or .pdf"
             raise DynidentError(detail, pointer=str(path))
         check_folder_exists(path)
         if path.suffix == ".pdf":

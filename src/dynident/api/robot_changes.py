@@ -296,8 +296,8 @@ class Changes(Sequence[Change], Framed):
         change_figure = draw_changes(self.items) if self.items else None
         figures = [figure for figure in (change_figure, draw_friction_differences(self.diagnosis.friction)) if figure]
         if not figures:
-            raise DynidentError(f"there is no change to draw: {self.summary}")
-        return join_figures(figures, "what has changed, with intervals of 95 %")
+            raise DynidentError(f"nothing to draw, because there are no changes: {self.summary}")
+        return join_figures(figures, "changes, with 95 % intervals")
 
     def __len__(self) -> int:
         return len(self.items)
@@ -330,7 +330,7 @@ class Changes(Sequence[Change], Framed):
                 FRICTION_COLUMNS, [format_friction_difference(item) for item in self.diagnosis.friction], right_from=1
             ),
             render_details("evidence", render_list(item.evidence for item in self.items)) if self.items else "",
-            render_paragraph(f"These motions could not have shown: {invisible}.") if invisible else "",
+            render_paragraph(f"These motions cannot show: {invisible}.") if invisible else "",
         )
 
 

@@ -63,7 +63,7 @@ def expand_xacro(path: Path, content: str) -> str:
         import xacro
     except ModuleNotFoundError as missing:
         raise DynidentError(
-            "this is xacro, which is expanded with the package xacro, and that is not installed: "
+            "this is xacro, and expanding it needs the package xacro, which is not installed: "
             f"{format_install_hint('xacro')}; or expand it first (xacro robot.xacro > robot.urdf)",
             pointer=str(path),
             title=_XACRO_TITLE,
@@ -102,8 +102,8 @@ def _find_packages_near(path: Path) -> Iterator[None]:
         if ask_ros is not None:
             return str(ask_ros(name))
         raise _PackageNotFound(
-            f"there is no folder of the package {name!r} in the folders above {path.name}; put it beside the file's "
-            "own package, or name the folder that holds it in the environment variable ROS_PACKAGE_PATH"
+            f"no folder of the package {name!r} was found in the folders above {path.name}; put it next to the file's "
+            "own package, or give the folder that contains it in the environment variable ROS_PACKAGE_PATH"
         )
 
     packages: Any = ModuleType(f"{_ROS_INDEX}.packages")
@@ -213,15 +213,15 @@ def set_drive_gains(robot: Robot, gains: DriveGains) -> Robot:
         # A list has no names, so a missing gain would shift all others to wrong joints.
         if len(gains) != robot.n:
             raise DynidentError(
-                f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one each, or a "
-                "mapping of joint names to gains",
+                f"{len(gains)} drive gains for {robot.n} joints ({', '.join(robot.joint_names)}); give one gain per "
+                "joint, or a mapping of joint names to gains",
                 pointer="drive_gains",
                 title=_ROBOT_TITLE,
             )
         gains = dict(zip(robot.joint_names, gains, strict=True))
     for joint in gains:
         if joint not in robot.joint_names:
-            detail = f"there is no joint {joint!r}; the robot has: {', '.join(robot.joint_names)}"
+            detail = f"there is no joint {joint!r}; the joints are: {', '.join(robot.joint_names)}"
             raise DynidentError(detail, pointer="drive_gains", title=_ROBOT_TITLE)
     pairs = zip(robot.joint_names, robot.drives, strict=True)
     changed = (Drive(float(gains[n]), coupling=drive.coupling) if n in gains else drive for n, drive in pairs)
@@ -268,7 +268,7 @@ def _robot_from_table(name: str, content: str, stated: dict[str, Any]) -> Robot:
     except DynidentError as error:
         if not error.pointer.startswith(_CONTENT):
             raise
-        detail = f"this is neither XML (URDF, MJCF) nor JSON, and as a Denavit-Hartenberg table: {error.detail}"
+        detail = f"this is neither XML (URDF, MJCF) nor JSON; read as a Denavit-Hartenberg table: {error.detail}"
         raise DynidentError(detail, pointer=error.pointer, title=error.title) from error
 
 
@@ -328,7 +328,7 @@ def _robot_from_document(document: Mapping[str, Any], name: str, stated: dict[st
 def _get_object(document: Mapping[str, Any], field: str) -> Mapping[str, Any]:
     value = document.get(field) or {}
     if not isinstance(value, Mapping):
-        raise DynidentError("Expected an object with one entry a joint.", pointer=f"/{field}", title=_ROBOT_TITLE)
+        raise DynidentError("Expected an object with one entry per joint.", pointer=f"/{field}", title=_ROBOT_TITLE)
     return value
 
 

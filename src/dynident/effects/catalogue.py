@@ -148,7 +148,7 @@ def get_effect(identifier: str, pointer: str = "") -> Effect:
     except KeyError:
         effect_ids = ", ".join(CATALOGUE)
         raise UnknownEffectError(
-            f"there is no effect {identifier!r}; the catalogue has: {effect_ids}",
+            f"there is no effect {identifier!r}; choose from: {effect_ids}",
             pointer=pointer,
             title="Unknown effect",
         ) from None

@@ -31,13 +31,13 @@ class Payload(Effect):
         ParameterSpec(
             f"{name}p",
             unit,
-            f"{name} of what is carried, about the frame of the link's joint",
+            f"{name} of the carried load, about the frame of the link's joint",
             positive=name == "M",
             role="load",
         )
         for name, unit in zip(INERTIAL_NAMES, _UNITS, strict=True)
     )
-    signature = "a step between runs: a link is heavier in some of them"
+    signature = "a step between runs: a link is heavier in some runs"
     confused_with = ("rigid_body",)
     sources = ("Khalil, Gautier and Lemoine 2007",)
     experiment = "with_payload"
@@ -93,7 +93,7 @@ class ExternalContact(Effect):
         ShapeSpec("t1", "s", "time when the contact ends", 1.0, proposal="burst", signed=True, may_be_zero=True),
         ShapeSpec("link", "-", "number of the link that is pushed, 0 for the last", 0.0, may_be_zero=True),
     )
-    signature = "one stretch of time far above the rest"
+    signature = "one interval of time with a residual far above all others"
     confused_with = ("payload",)
     sources = ("Haddadin, De Luca and Albu-Schäffer 2017",)
     experiment = "repeated"
@@ -136,7 +136,7 @@ class BaseVibration(Effect):
         for part, name in (("c", "cosine"), ("s", "sine"))
     )
     shapes = (ShapeSpec("f", "Hz", "frequency", 5.0, proposal="time_spectrum", refined=Refinement(0.002)),)
-    signature = "a line in the spectrum of the residual over time, at the same frequency on all joints"
+    signature = "a peak in the spectrum of the residual over time, at the same frequency on all joints"
     confused_with = ("external_contact",)
     sources = ("Moberg, Wernholt, Hanssen and Brogårdh 2014",)
     experiment = "repeated"

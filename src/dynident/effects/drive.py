@@ -29,7 +29,7 @@ class DriveGainError(Effect):
     parameters = (
         ParameterSpec("eps", "-", "relative error of the drive gain", least=5e-3, most=0.5, most_change=0.12),
     )
-    signature = "a scaled copy of the joint's own torque, against what the other joints say of the same links"
+    signature = "a scaled copy of the joint's own torque: the other joints give other parameters of the same links"
     confused_with = ("drive_gain_saturation",)
     sources = ("Gautier and Briot 2011", "Khalil and Dombre 2002, chapter 12, [12.17]")
     experiment = "with_payload"
@@ -81,8 +81,10 @@ class TorqueDelay(Effect):
     title = "Delay of the measured torque"
     formula = r"-\delta\,\dot{\hat\Gamma} + \frac{\delta^2}{2}\,\ddot{\hat\Gamma}"
     parameters = (
-        ParameterSpec("delay", "s", "how late the torque is", positive=True, least=0.5e-3, most=0.1, role="delay"),
-        ParameterSpec("delay_sq", "s²", "the square of it, from the curvature of the torque", positive=True, most=0.01),
+        ParameterSpec("delay", "s", "delay of the torque", positive=True, least=0.5e-3, most=0.1, role="delay"),
+        ParameterSpec(
+            "delay_sq", "s²", "square of the delay, from the curvature of the torque", positive=True, most=0.01
+        ),
     )
     signature = "in quadrature with the torque, on all joints"
     confused_with = ("joint_elasticity",)
@@ -124,7 +126,7 @@ class RotorCoupling(Effect):
     sits_on = "link"
     formula = r"N J_m\,\left(\ddot q_j z_j + \dot q_j\,\omega \times z_j\right),\quad N J_m\,z_j \cdot \dot\omega"
     parameters = (ParameterSpec("NJ", "kg m²", "gear ratio times inertia of the rotor about its own axis"),)
-    signature = "products of the joint's velocity with those before it, without any posture where it vanishes"
+    signature = "products of the joint's velocity with those of joints before it; they vanish in no posture"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 9",)
     told_from = MappingProxyType({"paces": ("rigid_body",)})

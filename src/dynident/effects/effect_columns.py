@@ -140,7 +140,7 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
     whole, robot = robot, robot.tree
     possible = effect.applicable(robot)
     if not possible:
-        raise UnknownEffectError(f"{choice.effect} can sit on no joint of {robot.name}", pointer=pointer)
+        raise UnknownEffectError(f"{choice.effect} cannot act on any joint of {robot.name}", pointer=pointer)
     # An effect of the whole robot acts on all joints that it can act on, whatever the choice names.
     if effect.scope == "robot":
         return possible
@@ -156,17 +156,19 @@ def find_joints(choice: EffectChoice, robot: Robot, pointer: str = "") -> tuple[
         if name not in robot.joint_names:
             joint_names = ", ".join(robot.joint_names)
             raise UnknownEffectError(
-                f"there is no joint {name!r}; {robot.name} has: {joint_names}", pointer=pointer, title="Unknown joint"
+                f"there is no joint {name!r}; the joints of {robot.name} are: {joint_names}",
+                pointer=pointer,
+                title="Unknown joint",
             )
         index = robot.joint_names.index(name)
         if index not in possible:
             fitting = ", ".join(robot.joint_names[j] for j in possible)
             raise UnknownEffectError(
-                f"{choice.effect} cannot sit on {name}; it can on: {fitting}", pointer=pointer, title="Unfit joint"
+                f"{choice.effect} cannot act on {name}; choose from: {fitting}", pointer=pointer, title="Unfit joint"
             )
         if whole.linkage is not None and index not in whole.linkage.driven and effect.sits_on == "motor":
             raise UnknownEffectError(
-                f"{choice.effect} is a matter of motors, and {name} has none; driven joints: "
+                f"{choice.effect} acts on driven joints, but {name} has no motor; driven joints: "
                 f"{', '.join(whole.joint_names)}",
                 pointer=pointer,
                 title="Unfit joint",
@@ -230,8 +232,8 @@ def check_shape_constants(choice: EffectChoice, pointer: str = "") -> None:
 
 def _describe_expected(spec: ShapeSpec) -> str:
     if spec.words:
-        return f"it has to be {' or '.join(f'{value:g} ({word})' for value, word in spec.words)}"
-    return f"its {spec.description} has to be a finite number{_describe_range(spec)}"
+        return f"give {' or '.join(f'{value:g} ({word})' for value, word in spec.words)}"
+    return f"its {spec.description} must be a finite number{_describe_range(spec)}"
 
 
 def _describe_range(spec: ShapeSpec) -> str:

@@ -136,7 +136,7 @@ class Coulomb(_OneColumnFriction):
     title = "Coulomb friction"
     formula = r"F_c\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fc", "N m", "Coulomb friction", "N", positive=True, resists=True, role="dry"),)
-    signature = "a step wherever the velocity changes sign"
+    signature = "a step at each reversal"
     sources = (_KHALIL,)
     experiment = "constant_speeds"
     may_change = True
@@ -161,7 +161,7 @@ class CoulombAsymmetric(Effect):
         ParameterSpec("Fcp", "N m", "Coulomb friction forward", "N"),
         ParameterSpec("Fcn", "N m", "Coulomb friction backward", "N"),
     )
-    signature = "a constant: half the difference between the directions"
+    signature = "a constant: half the difference between the two directions"
     confused_with = ("offset",)
     # Beside Coulomb friction, half the difference between the directions is a constant torque.
     same_function = ("offset",)
@@ -246,7 +246,7 @@ class Stribeck(_OneColumnFriction):
         ShapeSpec(
             "vs", "rad/s", "Stribeck velocity", 0.05, relative_to_velocity=True, resolved_by="speed", refined=RATIO
         ),
-        ShapeSpec("delta", "-", "exponent of the velocity's share", 2.0),
+        ShapeSpec("delta", "-", "exponent of the ratio of velocity to Stribeck velocity", 2.0),
     )
     signature = "odd in the velocity, with peaks at low speed on both sides"
     confused_with = ("viscous_nonlinear", "presliding")
@@ -290,7 +290,7 @@ class ViscousNonlinear(_OneColumnFriction):
     formula = r"a\,|\dot q|^p\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("Fvn", "N m (s/rad)^p", "coefficient of the power of the velocity", "N (s/m)^p"),)
     shapes = (ShapeSpec("p", "-", "exponent of the velocity", 2.0, least=0.4, refined=RATIO, natural=(0.5, 2.0, 3.0)),)
-    signature = "odd in the velocity, bending upward or saturating"
+    signature = "odd in the velocity, with a slope that grows or falls with speed"
     confused_with = ("stribeck",)
     is_rough = True
     sources = ("Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca 2019",)
@@ -329,7 +329,7 @@ class LoadDependentFriction(_OneColumnFriction):
     title = "Load-dependent Coulomb friction"
     formula = r"c\,|\hat\tau_l|\,\mathrm{sign}(\dot q)"
     parameters = (ParameterSpec("cl", "-", "friction per unit of load torque", positive=True, least=5e-3, most=0.5),)
-    signature = "jumps at reversals whose height follows the load"
+    signature = "steps at reversals whose height follows the load"
     confused_with = ("position_dependent_friction", "coulomb")
     sources = ("Hamon, Gautier and Garrec 2010",)
     experiment = "with_payload"

@@ -26,13 +26,11 @@ class Backlash(Effect):
         r"\quad \beta = \frac{b}{2}\tanh\frac{\hat\tau_l}{w}"
     )
     parameters = (
-        ParameterSpec(
-            "bl", "rad", "play b, from the posture; below zero where q is measured at the link", "m", most=0.03
-        ),
+        ParameterSpec("bl", "rad", "play b, from the posture; negative if q is measured at the link", "m", most=0.03),
         ParameterSpec("bi", "rad", "play b, from the acceleration of the links", "m", most=0.03),
         ParameterSpec("br", "N m s²", "play b times the rotor inertia", "N s²"),
     )
-    shapes = (ShapeSpec("w", "N m", "load torque over which the teeth change sides", 1.0, refined=RATIO),)
+    shapes = (ShapeSpec("w", "N m", "load torque within which the teeth change sides", 1.0, refined=RATIO),)
     signature = "a step of the posture, and a pulse, where the load torque changes its sign"
     confused_with = ("joint_elasticity",)
     sources = ("Nordin and Gutman 2002",)
@@ -107,11 +105,13 @@ class JointElasticity(Effect):
         r" + \frac{I_a}{K}\,\ddot{\hat\tau}_l"
     )
     parameters = (
-        ParameterSpec("Ce", "rad/(N m)", "compliance 1/K, from the sag of the posture", "m/N", positive=True),
+        ParameterSpec(
+            "Ce", "rad/(N m)", "compliance 1/K, from the static deflection in each posture", "m/N", positive=True
+        ),
         ParameterSpec("Cl", "rad/(N m)", "compliance 1/K, from the acceleration of the links", "m/N", positive=True),
         ParameterSpec("Cr", "s²", "rotor inertia times compliance, Ia/K", positive=True),
     )
-    signature = "grows with the frequency of the motion; the arm sags under its own load"
+    signature = "grows with the frequency of the motion; the arm bends under its own weight"
     confused_with = ("backlash", "encoder_zero_error", "torque_delay")
     sources = ("Gautier, Jubien and Janot 2013",)
     experiment = "paces"

@@ -33,7 +33,9 @@ def load_installed_effects(used_ids: Collection[str]) -> tuple[Effect, ...]:
         if effect is None:
             continue
         if effect.id in used_ids or effect.id in accepted:
-            warnings.warn(f"the effect {effect.id!r} of {point.value} is left out: that id is taken", stacklevel=2)
+            warnings.warn(
+                f"the effect {effect.id!r} of {point.value} is left out: another effect has this id", stacklevel=2
+            )
             continue
         accepted[effect.id] = effect
     return tuple(accepted.values())
@@ -63,7 +65,7 @@ def _load_effect(point: EntryPoint) -> Effect | None:
         return None
     if not isinstance(effect, Effect) or not all(hasattr(effect, name) for name in _NEEDED):
         warnings.warn(
-            f"{point.value} is no effect: derive from dynident.effects.Effect and give it {', '.join(_NEEDED)}",
+            f"{point.value} is not an effect: derive it from dynident.effects.Effect and define {', '.join(_NEEDED)}",
             stacklevel=3,
         )
         return None
@@ -84,11 +86,11 @@ def _try_effect(effect: Effect) -> None:
     for joint in effect.applicable(robot):
         for shape in effect.grid(robot, joint):
             if set(shape) != constants:
-                raise ValueError(f"its grid gives {sorted(shape)}, its shape constants are {sorted(constants)}")
+                raise ValueError(f"its grid has {sorted(shape)}, but its shape constants are {sorted(constants)}")
         columns = effect.columns(signals, (joint,), effect.shape_with_defaults({}))
         if len(columns) != len(names) or {column.parameter for column in columns} != names:
             raise ValueError(
-                f"its columns belong to {[c.parameter for c in columns]}, its parameters are {sorted(names)}"
+                f"its columns belong to {[c.parameter for c in columns]}, but its parameters are {sorted(names)}"
             )
         for column in columns:
             if column.effect != effect.id or column.torque.shape != (robot.n, 1):

@@ -109,7 +109,7 @@ class ReferenceParameters:
             return cls.from_links(vector.reshape(-1, 10), robot.n)
         if vector.shape != (count_reference_parameters(robot),):
             raise DynidentError(
-                f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} of the links alone, "
+                f"{vector.shape} reference parameters for {robot.tree.n} links: expected {links} for the links alone, "
                 f"or {count_reference_parameters(robot)} with Ia, Fc, Fv and b of all joints",
                 title="Unusable reference parameters",
             )
@@ -131,8 +131,8 @@ class ReferenceParameters:
         """
         if self.inertias.shape != (robot.tree.n, 10) or self.rotors.shape != (robot.n,):
             raise DynidentError(
-                f"Reference parameters of {len(self.inertias)} links and {len(self.rotors)} driven joints; "
-                f"{robot.name} has {robot.tree.n} and {robot.n}",
+                f"The reference parameters are for {len(self.inertias)} links and {len(self.rotors)} driven joints, "
+                f"but {robot.name} has {robot.tree.n} and {robot.n}",
                 title="Unusable reference parameters",
             )
         return self.vector

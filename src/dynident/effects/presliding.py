@@ -27,13 +27,13 @@ class Presliding(Effect):
         ParameterSpec(
             "Fz",
             "N m",
-            "friction reached after the slip distance",
+            "friction at the end of the slip distance",
             "N",
             positive=True,
             resists=True,
             role="dry_once_sliding",
         ),
-        ParameterSpec("cz", "-", "friction reached after the slip distance, per unit of load torque"),
+        ParameterSpec("cz", "-", "friction at the end of the slip distance, per unit of load torque"),
     )
     shapes = (
         ShapeSpec("d0", "rad", "slip distance", 2e-3, least=0.5e-3, resolved_by="displacement", refined=RATIO),
@@ -108,7 +108,7 @@ class BreakAway(Effect):
             refined=RATIO,
         ),
     )
-    signature = "a peak when a joint starts to move, gone after some distance at any speed"
+    signature = "a peak when a joint starts to move; it vanishes after a distance, whatever the speed"
     confused_with = ("stribeck", "presliding")
     sources = ("Armstrong-Hélouvry, Dupont and Canudas de Wit 1994",)
     experiment = "reversals"

@@ -74,7 +74,7 @@ class RotorInertia(Effect):
             role="rotor",
         ),
     )
-    signature = "torque in phase with the joint's own acceleration, whatever the posture"
+    signature = "torque in phase with the joint's own acceleration, the same in every posture"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 12, [12.1] and [12.33]",)
 

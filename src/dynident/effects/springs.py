@@ -31,7 +31,7 @@ class GravityCompensator(Effect):
     title = "Gravity compensating spring"
     formula = r"-k a b \sin x\,(l - l_0)/l,\qquad l^2 = a^2 + b^2 + 2ab\cos x,\quad x = q - \varphi"
     parameters = (
-        ParameterSpec("kab", "N m", "stiffness times both arms, k a b"),
+        ParameterSpec("kab", "N m", "stiffness times both lever arms, k a b"),
         ParameterSpec("kal", "N m", "stiffness times crank and free length, -k a l0"),
     )
     shapes = (
@@ -44,7 +44,7 @@ class GravityCompensator(Effect):
             may_be_zero=True,
             refined=Refinement(0.065),
         ),
-        ShapeSpec("r", "-", "crank over the distance of the spring's foot", 0.25, refined=RATIO),
+        ShapeSpec("r", "-", "crank length over distance of the spring's foot", 0.25, refined=RATIO),
     )
     signature = "smooth over the joint's position, several harmonics of its angle"
     confused_with = ("joint_spring", "torque_ripple")

@@ -31,8 +31,8 @@ class EncoderZeroError(Effect):
     title = "Error of a joint's zero position"
     sits_on = "motor"
     formula = r"\frac{\partial\hat\tau_l}{\partial q_j}\,\Delta_j"
-    parameters = (ParameterSpec("dq0", "rad", "true position less the measured one", "m", least=1e-3, most=0.2),)
-    signature = "posture-dependent torque on the joint and those before and after it at once"
+    parameters = (ParameterSpec("dq0", "rad", "true position minus measured position", "m", least=1e-3, most=0.2),)
+    signature = "torque that depends on the posture, on the joint and its neighbours at the same time"
     confused_with = ("base_tilt", "joint_elasticity")
     sources = ("Khalil and Dombre 2002, chapter 11",)
     first_order = True
@@ -61,13 +61,13 @@ class KinematicError(Effect):
         ParameterSpec(
             f"d{axis}",
             "m",
-            f"true place of the joint along {axis} of its antecedent's frame, less given",
+            f"true place of the joint along {axis} of its antecedent's frame, minus the given place",
             least=5e-4,
             most=0.2,
         )
         for axis in "xyz"
     )
-    signature = "like inertia; nearly all of it dissolves in the base parameters"
+    signature = "like inertia; the base parameters absorb nearly all of it"
     confused_with = ("rigid_body",)
     sources = ("Khalil and Dombre 2002, chapter 11",)
     first_order = True
@@ -176,7 +176,7 @@ class TorqueRipple(Effect):
             is_whole=True,
         ),
     )
-    signature = "a line in the spectrum of the residual over the joint's angle"
+    signature = "a peak in the spectrum of the residual over the joint's angle"
     confused_with = ("joint_spring",)
     of_position = True
     sources = ("Kircanski and Goldenberg 1997",)
@@ -213,13 +213,17 @@ class BaseTilt(Effect):
     formula = r"\delta g_x\, G_x(q) + \delta g_y\, G_y(q) + t_c \cos q_1 + t_s \sin q_1"
     parameters = (
         ParameterSpec(
-            "gx", "m/s²", "gravity along the first direction across the nominal gravity", least=0.01, most=2.0
+            "gx", "m/s²", "gravity along the first direction perpendicular to the nominal gravity", least=0.01, most=2.0
         ),
         ParameterSpec(
-            "gy", "m/s²", "gravity along the second direction across the nominal gravity", least=0.01, most=2.0
+            "gy",
+            "m/s²",
+            "gravity along the second direction perpendicular to the nominal gravity",
+            least=0.01,
+            most=2.0,
         ),
-        ParameterSpec("tc", "N m", "weight of the first link about an upright first axis, cosine part"),
-        ParameterSpec("ts", "N m", "weight of the first link about an upright first axis, sine part"),
+        ParameterSpec("tc", "N m", "weight of the first link about a vertical first axis, cosine part"),
+        ParameterSpec("ts", "N m", "weight of the first link about a vertical first axis, sine part"),
     )
     signature = "sine and cosine of the first joint's angle, on all joints at once"
     confused_with = ("offset",)

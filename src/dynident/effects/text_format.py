@@ -116,7 +116,7 @@ def parse_effect(text: str, pointer: str) -> tuple[str, tuple[str, ...], dict[st
     name, sign, joints = head.partition("@")
     if not name.strip() or (sign and not joints.strip()):
         raise DynidentError(
-            f"cannot read {text!r}; write effect, effect@joint, effect@joint+joint or effect@joint:constant=value",
+            f"cannot read {text!r}; expected effect, effect@joint, effect@joint+joint or effect@joint:constant=value",
             pointer=pointer,
             title=_TITLE,
         )

@@ -33,7 +33,10 @@ class EssentialChoices:
     """How far the backward elimination of parameters goes."""
 
     ratio: float = declare_field(
-        "Largest over smallest relative standard deviation to end at (§12.7)", default=10.0, above=1, at_most=1e6
+        "Stop when largest over smallest relative standard deviation is below this (§12.7)",
+        default=10.0,
+        above=1,
+        at_most=1e6,
     )
 
 
@@ -46,9 +49,9 @@ AVAILABLE_STRATEGIES = STRATEGIES.names
 AVAILABLE_ESTIMATORS = ESTIMATORS.names
 AVAILABLE_PRIORS = PRIORS.names
 COVARIANCES = OneOf(
-    Choice("by_time_and_joints", "all joints, over stretches of time", "All joints together over stretches of time."),
-    Choice("by_joint", "each joint, over time", "Each joint over time, and joints independent of each other."),
-    Choice("independent", "nothing", "Every row counts as a sample of its own [12.6].", "nothing"),
+    Choice("by_time_and_joints", "all joints, over blocks of time", "All joints together, over blocks of time."),
+    Choice("by_joint", "each joint, over time", "Each joint over time; joints are independent of each other."),
+    Choice("independent", "nothing", "Every row counts as an independent sample [12.6].", "nothing"),
 )
 AVAILABLE_COVARIANCES = COVARIANCES.names
 STEPS = OneOf(
@@ -56,7 +59,7 @@ STEPS = OneOf(
     Choice(
         "wrist_then_shoulder",
         "wrist, then shoulder",
-        "The last three joints, then the others (§12.7): for links of very different size.",
+        "First the last three joints, then the others (§12.7): for links of very different size.",
     ),
 )
 USUAL_SHARE = 0.2
@@ -115,17 +118,19 @@ class IdentificationChoices:
 
     effects: tuple[EffectChoice, ...] = declare_field("What acts on the joints", default=DEFAULT_EFFECTS, option="-")
     model: ModelName = declare_field("Rows of W", default="dynamic", kinds=MODELS)
-    strategy: StrategyName = declare_field("Parameters at a time", default="global", kinds=STRATEGIES)
-    estimator: EstimatorName | Estimator = declare_field("How χ is solved for", default="auto", kinds=ESTIMATORS)
-    steps: StepsName = declare_field("Of the sequential strategy", default="link_by_link", kinds=STEPS)
+    strategy: StrategyName = declare_field(
+        "Order in which parameters are estimated", default="global", kinds=STRATEGIES
+    )
+    estimator: EstimatorName | Estimator = declare_field("Method that estimates χ", default="auto", kinds=ESTIMATORS)
+    steps: StepsName = declare_field("Steps of the sequential strategy", default="link_by_link", kinds=STEPS)
     prior: PriorName | None = declare_field(
-        "Inertias that the robot's description gives, weighted by their uncertainty", default=None, kinds=PRIORS
+        "Use of the inertias in the robot's description, weighted by their uncertainty", default=None, kinds=PRIORS
     )
     free_links: tuple[str, ...] = declare_field(
-        "Joints whose links the prior is not believed of, such as a loaded one", default=(), most=100
+        "Joints whose links the prior does not apply to, such as a link with a load", default=(), most=100
     )
     prior_error: float = declare_field(
-        "Share by which the description's inertias are usually off", default=USUAL_SHARE, at_least=1e-6, at_most=10
+        "Usual relative error of the description's inertias", default=USUAL_SHARE, at_least=1e-6, at_most=10
     )
     pole: float | None = declare_field(
         "a of the filtered model's F(s) = a²/(s + a)²; from the data if left out",
@@ -135,7 +140,7 @@ class IdentificationChoices:
         at_most=1e6,
     )
     interval: float | None = declare_field(
-        "Time that an equation of the energy model spans; from the data if left out",
+        "Interval of one equation of the energy model; from the data if left out",
         default=None,
         unit="s",
         at_least=1e-6,
@@ -146,14 +151,14 @@ class IdentificationChoices:
         "Which columns count as dependent", made_by=_get_default_tolerance, option="-", at_least=1e-15, at_most=0.1
     )
     covariance: CovarianceName = declare_field(
-        "What of the residuals is taken to be correlated: all joints' over stretches of time, each joint's over time, "
-        "or nothing",
+        "Which residuals count as correlated: those of all joints over blocks of time, those of each joint over time, "
+        "or none",
         default="by_time_and_joints",
         kinds=COVARIANCES,
     )
 
     weigh_turns: bool = declare_field(
-        "Of joints' torques by wls or feasible: rows where a joint turns round count by a noise of their own",
+        "For joint torques with wls or feasible: rows at reversals have their own weight",
         default=True,
     )
 
@@ -173,14 +178,14 @@ class IdentificationChoices:
             self._check_prior()
         elif self.free_links:
             raise DynidentError(
-                "free_links are links that the prior is not believed of, and there is no prior; choose description, or "
-                "leave them out",
+                "free_links are links that the prior does not apply to, but there is no prior; choose the prior "
+                "description, or leave free_links out",
                 pointer="/free_links",
             )
         if not (isfinite(self.prior_error) and self.prior_error > 0):
             raise DynidentError(
-                f"prior_error is {self.prior_error}; give the share by which the description's inertias are usually "
-                "off, above zero: 0.2 for a fifth",
+                f"prior_error is {self.prior_error}; give the usual relative error of the description's inertias, "
+                "above zero: 0.2 for 20 %",
                 pointer="/prior_error",
             )
         if self.pole is not None and not (isfinite(self.pole) and self.pole > 0):
@@ -239,8 +244,8 @@ class IdentificationChoices:
         if self.trust.of_bodies and not self.solver.possible_bodies:
             able = " or ".join(ESTIMATORS.names_with("possible_bodies"))
             raise DynidentError(
-                f"the entropic prior is a distance between bodies that can exist: it goes with the estimator "
-                f"{able}, not {get_kind_name(self.estimator)}; choose that, or the prior description",
+                f"the entropic prior needs physically feasible bodies, so it works only with the estimator {able}, "
+                f"not {get_kind_name(self.estimator)}; choose that estimator, or the prior description",
                 pointer="/prior",
                 title=_UNFIT,
             )
@@ -248,4 +253,6 @@ class IdentificationChoices:
 
 def _check_name(field: str, value: str, available: tuple[str, ...]) -> None:
     if value not in available:
-        raise DynidentError(f"{value!r} is no {field}; choose from: {', '.join(available)}", pointer=f"/{field}")
+        raise DynidentError(
+            f"{value!r} is not a valid {field}; choose from: {', '.join(available)}", pointer=f"/{field}"
+        )

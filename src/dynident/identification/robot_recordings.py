@@ -153,5 +153,5 @@ def import_cured(
             done.append(cure)
             metadata = cure.apply_to(metadata)
             continue
-        notes = [Check("cure", "warning", f"Read as if it had been said: {revision}.") for revision in done]
+        notes = [Check("cure", "warning", f"Read with this correction: {revision}.") for revision in done]
         return CuredRecording(recording, (*checks, *notes), tuple(done), metadata)

@@ -66,7 +66,7 @@ def run_checks(
     if wrong:
         first = wrong[0]
         raise RecordingError(
-            f'{first.detail} If the recording is right all the same, say "accept": ["{first.name}"].',
+            f'{first.detail} If the recording is right, say "accept": ["{first.name}"].',
             pointer=first.column,
             title=first.name.replace("_", " ").capitalize(),
             row=first.row,

@@ -184,7 +184,7 @@ def _convert_current(current: Column, joint_name: str, gain: float | None) -> Co
         )
     if not (np.isfinite(gain) and gain != 0.0):
         raise RecordingError(
-            f"The drive gain of joint {joint_name} is {gain}; it has to be a number other than 0.",
+            f"The drive gain of joint {joint_name} is {gain}; give a number other than 0.",
             pointer=f"/drives/{joint_name}/drive_gain",
             title="Missing drive gain",
         )
@@ -226,8 +226,9 @@ def check_surplus_columns(names: Sequence[str], n: int, metadata: RecordingMetad
     return Check(
         "joint_columns",
         "warning",
-        f"The file has {' and '.join(surplus)}, and the robot {n} joints: columns are counted in its order, and these "
-        "are not used. If the joint that the robot lacks is not the last one of the file, map the others by columns.",
+        f"The file has {' and '.join(surplus)}, but the robot has {n} joints: columns are matched to joints in the "
+        "order of the robot, and the surplus columns are not used. If the joint that the robot does not have is not "
+        "the last one of the file, map the columns of the other joints by columns.",
         column=surplus[0],
     )
 
@@ -236,9 +237,9 @@ def _report_torque_source(from_current: list[str], unused: list[str], coupled: b
     if from_current:
         detail = f"Torque is drive gain x current [12.17] in {_shorten_names(from_current)}."
         if coupled:
-            detail += " Motors that are coupled to several joints act on all of them."
+            detail += " A motor that is coupled to several joints acts on all of them."
     else:
-        detail = "Torque is read from the torque columns."
+        detail = "The torque comes from the torque columns."
     if unused:
         detail += f" Both torque and current are given: the current ({_shorten_names(unused)}) is not used."
     return Check("torque_source", "ok", detail)
@@ -324,7 +325,8 @@ class _ColumnFinder:
             return ()
         if absent:
             raise RecordingError(
-                f"The wrench of the base lacks {', '.join(absent)}: give all of {', '.join(WRENCH_NAMES)}, or none.",
+                f"The wrench of the base is incomplete; missing columns: {', '.join(absent)}. Give all of "
+                f"{', '.join(WRENCH_NAMES)}, or none.",
                 pointer=f"/columns/{absent[0]}",
                 title="Missing column",
             )
@@ -343,16 +345,16 @@ class _ColumnFinder:
         available = ", ".join(self.names[:40]) + (", …" if len(self.names) > 40 else "")
         hint = ""
         if kind == "t":
-            hint = ' Where the file has no time, say "rate": … in Hz.'
+            hint = ' If the file has no time, say "rate": … in Hz.'
         elif kind in ("q", "tau") and not any(name.startswith(kind) for name in self.names):
-            hint = " Where it is in another file, give the files as one recording, a.csv+b.csv."
+            hint = " If it is in another file, give both files as one recording, a.csv+b.csv."
         if all(name == f"column{number}" for number, name in enumerate(self.names, start=1)):
-            hint += " The file gives no names of the columns, so that they are counted here."
+            hint += " The file has no column names, so the columns are numbered here."
         elif f"{kind}0" in self.names:
-            hint = f" Joints are counted from 1 here, and the file has {kind}0: map them with columns."
+            hint = f" Joints are counted from 1 here, but the file has {kind}0: map the columns by columns."
         return RecordingError(
-            f"No column {expected} for {kind}{whose}{instead}. The file holds: {available}. Name it by columns, "
-            f'{{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
+            f"There is no column {expected} for {kind}{whose}{instead}. The file has: {available}. Name it by "
+            f'columns, {{"{kind if joint is None else kind + str(joint + 1)}": "…"}}'
             + ("." if joint is None else self._advise_without_column(kind, joint))
             + hint,
             pointer=f"/columns/{kind if joint is None else kind + str(joint + 1)}",
@@ -367,7 +369,7 @@ class _ColumnFinder:
         if kind != "tau" or not any(others):
             return lock
         mapping = f'"columns": {{"tau{joint + 1}": "{NOT_RECORDED}"}}'
-        return f"{lock} If its torque was not recorded, say {mapping}: its motion is used."
+        return f"{lock} If its torque was not recorded, say {mapping}; the motion of the joint is still used."
 
     def _find_source(self, ours: tuple[str, ...]) -> str | None:
         # The user's mapping goes before equal names, and these before names in other upper and lower case.
@@ -389,15 +391,15 @@ class _ColumnFinder:
         for ours, theirs in self.metadata.columns.items():
             if ours not in our_names:
                 raise RecordingError(
-                    f"columns maps {ours!r}, which is no column of ours; ours are t, segment, and q, q_command, dq, "
-                    f"ddq, tau, current, temperature with a joint's number (q1) or name (q_{self.joint_names[0]}), and "
-                    f"{', '.join(WRENCH_NAMES)}.",
+                    f"columns maps {ours!r}, which is not a standard column; standard columns are t, segment, and q, "
+                    "q_command, dq, ddq, tau, current, temperature with a joint's number (q1) or name "
+                    f"(q_{self.joint_names[0]}), and {', '.join(WRENCH_NAMES)}.",
                     pointer=f"/columns/{ours}",
                     title="Unknown column",
                 )
             if theirs not in self.names and not (theirs == NOT_RECORDED and ours.startswith("tau")):
                 raise RecordingError(
-                    f"columns maps {ours} to {theirs!r}, which the file does not hold; it holds: "
+                    f"columns maps {ours} to {theirs!r}, which is not in the file; the file has: "
                     f"{', '.join(self.names[:40])}.",
                     pointer=f"/columns/{ours}",
                     title="Missing column",
@@ -405,8 +407,8 @@ class _ColumnFinder:
         for key in self.metadata.units:
             if key not in KINDS and key not in our_names:
                 raise RecordingError(
-                    f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a column of "
-                    "ours (q1, q_<joint>, …).",
+                    f"units names {key!r}, which is neither a kind of signal ({', '.join(KINDS)}) nor a standard "
+                    "column (q1, q_<joint>, …).",
                     pointer=f"/units/{key}",
                     title="Unknown unit",
                 )

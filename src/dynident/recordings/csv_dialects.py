@@ -92,7 +92,7 @@ def detect_dialect(start: bytes) -> Dialect:
         lines = squeeze_spaces("\n".join(lines)).splitlines()
     first = next((number for number, line in enumerate(lines) if line.strip(" \t#%")), None)
     if first is None:
-        raise RecordingError("The file holds no line of column names.", title="Unreadable file")
+        raise RecordingError("The file has no line with column names.", title="Unreadable file")
     delimiter, comma, header = _read_header(lines, first)
     if flatten_lists in rewrite:
         header.names = _name_list_columns(header, original, delimiter)
@@ -100,7 +100,7 @@ def detect_dialect(start: bytes) -> Dialect:
         header.names = tuple(name or f"column{index + 1}" for index, name in enumerate(header.names))
     repeated = {name for name, count in Counter(header.names).items() if name and count > 1}
     if repeated:
-        raise RecordingError(f"Column {min(repeated)} stands more than once in the file.", pointer=min(repeated))
+        raise RecordingError(f"Column {min(repeated)} occurs more than once in the file.", pointer=min(repeated))
     rows = [_split_fields(line, delimiter) for line in lines[header.lines : header.lines + _ROWS] if line.strip()]
     # Lines with another number of cells, such as remarks between the rows, say nothing of the columns.
     rows = [row for row in rows if len(row) == len(header.names)]
@@ -165,7 +165,7 @@ def _decode_text(start: bytes) -> tuple[str, str]:
         return start.decode("utf-16", errors="ignore"), "utf-16"
     if b"\0" in start:
         raise RecordingError(
-            "The file is neither Parquet nor text, nor of another format that is known.", title="Unreadable file"
+            "The file is neither Parquet nor text, nor in another known format.", title="Unreadable file"
         )
     try:
         return start.decode("utf-8-sig"), "utf-8"

@@ -48,8 +48,8 @@ def check_columns(number: int) -> None:
     """Refuse a file of more columns than any recording has."""
     if number > MOST_COLUMNS:
         raise RecordingError(
-            f"The file has {number} columns; at most {MOST_COLUMNS} are read. Do rows and columns lie the other way "
-            "round? Else export the signals of the joints alone.",
+            f"The file has {number} columns; at most {MOST_COLUMNS} are read. If rows and columns are exchanged, "
+            "transpose the table; otherwise export only the signals of the joints.",
             title=TITLE,
         )
 
@@ -97,8 +97,8 @@ def check_unpacked(size: int, file_size: int, smallest: int | None = None) -> No
     most = max(MOST_UNPACKED if smallest is None else smallest, MOST_TIMES * file_size)
     if size > most:
         raise RecordingError(
-            f"What the file holds unpacks to more than {most / 2**20:.0f} MB, from {file_size / 2**20:.3g} MB: no "
-            "signals shrink so much. Store it without compression if it is right.",
+            f"The content of the file unpacks to more than {most / 2**20:.0f} MB, from {file_size / 2**20:.3g} MB: "
+            "signals do not compress so well. If the file is right, store it without compression.",
             title=TITLE,
         )
 

@@ -198,7 +198,7 @@ def _check_name(name: str) -> None:
     try:
         name.encode()
     except UnicodeEncodeError as error:
-        detail = f"The name {name!a} of a column is no Unicode text; rename it."
+        detail = f"The column name {name!a} is not valid Unicode text; rename the column."
         raise RecordingError(detail, title=TITLE) from error
 
 
@@ -242,7 +242,8 @@ def to_float_column(batch: pa.RecordBatch, name: str, first_row: int) -> FloatAr
             column = column.cast(pa.float64(), safe=False)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
         raise RecordingError(
-            f"Column {name} holds {kind}, not numbers (rows {first_row + 1} to {first_row + batch.num_rows}): {error}",
+            f"Column {name} contains {kind}, not numbers (rows {first_row + 1} to {first_row + batch.num_rows}): "
+            f"{error}",
             pointer=name,
             title="Not a number",
         ) from error
@@ -254,7 +255,7 @@ def _to_whole_numbers(values: FloatArray, name: str, first_row: int) -> IntArray
     if len(bad):
         row = first_row + int(bad[0])
         raise RecordingError(
-            f"Column {name} is {values[bad[0]]} in row {row + 1}; the segment has to be a whole number.",
+            f"Column {name} is {values[bad[0]]} in row {row + 1}; a segment must be a whole number.",
             pointer=name,
             row=row + 1,
         )

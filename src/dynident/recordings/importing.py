@@ -82,11 +82,11 @@ def report_missing_torques(layout: Layout, joint_names: Sequence[str]) -> tuple[
         Check(
             "joint_torque",
             "warning",
-            f"{', '.join(names)} {'have' if several else 'has'} no torque: {'their' if several else 'its'} equation"
-            f"{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. What only "
-            f"{'these torques' if several else 'this torque'} would show ({'their' if several else 'its'} friction and "
-            "drive inertia, of a first joint its inertia, too) is not identifiable. If a joint is none of the robot's, "
-            f"as a finger is not, lock it: {', '.join(names)}.",
+            f"{', '.join(names)} {'have' if several else 'has'} no torque: {'their' if several else 'its'} "
+            f"equation{'s are' if several else ' is'} left out, {'their' if several else 'its'} motion is used. "
+            f"Parameters that only {'these torques' if several else 'this torque'} would show "
+            f"({'their' if several else 'its'} friction and drive inertia; for the first joint also its inertia) are "
+            f"not identifiable. If a joint does not belong to the arm, such as a finger, lock it: {', '.join(names)}.",
         ),
     )
 
@@ -383,8 +383,7 @@ def _convert_rows(
         checks = () if conditioning is None else conditioning.checks()
         missing = "".join(f" {check.detail}" for check in checks if check.status == "error")
         raise RecordingError(
-            f"No stretch of the recording holds enough consecutive samples to be filtered ({base.n_rows} rows)."
-            f"{missing}",
+            f"No part of the recording has enough consecutive samples for the filters ({base.n_rows} rows).{missing}",
             pointer=layout.t.source,
             title="Too short",
         )
@@ -406,13 +405,13 @@ class _ArrayFile:
         further = self.further
         if further.wrench is not None and further.wrench.shape != (len(self.t), 6):
             raise RecordingError(
-                f"wrench has shape {further.wrench.shape}; {(len(self.t), 6)} is needed.", pointer="wrench"
+                f"wrench has shape {further.wrench.shape}; expected {(len(self.t), 6)}.", pointer="wrench"
             )
         shape = (len(self.t), len(self.joint_names))
         arrays = {"q": self.q, "tau": self.tau, "temperature": further.temperature, "command": further.command}
         for name, values in arrays.items():
             if values is not None and values.shape != shape:
-                raise RecordingError(f"{name} has shape {values.shape}; {shape} is needed.", pointer=name)
+                raise RecordingError(f"{name} has shape {values.shape}; expected {shape}.", pointer=name)
 
     @property
     def layout(self) -> Layout:

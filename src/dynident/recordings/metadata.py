@@ -40,9 +40,9 @@ EFFORT_KINDS = OneOf(
     Choice("motor_current", "current of the motors"),
     Choice("motor_torque", "torque of the motors"),
     Choice("joint_torque", "torque of the joints"),
-    Choice("gravity_compensated", "torque without gravity: no measurement"),
-    Choice("external", "external torque: no measurement"),
-    Choice("commanded", "commanded torque: no measurement"),
+    Choice("gravity_compensated", "torque without gravity: not a measurement"),
+    Choice("external", "external torque: not a measurement"),
+    Choice("commanded", "commanded torque: not a measurement"),
     Choice("unknown", "not known"),
 )
 
@@ -56,9 +56,9 @@ COMMANDED = "commanded_torque"
 """Name of the check that finds a command instead of a measurement."""
 
 NO_MEASUREMENT = {
-    "gravity_compensated": "the load of gravity was taken out of it, and the links' masses with it",
-    "external": "what the robot's own dynamics need was taken out of it",
-    "commanded": "it is what a controller computed, and not what the robot needed",
+    "gravity_compensated": "the gravity torque was subtracted from it, so it does not show the masses of the links",
+    "external": "the torque of the robot's own dynamics was subtracted from it",
+    "commanded": "a controller computed it; it is not the torque that the robot needed",
 }
 """Kinds of torque that nothing can be identified from, and why."""
 
@@ -119,47 +119,49 @@ class RecordingMetadata:
         For a window or a delay that cannot be, or a torque that is said to be no measurement (`NO_MEASUREMENT`).
     """
 
-    name: str = declare_field("What it is called", default="recording")
-    format: Format | None = declare_field("Told from the file where not given", default=None)
-    columns: Mapping[str, str] = declare_field('Our name to the file\'s: {"q1": "shoulder_angle"}', made_by=dict)
-    units: Mapping[str, str] = declare_field('By kind of signal or by column: {"q": "deg"}; SI elsewhere', made_by=dict)
+    name: str = declare_field("Name of the recording", default="recording")
+    format: Format | None = declare_field("Detected from the file if not given", default=None)
+    columns: Mapping[str, str] = declare_field(
+        'From the standard name to the name in the file: {"q1": "shoulder_angle"}', made_by=dict
+    )
+    units: Mapping[str, str] = declare_field(
+        'Units by kind of signal or by column: {"q": "deg"}; SI if not given', made_by=dict
+    )
     role: Role | None = declare_field(
-        "What it is for; friction: runs at constant velocity, a joint at a time; payload: with a load",
+        "Purpose of the recording; friction: constant velocity, one joint at a time; payload: with a load",
         default=None,
         kinds=ROLES,
     )
-    windows: Windows = declare_field("Seconds of t to use, [from, to]; [] for all", default=())
+    windows: Windows = declare_field("Windows of t to use in s, [from, to]; [] for all", default=())
     payload: Mapping[str, Any] | None = declare_field(
         'The known load: {"mass": kg, "centre": [x, y, z] in m}', default=None
     )
-    torque_delay: float = declare_field(
-        "Seconds by which the file's torque is late", default=0.0, at_least=-1, at_most=1
-    )
-    accept: tuple[str, ...] = declare_field("Names of checks whose errors are to count as warnings", default=())
+    torque_delay: float = declare_field("Delay of the torque in the file, in s", default=0.0, at_least=-1, at_most=1)
+    accept: tuple[str, ...] = declare_field("Names of checks whose errors count as warnings", default=())
     skip: tuple[ConditioningStep, ...] = declare_field(
-        "Steps of conditioning that are not taken: what looks like a register, held, switched off, corrupted or "
-        "wrapped is right",
+        "Conditioning steps to leave out, because samples that look like unsigned registers, held, switched off, "
+        "corrupted or wrapped are right",
         default=(),
     )
     permutation: Mapping[Axis, tuple[int, ...]] = declare_field(
-        'Of "q" (with velocities and commands) or "tau" (or currents): at place k the number, from 1, of joint k\'s '
-        "column",
+        'Order of the columns of "q" (with velocities and commands) or "tau" (or currents): entry k is the number, '
+        "from 1, of the column of joint k",
         made_by=dict,
     )
     signs: Mapping[str, float] = declare_field(
-        '1 or -1 by which a joint\'s positions or torques are taken: {"tau2": -1}; "tau" means all joints', made_by=dict
+        'Factor 1 or -1 for the positions or torques of a joint: {"tau2": -1}; "tau" means all joints', made_by=dict
     )
     scale: Mapping[str, float] = declare_field(
-        'Positive factors of a joint\'s positions or torques: {"tau2": 0.1}', made_by=dict
+        'Positive factors for the positions or torques of a joint: {"tau2": 0.1}', made_by=dict
     )
-    exclude: Windows = declare_field("Seconds of t to leave out, [from, to]; [] for nothing", default=())
+    exclude: Windows = declare_field("Windows of t to leave out in s, [from, to]; [] for none", default=())
     effort_kind: EffortKind | None = declare_field(
-        "What the torque or current columns hold; those that are no measurement are refused",
+        "Kind of signal in the torque or current columns; signals that are not measurements are rejected",
         default=None,
         kinds=EFFORT_KINDS,
     )
     rate: float | None = declare_field(
-        "Rows a second, evenly spaced, of a file without time; it replaces a column t",
+        "Sampling rate of a file without a time column; it replaces a column t",
         default=None,
         unit="Hz",
         at_least=1e-3,
@@ -169,15 +171,15 @@ class RecordingMetadata:
     def __post_init__(self) -> None:
         if self.effort_kind in NO_MEASUREMENT:
             raise RecordingError(
-                f"The torque is said to be {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
-                "Give columns with the torque, or the current, that the motors were measured to make.",
+                f"The torque is declared as {self.effort_kind.replace('_', '-')}: {NO_MEASUREMENT[self.effort_kind]}. "
+                "Give columns with the measured torque, or current, of the motors.",
                 pointer="/effort_kind",
                 title="No measured torque",
             )
         unknown = [name for name in self.skip if name not in get_args(ConditioningStep)]
         if unknown:
             raise RecordingError(
-                f"skip names {unknown[0]!r}, which is no step that can be left out; there are "
+                f"skip names {unknown[0]!r}, which is not a step that can be left out; choose from "
                 f"{', '.join(get_args(ConditioningStep))}.",
                 pointer="/skip",
             )
@@ -187,14 +189,14 @@ class RecordingMetadata:
             raise RecordingError(error.detail, pointer=error.pointer) from None
         if self.rate is not None and self.columns.get("t", "t") != "t":
             raise RecordingError(
-                f"Both a rate and a column of time, {self.columns['t']!r}, are stated: leave one of them out.",
+                f"Both a rate and a time column, {self.columns['t']!r}, are given: leave one of them out.",
                 pointer="/rate",
             )
         for name, pairs in (("windows", self.windows), ("exclude", self.exclude)):
             for index, (start, end) in enumerate(pairs):
                 if not (isfinite(start) and isfinite(end) and start < end):
                     raise RecordingError(
-                        f"Window {index + 1} runs from {start} s to {end} s; the end has to come after the beginning.",
+                        f"Window {index + 1} runs from {start} s to {end} s; the end must be later than the start.",
                         pointer=f"/{name}/{index}",
                     )
 
@@ -207,16 +209,16 @@ class PreprocessingChoices:
     """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
 
     position_cutoff: float | Literal["auto"] | None = declare_field(
-        "Of the filter of the positions", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+        "Cut-off of the position filter", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
     torque_cutoff: float | Literal["auto"] | None = declare_field(
-        "Of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
+        "Cut-off of the filter of torque and columns", default="auto", unit="Hz", at_least=1e-4, at_most=1e6
     )
     decimation: int | Literal["auto"] = declare_field(
-        "Every how many-th row is kept", default="auto", at_least=1, at_most=1_000_000
+        "Every n-th row is kept", default="auto", at_least=1, at_most=1_000_000
     )
     filter_order: int | Literal["auto"] = declare_field(
-        "Of one pass of the filter of the positions", default="auto", at_least=1, at_most=12
+        "Order of one pass of the position filter", default="auto", at_least=1, at_most=12
     )
 
 

@@ -84,7 +84,7 @@ class ParallelFilter:
 
     def __init__(self, rate: float, cutoff: float | None, decimation: int = 1) -> None:
         if decimation < 1:
-            raise ValueError(f"decimation is {decimation}; it has to be at least 1")
+            raise ValueError(f"decimation is {decimation}; it must be at least 1")
         self.taps = low_pass(rate, cutoff)
         self.decimation = decimation
         self.half = len(self.taps) // 2
@@ -124,7 +124,7 @@ class ParallelFilter:
             The output rows that no later row can change.
         """
         if not (len(values) == len(t) == len(used)):
-            raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: they have to agree")
+            raise ValueError(f"{len(values)} rows of values, {len(t)} times, {len(used)} marks: the numbers must agree")
         remaining = self.flush() if starts_segment and self._rows is not None else None
         self._shape = values.shape[1:]
         rows = np.ascontiguousarray(values, dtype=np.float64).reshape(len(values), prod(self._shape))

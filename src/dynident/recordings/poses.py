@@ -100,12 +100,12 @@ def read_pose_rows(recording: Recording) -> tuple[FloatArray, FloatArray, FloatA
 def report_poses(rows: RawRows, base: TimeBase) -> tuple[Check, ...]:
     """Report that the rows are poses, and how many rows held no numbers."""
     lost = base.n_rows - len(rows.t)
-    remark = f" {lost} rows hold no numbers and are left out." if lost else ""
+    remark = f" {lost} rows contain no valid numbers and are left out." if lost else ""
     return (
         Check(
             "poses",
             "warning" if lost else "ok",
-            f"{len(rows.t)} poses at rest, a row each, {base.typical:.3g} s apart: gravity and constant torques can be "
-            f"identified from them, and nothing of the dynamics.{remark}",
+            f"{len(rows.t)} poses at rest, one per row, {base.typical:.3g} s apart: they identify gravity and "
+            f"constant torques only, not the dynamics.{remark}",
         ),
     )

@@ -55,7 +55,7 @@ def check_motion(
         One check or more of each kind, in a fixed order.
     """
     if sample.used.sum() < 2:
-        return [Check("length", "error", "The windows hold fewer than 2 rows; give wider ones.", layout.t.source)]
+        return [Check("length", "error", "The windows contain fewer than 2 rows; give wider windows.", layout.t.source)]
     positions = _MeasuredPositions(sample, limits)
     return [
         _check_length(recording, layout),
@@ -100,8 +100,8 @@ def _check_length(recording: Recording, layout: Layout) -> Check:
         return Check(
             "length",
             "warning",
-            f"Only {seconds:.2g} s are used; an exciting trajectory of 10 s or more, repeated, tells the parameters "
-            "apart and gives a standard deviation to trust.",
+            f"Only {seconds:.2g} s are used. Record an exciting trajectory of 10 s or more, repeated: it separates "
+            "the parameters and gives reliable standard deviations.",
             layout.t.source,
         )
     return Check("length", "ok", f"{seconds:.4g} s in {len(recording.segments)} segment(s).")
@@ -114,7 +114,7 @@ def _check_standstill(recording: Recording, positions: _MeasuredPositions, layou
             "standstill",
             "error",
             f"No joint moves between t = {positions.t[0]:.6g} and {positions.t[-1]:.6g} s (rows {positions.row[0]} to "
-            f"{positions.row[-1]}). Choose windows that hold the motion.",
+            f"{positions.row[-1]}). Choose windows that contain the motion.",
             layout.q[0].source,
             int(positions.row[0]),
             float(positions.t[0]),
@@ -126,8 +126,8 @@ def _check_standstill(recording: Recording, positions: _MeasuredPositions, layou
     return Check(
         "standstill",
         "ok",
-        f"Stands for so much of the time: {', '.join(stands)}. Those rows of that joint are not used, which needs no "
-        "windows: static friction holds any torque there.",
+        f"Share of the time at standstill: {', '.join(stands)}. These rows of the joint are not used, because static "
+        "friction balances any torque there. No windows are needed for this.",
     )
 
 
@@ -139,11 +139,11 @@ def _check_moving_joints(recording: Recording, positions: _MeasuredPositions, la
     columns = ", ".join(layout.q[joint].source for joint in resting)
     status: Status = "ok" if recording.role == "friction" else "warning"
     detail = (
-        f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than "
-        f"{MOVED['revolute']:g} from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): "
-        "neither its friction nor its inertia can be told from this alone. Identify from it together with runs in "
-        "which the joint moves, or lock the joint in the robot's description (locked_joints); a test of single joints "
-        'has the role "friction".'
+        f"Joint{'s' if len(resting) > 1 else ''} {names} never moved ({columns} spans less than {MOVED['revolute']:g} "
+        f"from row {positions.row[0]}, t = {positions.t[0]:.6g} s, to row {positions.row[-1]}): this recording alone "
+        "shows neither friction nor inertia of such a joint. Identify together with recordings in which the joint "
+        "moves, or lock the joint in the robot's description (locked_joints); a test of single joints has the role "
+        '"friction".'
     )
     return Check(
         "joint_motion", status, detail, layout.q[resting[0]].source, int(positions.row[0]), float(positions.t[0])
@@ -168,9 +168,9 @@ def _check_position_unit(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.6g} to {high:.6g} {ours} (farthest in row {where[0]}, t = {where[1]:.6g} "
-                "s), which no unit of angles makes a joint's: it looks like the counts of an encoder. Say how many "
-                'make a turn, "units": {"q": "counts:4096"}, and behind an @ which count is zero if 0 is not: '
-                '"counts:4096@2048".',
+                "s). In no unit of angles is this the range of a joint: the values look like encoder counts. Say how "
+                'many counts make a turn, "units": {"q": "counts:4096"}, and after an @ the count at zero if it is '
+                'not 0: "counts:4096@2048".',
                 column,
                 *where,
             )
@@ -179,12 +179,13 @@ def _check_position_unit(
             counts = limit.kind == "revolute" and bool(
                 (positions.q[:, joint] == np.rint(positions.q[:, joint])).mean() > WHOLE
             )
-            also = ' Whole numbers may be the counts of an encoder, too: "counts:4096" a turn.' if counts else ""
+            also = ' Whole numbers can also be encoder counts: "counts:4096" means 4096 a turn.' if counts else ""
             return Check(
                 "position_unit",
                 "error",
                 f"{column} runs from {low:.4g} to {high:.4g} {ours} at up to {rate:.3g} {ours}/s (farthest in row "
-                f'{where[0]}, t = {where[1]:.6g} s); that looks like {unit}. Say "units": {{"q": "{unit}"}}.{also}',
+                f'{where[0]}, t = {where[1]:.6g} s); the values look like {unit}. Say "units": {{"q": '
+                f'"{unit}"}}.{also}',
                 column,
                 *where,
                 None if counts else Revision(units=_unit_of_same_kind("q", unit, limit, limits)),
@@ -198,12 +199,12 @@ def _check_position_unit(
                     "warning",
                     f"{column} runs from {low:.4g} to {high:.4g} {ours}, beyond the limits of "
                     f"{recording.joint_names[joint]} ({limit.position[0]:.4g} to {limit.position[1]:.4g}), in row "
-                    f"{where[0]}. Check the encoder's zero and the limits.",
+                    f"{where[0]}. Check the zero of the encoder and the limits.",
                     column,
                     *where,
                 )
     return doubtful or Check(
-        "position_unit", "ok", "Positions and speeds are those of a joint in rad (m if prismatic)."
+        "position_unit", "ok", "Positions and speeds are plausible for a joint in rad (m if prismatic)."
     )
 
 
@@ -247,20 +248,22 @@ def _check_quantisation(recording: Recording, positions: _MeasuredPositions, lay
     levels = [positions.span[joint] / step if step else np.inf for joint, step in enumerate(steps)]
     worst = int(np.argmin(levels))
     if not steps[worst]:
-        return Check("quantisation", "ok", "Positions come in no visible steps.")
+        return Check("quantisation", "ok", "Positions show no visible quantisation steps.")
     status: Status = "ok"
     if levels[worst] < STEPS_WANTED:
         status = "error" if levels[worst] < STEPS_NEEDED else "warning"
     advice = (
-        "" if status == "ok" else " Log the encoder with all its digits, or move farther: steps become acceleration."
+        ""
+        if status == "ok"
+        else " Log all digits of the encoder, or move farther: steps become errors of acceleration."
     )
     changes = np.flatnonzero(np.diff(positions.q[:, worst]) != 0)
     row = int(changes[0]) + 1 if len(changes) else 0
     return Check(
         "quantisation",
         status,
-        f"{layout.q[worst].source} comes in steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its motion "
-        f"(the first in row {positions.row[row]}).{advice}",
+        f"{layout.q[worst].source} has quantisation steps of {steps[worst]:.3g}, {levels[worst]:.3g} of them over its "
+        f"motion (the first in row {positions.row[row]}).{advice}",
         layout.q[worst].source,
         int(positions.row[row]),
         float(positions.t[row]),
@@ -322,11 +325,11 @@ def _explain_ratio(
 ) -> tuple[Status, str, dict[str, str]] | None:
     known_ratios = {
         1.0 / DEGREE: (
-            'one is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
+            'one of them is in degrees, the other in radians. Say "units": {"dq": "deg/s"}, or {"q": …}',
             {"dq": "deg/s"},
         ),
-        DEGREE: ('positions look like degrees beside velocities in rad/s. Say "units": {"q": "deg"}', {"q": "deg"}),
-        30.0 / pi: ('that is rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
+        DEGREE: ('positions look like degrees, velocities like rad/s. Say "units": {"q": "deg"}', {"q": "deg"}),
+        30.0 / pi: ('the velocity looks like rpm. Say "units": {"dq": "rpm"}', {"dq": "rpm"}),
     }
     claim = f"{velocity.source} is {ratio:.4g} times the derivative of {position.source}"
     for factor, (meaning, units) in known_ratios.items():
@@ -335,5 +338,9 @@ def _explain_ratio(
     if alike < 0.0:
         return "warning", f"{velocity.source} has the opposite sign of the derivative of {position.source}", {}
     if not 0.7 < ratio < 1.4:
-        return "warning", f"{claim}; it is not used, but one of the two has another unit, or is on the motor's side", {}
+        return (
+            "warning",
+            f"{claim}; the velocity is not used, but one of the two columns has another unit, or is on the motor side",
+            {},
+        )
     return None

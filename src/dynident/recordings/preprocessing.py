@@ -90,9 +90,9 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
         If a recording is too short to have a spectrum.
     """
     if not recordings:
-        raise ValueError("no recordings to choose from")
+        raise ValueError("give recordings: the filters are chosen from them")
     if all(has_poses(recording) for recording in recordings):
-        return Preprocessing(None, None, 1, reasons=("Poses at rest: nothing is filtered.",))
+        return Preprocessing(None, None, 1, reasons=("The recordings are poses at rest: no filter is used.",))
     all_bands = [_load_bands(recording) for recording in recordings]
     rate = min(recording.sampling_rate for recording in recordings)
     motion = max(bands.motion for bands in all_bands)
@@ -106,14 +106,14 @@ def choose_preprocessing(recordings: Sequence[Recording]) -> Preprocessing:
     first = "Torque" if position > cutoff else "Position"
     because = f"{first} cut-off {cutoff:g} Hz: the motion lies below {motion:.2g} Hz (99 % of the velocity's power)"
     if needed <= min(noisiest.noise, ceiling):
-        because += f", and {HARMONICS:g} times that keeps its products and the corners of friction."
+        because += f"; {HARMONICS:g} times this frequency keeps products of velocities and the steps of friction."
     elif noisiest.noise < ceiling:
         because += (
             f"; above {noisiest.noise:.2g} Hz the position noise of {noisiest.noise_rms:.2g} rad rms, differentiated "
             "twice, would exceed 5 % of the acceleration."
         )
     else:
-        because += f"; the sampling rate of {rate:.4g} Hz carries nothing useful above {ceiling:.3g} Hz."
+        because += f"; the sampling rate of {rate:.4g} Hz has no useful signal above {ceiling:.3g} Hz."
     other = _explain_position_cutoff(position) if position > cutoff else _explain_torque_cutoff(cutoff)
     return _add_decimation(Preprocessing(position, cutoff, 1, 4, (because, other)), rate)
 
@@ -187,7 +187,7 @@ def preprocessing_from_request(
         preprocessing.check_against(rate)
         preprocessing = _add_decimation(preprocessing, rate)
     named = ", ".join(f"{name} {value:g}" if value is not None else f"no {name}" for name, value in fields.items())
-    preprocessing = replace(preprocessing, reasons=(*preprocessing.reasons, f"Given: {named}."))
+    preprocessing = replace(preprocessing, reasons=(*preprocessing.reasons, f"Given by the request: {named}."))
     preprocessing.check_against(rate)
     return preprocessing
 
@@ -203,20 +203,23 @@ def _add_decimation(preprocessing: Preprocessing, rate: float) -> Preprocessing:
     decimation = max(1, floor(rate / (OVERSAMPLING * preprocessing.torque_cutoff)))
     ratio = rate / decimation / preprocessing.torque_cutoff
     because = (
-        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {ratio:.2g} "
-        "times the torque cut-off: rows closer together repeat each other."
+        f"Decimation by {decimation}, to {rate / decimation:.3g} Hz, {ratio:.2g} times the torque cut-off: rows that "
+        "are closer together add no information."
     )
     return replace(preprocessing, decimation=decimation, reasons=(*preprocessing.reasons, because))
 
 
 def _explain_position_cutoff(cutoff: float) -> str:
-    return f"Position cut-off {cutoff:g} Hz: higher, so that this filter takes away little of what explains the torque."
+    return (
+        f"Position cut-off {cutoff:g} Hz: higher than the torque cut-off, so that this filter removes little of the "
+        "motion that explains the torque."
+    )
 
 
 def _explain_torque_cutoff(cutoff: float | None) -> str:
     if cutoff is None:
-        return "No parallel filter, as asked."
-    return f"Torque cut-off {cutoff:g} Hz, as for the positions: torque above it cannot be explained by them."
+        return "No parallel filter, as requested."
+    return f"Torque cut-off {cutoff:g} Hz, the same as for the positions: they cannot explain torque above it."
 
 
 _known: WeakKeyDictionary[Recording, _Bands] = WeakKeyDictionary()
@@ -262,7 +265,8 @@ def _find_bands(averages: Spectra) -> _Bands:
     rms = np.sqrt(averages.noise[moving] * 0.5 * averages.rate)
     if not motion:
         raise RecordingError(
-            "No joint moves in the windows of the recording: there is nothing to choose the filters from.",
+            "No joint moves in the windows of the recording, so the filters cannot be chosen. Choose windows with "
+            "motion, or give the cut-off frequencies.",
             pointer="/preprocessing",
             title="No motion",
         )
@@ -353,8 +357,8 @@ class Preprocessing:
             if value is not None and value >= 0.5 * rate:
                 raise _impossible_value_error(
                     name,
-                    f"{name} is {value:g} Hz, but the recording is sampled at {rate:.6g} Hz, so only frequencies below "
-                    f"{0.5 * rate:.6g} Hz (Nyquist) are in it.",
+                    f"{name} is {value:g} Hz, but the recording is sampled at {rate:.6g} Hz. Give a frequency below "
+                    f"{0.5 * rate:.6g} Hz (Nyquist).",
                 )
         # What the filter passes has to lie below half of the rate that decimation leaves.
         decimated = rate / self.decimation
@@ -362,7 +366,7 @@ class Preprocessing:
             raise _impossible_value_error(
                 "decimation",
                 f"Decimation by {self.decimation} leaves {decimated:.4g} Hz, less than twice the torque cut-off of "
-                f"{self.torque_cutoff:g} Hz: the rows would be aliased. Give at most "
+                f"{self.torque_cutoff:g} Hz: the rows would be aliased. Decimate by at most "
                 f"{max(1, int(rate / (2.0 * self.torque_cutoff)))}.",
             )
 
@@ -390,7 +394,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     """
     if not isinstance(request, Mapping):
         raise RecordingError(
-            f'preprocessing is {request!r}; give "auto", or an object with any of {", ".join(FIELDS)}.',
+            f'preprocessing is {request!r}; give "auto", or an object with fields from {", ".join(FIELDS)}.',
             pointer="/preprocessing",
             title="Impossible preprocessing",
         )
@@ -398,7 +402,7 @@ def values_from_request(request: object) -> dict[str, float | int | None]:
     for name, value in request.items():
         if name not in FIELDS:
             raise _impossible_value_error(
-                name, f"There is no preprocessing choice {name!r}; there are {', '.join(FIELDS)}."
+                name, f"There is no preprocessing field {name!r}; the fields are {', '.join(FIELDS)}."
             )
         if value == "auto":
             continue

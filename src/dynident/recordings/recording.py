@@ -71,7 +71,7 @@ class RecordedJoints:
         counts = [len(values) for values in (self.limits, self.gains) if values is not None]
         if any(count != self.n for count in counts):
             raise ValueError(
-                f"{self.n} joints, and {' and '.join(map(str, counts))} limits or gains: they have to agree"
+                f"{self.n} joints, but {' and '.join(map(str, counts))} limits or gains: the numbers must agree"
             )
 
     @property

@@ -118,8 +118,8 @@ def check_readable_path(path: str | Path | tuple[str | Path, ...]) -> Path:
     several = (path,) if isinstance(path, (str, Path)) else path
     if not (isinstance(several, tuple) and several and all(isinstance(part, (str, Path)) for part in several)):
         raise DynidentError(
-            f"{path!r} is no path; give the files one by one, read_recordings(*paths, robot=robot), and as a tuple "
-            "those that are one recording"
+            f"{path!r} is not a path; give the files one by one, read_recordings(*paths, robot=robot), and the files "
+            "of one recording as a tuple"
         )
     joined = Path(JOINT.join(map(str, several)))
     for part in split_path(joined):

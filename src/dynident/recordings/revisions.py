@@ -107,7 +107,7 @@ def exclude_from_windows(windows: Windows, exclude: Windows, first: float, last:
         remaining = [part for pair in parts for part in pair if part[1] > part[0]]
     if not remaining:
         raise RecordingError(
-            f"exclude leaves nothing of the recording, which runs from {first:.6g} to {last:.6g} s.",
+            f"exclude removes the whole recording, which runs from {first:.6g} to {last:.6g} s.",
             pointer="/exclude",
             title="Empty window",
         )
@@ -156,7 +156,7 @@ class ColumnArrangement:
             if kind not in ("q", "tau") or sorted(order) != list(range(1, n + 1)):
                 raise RecordingError(
                     f"permutation gives {kind!r} the order {list(order)}; give q or tau the numbers 1 to {n}, each "
-                    "once: at place k stands the number of the column that is joint k's.",
+                    "once: entry k is the number of the column of joint k.",
                     pointer=f"/permutation/{kind}",
                     title="Unusable order",
                 )
@@ -166,7 +166,8 @@ class ColumnArrangement:
             for key, value in values.items():
                 if key not in known_keys:
                     raise RecordingError(
-                        f"{field_name} names {key!r}; name q, tau, or one joint's: tau2, tau_{self._names[0]}.",
+                        f"{field_name} names {key!r}; name q, tau, or the signal of one joint: tau2, "
+                        f"tau_{self._names[0]}.",
                         pointer=f"/{field_name}/{key}",
                         title="Unknown column",
                     )

@@ -53,8 +53,8 @@ class SparseSource(FileSource):
         others = ", ".join(_name_columns(columns) for name, columns in pattern.series.items() if name != pattern.main)
         self.remarks = (
             *source.remarks,
-            f"Signals have rows of their own: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
-            f"{others} read between their samples at those times, in a straight line.",
+            f"Signals are on different rows: the rows of {_name_columns(pattern.series[pattern.main])} are used, and "
+            f"{others} are interpolated linearly at those times.",
         )
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
@@ -77,8 +77,8 @@ class SparseSource(FileSource):
             if len(lost):
                 row = first_row + int(lost[0]) + 1
                 raise RecordingError(
-                    f"Column {pattern.time} has no number in row {row}; every row needs its time, on which the "
-                    "signals are joined.",
+                    f"Column {pattern.time} has no number in row {row}; every row needs a time, because the signals "
+                    "are joined by time.",
                     pointer=pattern.time,
                     title="Time is not a number",
                     row=row,

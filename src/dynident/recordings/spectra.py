@@ -76,8 +76,8 @@ def estimate_spectra(recording: Recording) -> Spectra:
     longest = max((length for _, length in runs), default=0)
     if longest < 32:
         raise DynidentError(
-            f"Recording {recording.name} holds at most {longest} consecutive samples inside its windows; that is too "
-            "few to choose the filters from. Give the cut-off frequencies, or wider windows.",
+            f"Recording {recording.name} has at most {longest} consecutive samples inside its windows; these are too "
+            "few to choose the filters. Give the cut-off frequencies, or wider windows.",
             pointer="/preprocessing",
         )
     # A length of small prime factors: the Fourier transform is many times faster.

@@ -220,7 +220,7 @@ def replace_by_command(recording: Recording) -> Recording:
         If it holds no commanded positions.
     """
     if not recording.has_command:
-        raise ValueError(f"{recording.name} holds no commanded positions")
+        raise ValueError(f"{recording.name} has no commanded positions")
     # Without a path: the file holds the measured positions, and may not stand for this recording.
     return replace(recording, source=_CommandedSource(recording.source), path=None)
 
@@ -379,12 +379,14 @@ def open_recording(path: Path | str) -> Recording:
     try:
         described = (pq.read_metadata(path).metadata or {}).get(METADATA_KEY)
     except pa.ArrowInvalid as error:
-        raise RecordingError(f"{path.name} is no Parquet file: {error}") from error
+        raise RecordingError(f"{path.name} is not a Parquet file: {error}") from error
     if described is None:
         raise RecordingError(f"{path.name} is not a stored recording; import it first.")
     content = json.loads(described)
     if content["layout_version"] != LAYOUT_VERSION:
-        raise RecordingError(f"{path.name} has layout {content['layout_version']}, not {LAYOUT_VERSION}; import again.")
+        raise RecordingError(
+            f"{path.name} has layout {content['layout_version']}, not {LAYOUT_VERSION}; import the recording again."
+        )
     joint_names = tuple(content["joint_names"])
     # Entries that were added later have a default: files that were stored before lack them.
     return Recording(

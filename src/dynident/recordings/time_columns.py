@@ -83,9 +83,9 @@ class RestartingSource:
             Check(
                 "time_restarts",
                 "warning",
-                f"Column {column} goes back from {before:.6g} to {time:.6g} s in row {row}{more}: read as "
-                f"{len(restarts) + 1} runs, and nothing is filtered across their borders. A column `segment` of whole "
-                "numbers tells runs apart, too.",
+                f"Column {column} goes back from {before:.6g} to {time:.6g} s in row {row}{more}: the file is read as "
+                f"{len(restarts) + 1} segments, and no filter runs across their borders. A column `segment` of whole "
+                "numbers also separates segments.",
                 column,
                 row,
                 time,

@@ -255,8 +255,8 @@ class TimeScan:
         if len(bad):
             row = rows.first_row + int(bad[0]) + 1
             raise RecordingError(
-                f"Column {self.name} has no number in row {row}; every row needs its time. Remove the row, or repair "
-                "the stamp.",
+                f"Column {self.name} has no number in row {row}; every row needs a time. Remove the row, or repair "
+                "its time stamp.",
                 pointer=self.name,
                 title="Time is not a number",
                 row=row,
@@ -297,7 +297,7 @@ class TimeScan:
         total, n, squares = self._sums
         if self._n_rows < 2 or n < 1:
             raise RecordingError(
-                f"The file holds {self._n_rows} rows of data at different times; that is no recording.",
+                f"The file has only {self._n_rows} rows of data at different times; these are too few for a recording.",
                 pointer=self.name,
                 title="Too short",
             )
@@ -336,7 +336,7 @@ class TimeScan:
         at, row = int(back[0]), int(ends[back[0]])
         raise RecordingError(
             f"Column {self.name} goes back from {t[at]:.6g} s to {t[at + 1]:.6g} s in row {row}. Sort the rows by "
-            "time; if the file holds several runs, tell them apart by an integer column `segment`.",
+            "time; if the file contains several recordings, separate them by a column `segment` of whole numbers.",
             pointer=self.name,
             title="Unsorted time",
             row=row,
@@ -392,7 +392,7 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
         return Check(
             "sampling_jitter",
             "error",
-            f"Rows are {base.period:.4g} s of {column} apart, in which no motion can be seen. If {column} is in "
+            f"The rows are {base.period:.4g} s of {column} apart, too far apart to show motion. If {column} is in "
             f'{unit}, say "units": {{"t": "{unit}"}}.',
             column,
             1,
@@ -404,8 +404,8 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
             "sampling_jitter",
             "error",
             f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
-            f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}): there is no sampling rate to "
-            "speak of, and what happened between the rows is lost. Log at a fixed rate.",
+            f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}): the sampling is too "
+            "irregular, and the motion between the rows is lost. Log at a fixed rate.",
             column,
             base.worst_row,
             base.first,
@@ -414,18 +414,20 @@ def _check_jitter(base: TimeBase, column: str) -> Check:
         return Check(
             "sampling_jitter",
             "ok",
-            f"Sampled at {rate:.5g} Hz: stamps with a resolution of {1e3 * base.even.tick:.3g} ms, all within that of "
-            "an even clock, which is taken in their place.",
+            f"Sampled at {rate:.5g} Hz: the time stamps have a resolution of {1e3 * base.even.tick:.3g} ms and agree "
+            "with an even clock within it; the even clock is used instead of them.",
         )
     if spread < 0.02 and base.longest < 1.5 * base.period and base.shortest > 0.5 * base.period:
-        return Check("sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, steps even within {100 * spread:.2g} %.")
+        return Check(
+            "sampling_jitter", "ok", f"Sampled at {rate:.5g} Hz, with equal steps within {100 * spread:.2g} %."
+        )
     return Check(
         "sampling_jitter",
         "warning",
         f"Steps of {column} run from {1e3 * base.shortest:.3g} to {1e3 * base.longest:.3g} ms (standard deviation "
         f"{100 * spread:.2g} % of the period; farthest off in row {base.worst_row}); resampled onto a uniform grid of "
-        f"{rate:.5g} Hz by cubic interpolation. Log with a steady clock if you can, and stamp when sampling, not when "
-        "writing.",
+        f"{rate:.5g} Hz by cubic interpolation. If possible, log with a steady clock and take the time stamp when the "
+        "sample is measured, not when it is written.",
         column,
         base.worst_row,
     )
@@ -440,9 +442,9 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
         return Check(
             "gaps",
             "error",
-            f"{100 * base.missing:.2g} % of the time is in gaps, {base.n_gaps} of them; the first is "
-            f"{first.length:.4g} s long, after t = {first.start:.6g} s (row {first.row}). Too little is left; record "
-            "without dropping samples, or choose windows without gaps.",
+            f"Gaps take {100 * base.missing:.2g} % of the time (gaps: {base.n_gaps}); the first is {first.length:.4g} "
+            f"s long, after t = {first.start:.6g} s (row {first.row}). Too few samples are left. Record without "
+            "dropping samples, or choose windows without gaps.",
             column,
             first.row,
             first.start,
@@ -451,9 +453,9 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
     return Check(
         "gaps",
         "warning",
-        f"No samples for {first.length:.4g} s after t = {first.start:.6g} s (row {first.row}){others}. The recording "
-        "is split there and nothing is filtered across; a second or so on either side is lost to the filter. Record "
-        "without dropping samples if you can.",
+        f"There are no samples for {first.length:.4g} s after t = {first.start:.6g} s (row {first.row}){others}. The "
+        "recording is split there, and no filter runs across the gap; the filter loses about a second on either side. "
+        "If possible, record without dropping samples.",
         column,
         first.row,
         first.start,
@@ -462,12 +464,12 @@ def _check_gaps(base: TimeBase, column: str) -> Check:
 
 def _check_repeated(base: TimeBase, column: str) -> Check:
     if not base.n_repeated:
-        return Check("repeated_time", "ok", "No time stamp stands twice.")
+        return Check("repeated_time", "ok", "No time stamp occurs twice.")
     return Check(
         "repeated_time",
         "warning",
-        f"{base.n_repeated} rows repeat the row before them, stamp and content (the first is row "
-        f"{base.first_repeated}); they are left out. The logger writes faster than the robot answers.",
+        f"{base.n_repeated} rows repeat the row before, with the same time stamp and values (the first is row "
+        f"{base.first_repeated}); they are left out. The logger writes faster than the robot sends new values.",
         column,
         base.first_repeated,
     )

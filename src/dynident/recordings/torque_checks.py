@@ -83,11 +83,11 @@ def check_torque(
         return [
             *checks,
             *(model_checks or ()),
-            Check("torque_alignment", "ok", f"Told by the robot's dynamics: {DELAY}."),
+            Check("torque_alignment", "ok", f"See the check {DELAY}, which uses the robot's dynamics."),
         ]
     evidence = against_motion.gather_evidence(recording)
     if evidence is None:
-        nothing = "The recording is too short, or moves too little, to tell without a model."
+        nothing = "The recording is too short, or moves too little, to detect this without a model."
         silent = (Check(name, "ok", nothing) for name in ("torque_order", "torque_sign", "torque_alignment"))
         return [*checks, *silent, *(model_checks or ())]
     columns = _check_order_and_sign(recording, evidence, layout, sample)
@@ -127,15 +127,16 @@ def _check_saturation(sample: RawSample, layout: Layout, limits: tuple[JointLimi
             worst = Check(
                 "saturation",
                 status,
-                f"{layout.tau[joint].source} stays at its extreme ({tau[first, joint]:.4g} N m) for "
-                f"{100 * share:.2g} % of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, or the "
-                "log, saturates there. Move slower or with less payload, or choose windows without it.",
+                f"{layout.tau[joint].source} stays at its extreme value ({tau[first, joint]:.4g} N m) for "
+                f"{100 * share:.2g} % of the rows, first in row {row[first]} (t = {t[first]:.6g} s): the drive, or "
+                "the log, saturates there. Move more slowly or with less payload, or choose windows without "
+                "saturation.",
                 layout.tau[joint].source,
                 int(row[first]),
                 float(t[first]),
                 _exclude_plateaus(flat, t),
             )
-    return worst or Check("saturation", "ok", "No torque stays at its extreme.")
+    return worst or Check("saturation", "ok", "No torque stays at its extreme value.")
 
 
 def _exclude_plateaus(flat: BoolArray, t: FloatArray) -> Revision | None:
@@ -180,7 +181,7 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
             "constant_torque",
             "warning",
             "The torque is 0 in every row while the robot moves: its motors are off, or the torque was not recorded. "
-            "From a free swing only ratios can be found: inertia and friction over gravity.",
+            "From a free swing only ratios can be identified: inertia and friction over gravity.",
             layout.tau[0].source,
             row,
             time,
@@ -198,9 +199,7 @@ def _check_constant_torque(recording: Recording, sample: RawSample, layout: Layo
     if len(constant) < np.count_nonzero(recording.has_torque):
         entries = ", ".join(f'"tau{k + 1}": "{NOT_RECORDED}"' for k in constant)
         names = " and ".join(recording.joint_names[k] for k in constant)
-        detail += (
-            f' To leave the equation of {names} out and use the motion all the same, say "columns": {{{entries}}}.'
-        )
+        detail += f' To leave out the equation of {names} but use the motion, say "columns": {{{entries}}}.'
         cure = Revision(columns={f"tau{k + 1}": NOT_RECORDED for k in constant})
     return Check("constant_torque", "error", detail, layout.tau[joint].source, row, time, cure)
 
@@ -219,7 +218,7 @@ def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout,
         if owner[joint] != joint and evidence.moving[joint] and _is_surely_swapped(shares, certainty, owner, joint)
     ]
     if not swapped:
-        return Check("torque_order", "ok", "No torque shows the friction of another joint than its own.")
+        return Check("torque_order", "ok", "Each torque shows the friction of its own joint.")
     claims = ", ".join(
         f"{layout.tau[i].source} shows the friction of {recording.joint_names[owner[i]]} (not of "
         f"{recording.joint_names[i]})"
@@ -229,8 +228,8 @@ def _check_order(recording: Recording, evidence: TorqueEvidence, layout: Layout,
     return Check(
         "torque_order",
         "error",
-        f"The torque columns seem to be in another order than the joints: {claims}, over all rows from row "
-        f"{sample.row[first]} on. Map them by columns.",
+        f"The torque columns seem to be in a different order from the joints: {claims}, over all rows from row "
+        f"{sample.row[first]} on. Map the torque columns by columns.",
         layout.tau[swapped[0]].source,
         int(sample.row[first]),
         float(sample.t[first]),
@@ -273,15 +272,15 @@ def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, 
             (certain if together < AGAINST_CERTAIN else doubtful).append(int(joint))
     against = certain + doubtful
     if not against:
-        return [Check("torque_sign", "ok", "No torque goes against its motion.")]
+        return [Check("torque_sign", "ok", "No torque has the wrong sign for its motion.")]
     named = ", ".join(f"{layout.tau[joint].source} ({recording.joint_names[joint]})" for joint in sorted(against))
     first = int(np.flatnonzero(sample.used)[0])
     return [
         Check(
             "torque_sign",
             "error" if certain else "warning",
-            f"The sign of {named} seems to be against the motion: friction would drive the joint and its inertia be "
-            f"negative, over all rows from row {sample.row[first]} on. Turn the sign of the torque (or of the drive "
+            f"The sign of {named} seems to be wrong: friction would drive the joint and its inertia would be "
+            f"negative, over all rows from row {sample.row[first]} on. Change the sign of the torque (or of the drive "
             "gain), or of the position, or the joint's axis in the description.",
             layout.tau[against[0]].source,
             int(sample.row[first]),
@@ -294,11 +293,13 @@ def _check_sign(recording: Recording, evidence: TorqueEvidence, layout: Layout, 
 def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Layout, sample: RawSample) -> Check:
     if recording.role == "friction":
         # Friction alone, at constant speeds, has no corners in time but those of presliding.
-        return Check("torque_alignment", "ok", "Not looked for in a test of friction.")
+        return Check("torque_alignment", "ok", "This check does not apply to a friction test.")
     whole = against_motion.measure_lag(evidence, steady_only=False)
     steady = against_motion.measure_lag(evidence, steady_only=True)
     if whole is None or steady is None:
-        return Check("torque_alignment", "ok", "How torque and position are aligned cannot be told without a model.")
+        return Check(
+            "torque_alignment", "ok", "The delay between torque and position cannot be detected without a model."
+        )
     # Presliding friction delays torque at reversals as well: the rows clear of reversals have to agree.
     certain = (
         whole.seconds * steady.seconds > 0.0
@@ -311,7 +312,7 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
         return Check(
             "torque_alignment",
             "ok",
-            f"No shift of torque against position beyond what this data can show (about {1e3 * spread:.0f} ms).",
+            f"There is no delay between torque and position that these data can show (about {1e3 * spread:.0f} ms).",
         )
     low, high = sorted((whole.seconds, steady.seconds), key=abs)
     # An error only where even the smaller estimate, less three standard errors, would spoil the parameters.
@@ -322,10 +323,9 @@ def _check_alignment(recording: Recording, evidence: TorqueEvidence, layout: Lay
     return Check(
         "torque_alignment",
         "error" if least > LATE_CERTAIN else "warning",
-        f"Torque comes {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against position "
-        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = "
-        f"{sample.t[first]:.6g} s, on). Log both at the same instant, or mend it by "
-        f'"torque_delay": {middle:.2g} (in s).',
+        f"The torque is {1e3 * abs(low):.3g} to {1e3 * abs(high):.3g} ms {word} against the position "
+        f"({layout.tau[0].source} … {layout.tau[-1].source}, from row {sample.row[first]}, t = {sample.t[first]:.6g} "
+        f's, on). Log both at the same instant, or correct the delay by "torque_delay": {middle:.2g} (in s).',
         layout.tau[0].source,
         int(sample.row[first]),
         float(sample.t[first]),

@@ -47,7 +47,7 @@ STORED_KINDS = tuple(kind for kind in JOINT_KINDS if kind != "current")
 """Those that a checked recording can hold: currents have become torques."""
 
 _COUNTS = re.compile(r"counts:(\d+(?:\.\d*)?(?:e\d+)?)(?:@(-?\d+(?:\.\d*)?))?", re.IGNORECASE)
-COUNTS = "counts:N (N counts a turn, or a metre; counts:N@Z where Z counts are zero)"
+COUNTS = "counts:N (N counts per turn or per metre; counts:N@Z if zero is at Z counts)"
 """Positions as an encoder counts them, and how that is written."""
 
 KINDS = ("t", *JOINT_KINDS, "base_force", "base_moment")
@@ -96,7 +96,7 @@ def find_conversion(kind: str, joint: JointKind | None, unit: str | None, where:
     of = "" if joint is None else f" of a {joint} joint"
     counts = [COUNTS] if kind in ("q", "q_command") else []
     raise RecordingError(
-        f"Unit {unit!r} is not known for {kind}{of}; known are {', '.join([*factors, *counts])}.",
+        f"Unit {unit!r} is not known for {kind}{of}; choose from {', '.join([*factors, *counts])}.",
         pointer=f"/units/{where}",
         title="Unknown unit",
     )

@@ -46,7 +46,7 @@ def read_dae(content: bytes) -> tuple[FloatArray, NDArray[np.intp]]:
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
-        raise ValueError(f"it is no DAE: {error}") from None
+        raise ValueError(f"it is not a DAE file: {error}") from None
     # COLLADA 1.4 and 1.5 differ in their namespace, and nothing here depends on it: drop it from every tag.
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
@@ -76,9 +76,9 @@ def check_document(content: bytes) -> None:
         nonlocal depth
         depth += 1
         if depth == 1 and tag.rpartition(":")[2] != "COLLADA":
-            raise ValueError(f"it is no DAE: its root element is <{tag[:80]}>, not <COLLADA>")
+            raise ValueError(f"it is not a DAE file: its root element is <{tag[:80]}>, not <COLLADA>")
         if depth > DEEPEST:
-            raise ValueError(f"it has elements inside more than {DEEPEST} others")
+            raise ValueError(f"its elements are nested more than {DEEPEST} levels deep")
 
     def end(_: str) -> None:
         nonlocal depth
@@ -93,9 +93,9 @@ def check_document(content: bytes) -> None:
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
-        raise ValueError(f"it is no DAE: line {error.lineno}: {expat.ErrorString(error.code)}") from None
+        raise ValueError(f"it is not a DAE file: line {error.lineno}: {expat.ErrorString(error.code)}") from None
     except LookupError as error:
-        raise ValueError(f"it is no DAE: {error}") from None
+        raise ValueError(f"it is not a DAE file: {error}") from None
 
 
 class _Scene:
@@ -109,7 +109,7 @@ class _Scene:
         metre = _parse_floats("1" if unit is None else unit.attrib.get("meter", "1"))
         self.metre = float(metre[0]) if len(metre) == 1 else np.nan
         if not 0.0 < self.metre < np.inf:
-            raise ValueError("its unit is no length")
+            raise ValueError("its unit is not a length")
 
     def iter_instances(self) -> Iterator[tuple[FloatArray, Element]]:
         """Yield the placement (4, 4) and element of each geometry; without a scene all are at the origin."""
@@ -125,7 +125,9 @@ class _Scene:
             node, placement, depth = waiting.pop()
             count += 1
             if depth > DEEPEST or count > _MOST_INSTANCES:
-                raise ValueError(f"its scene has more than {_MOST_INSTANCES} nodes, or nodes more than {DEEPEST} deep")
+                raise ValueError(
+                    f"its scene has more than {_MOST_INSTANCES} nodes, or nodes nested more than {DEEPEST} levels deep"
+                )
             for child in node:
                 placement = placement @ _read_transform(child)
             for child in node:
@@ -162,7 +164,7 @@ class _Scene:
         inputs = element.findall("input")
         vertex_input = next((candidate for candidate in inputs if candidate.attrib.get("semantic") == "VERTEX"), None)
         if vertex_input is None:
-            raise ValueError(f"its <{element.tag}> names no corners")
+            raise ValueError(f"its <{element.tag}> refers to no vertices")
         # All inputs of a primitive share one list of indices: each corner takes `width` numbers, one for every offset.
         offsets = [int(_parse_integers(entry.attrib.get("offset", "0"))[0]) for entry in inputs]
         width, offset = max(offsets) + 1, offsets[inputs.index(vertex_input)]
@@ -172,25 +174,27 @@ class _Scene:
         lists = [_parse_integers(index_list.text or "")[offset::width] for index_list in element.findall("p")]
         triangles = _split_into_triangles(element, lists)
         if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
-            raise ValueError(f"its <{element.tag}> names corner {int(triangles.max())} of {len(points)}")
+            raise ValueError(
+                f"its <{element.tag}> refers to vertex {int(triangles.max())}, but there are {len(points)}"
+            )
         return points, triangles
 
     def _read_positions(self, vertex_input: Element) -> FloatArray:
         vertices = self._resolve_reference(vertex_input, "source", "vertices")
         position = next((candidate for candidate in vertices if candidate.attrib.get("semantic") == "POSITION"), None)
         if position is None:
-            raise ValueError("its corners have no positions")
+            raise ValueError("its vertices have no positions")
         source = self._resolve_reference(position, "source", "source")
         accessor, array = source.find("technique_common/accessor"), source.find("float_array")
         if array is None:
-            raise ValueError("its corners have no numbers")
+            raise ValueError("its vertices have no numbers")
         numbers = _parse_floats(array.text or "")
         named = {} if accessor is None else accessor.attrib
         stride, first = (
             int(_parse_integers(named.get(key, usual))[0]) for key, usual in (("stride", "3"), ("offset", "0"))
         )
         if not (3 <= stride <= 64 and 0 <= first <= len(numbers)):
-            raise ValueError(f"its corners stand {stride} numbers apart")
+            raise ValueError(f"its vertices have a stride of {stride} numbers")
         count = (len(numbers) - first) // stride
         return numbers[first : first + count * stride].reshape(count, stride)[:, :3]
 
@@ -199,7 +203,7 @@ class _Scene:
         name = element.attrib.get(attribute, "")
         target = self._named.get(name[1:]) if name.startswith("#") else None
         if target is None or target.tag != tag:
-            raise ValueError(f"it names {name[:80]!a}, and has no <{tag}> of that name")
+            raise ValueError(f"it refers to {name[:80]!a}, but has no <{tag}> of that name")
         return target
 
 
@@ -212,7 +216,7 @@ def _split_into_triangles(element: Element, lists: list[NDArray[np.intp]]) -> ND
         counts = _parse_integers(element.findtext("vcount") or "")
         corners = np.concatenate([np.empty(0, np.intp), *lists])
         if len(counts) and (counts.min() < 0 or counts.max() > len(corners) or counts.sum() != len(corners)):
-            raise ValueError("its <polylist> has not as many corners as its <vcount> says")
+            raise ValueError("the number of vertices of its <polylist> does not match its <vcount>")
         lists = np.split(corners, np.cumsum(counts)[:-1]) if len(counts) else []
     if element.tag == "tristrips":
         strips = [np.column_stack([strip[:-2], strip[1:-1], strip[2:]]) for strip in lists if len(strip) > 2]

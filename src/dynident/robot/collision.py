@@ -111,7 +111,7 @@ class CollisionReader:
         file = find_mesh_file(uri, self._folders)
         if file is None:
             sought = ", ".join(map(str, list_candidate_files(uri, self._folders)))
-            why = f"not found; sought {sought}" if sought else "not found"
+            why = f"not found; the search was for {sought}" if sought else "not found"
             self._unread.append(f"{uri or 'a mesh without a filename'} of {owner} ({why})")
             return None
         self.found += 1
@@ -273,8 +273,8 @@ def collision_geometry(
         for index in [joint for joint in range(BASE, robot.n) if not shapes[joint]]:
             shapes[index].extend(_connect_origins(robot, index, link_radius))
         notes.append(
-            f"Capsules of radius {link_radius:g} m between the joints' origins stand for "
-            f"{join_names(names[index] for index in bare)}."
+            f"Capsules of radius {link_radius:g} m between the joints' origins replace the missing collision bodies "
+            f"of {join_names(names[index] for index in bare)}."
         )
         bare = []
     bodies = tuple(
@@ -337,9 +337,8 @@ def _iter_urdf_links(
     # Folders that hold none of the meshes are a mistake. Single meshes that are missing become a note.
     if mesh_folders and unread and not reader.found:
         raise DynidentError(
-            f"none of the {len(unread)} collision meshes of the URDF is in "
-            f"{join_names(map(str, mesh_folders))}, so that "
-            f"no collision could be checked. The first: {unread[0]}. Name the folder that holds the package of "
+            f"none of the {len(unread)} collision meshes of the URDF is in {join_names(map(str, mesh_folders))}, so "
+            f"collisions could not be checked. The first: {unread[0]}. Give the folder that contains the package of "
             "package://…, or the folder of a relative name.",
             pointer="/surroundings/mesh_folders",
             title="Collision meshes not found",
@@ -348,7 +347,7 @@ def _iter_urdf_links(
 
 def _describe_unread_meshes(unread: Sequence[str], mesh_folders: Sequence[Path]) -> str:
     """Return a sentence on the meshes that could not be read and on what to do about it."""
-    cure = "" if mesh_folders else " Name the folders of the meshes (mesh_folders, --meshes FOLDER)."
+    cure = "" if mesh_folders else " Give the folders of the meshes (mesh_folders, --meshes FOLDER)."
     rest = f"; and {len(unread) - _SHOWN} more" if len(unread) > _SHOWN else ""
     return f"{UNCHECKED} for {len(unread)} meshes that could not be read: {'; '.join(unread[:_SHOWN])}{rest}.{cure}"
 

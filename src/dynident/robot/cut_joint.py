@@ -53,8 +53,8 @@ def make_redundancy_error(loop: Loop, equations: int, unknowns: int, passive: st
     """
     return make_loop_error(
         f"Loop '{loop.name}' has redundant constraints: {equations} equations for {unknowns} passive joints "
-        f"({passive}). A loop in a plane is of the kind planar (2 equations), one with ball joints of the kind point "
-        "(3).",
+        f"({passive}). Use the kind planar (2 equations) for a loop in a plane, and point (3 equations) for a loop "
+        "with ball joints.",
         loop,
     )
 
@@ -75,8 +75,8 @@ def make_reach_error(loop: Loop, reached: int, sampled: int) -> DynidentError:
         To be raised.
     """
     return make_loop_error(
-        "The loops can hardly move within the limits of the driven joints without passing a singular posture: "
-        f"{reached} of {sampled} postures are reached. State limits of the driven joints, or another start.",
+        "The loops can hardly move within the limits of the driven joints without passing a singular posture: only "
+        f"{reached} of {sampled} sampled postures can be reached. Set limits of the driven joints, or another start.",
         loop,
     )
 
@@ -84,8 +84,8 @@ def make_reach_error(loop: Loop, reached: int, sampled: int) -> DynidentError:
 def make_approximation_error(loop: Loop) -> DynidentError:
     """Return the error of loops whose passive positions no polynomial approximates well enough."""
     return make_loop_error(
-        "The loops come too near singular postures within the limits of the driven joints for the passive "
-        "positions to be found everywhere. State narrower limits of the driven joints.",
+        "Within the limits of the driven joints the loops come too near singular postures, so the passive positions "
+        "cannot be computed everywhere. Set narrower limits of the driven joints.",
         loop,
     )
 

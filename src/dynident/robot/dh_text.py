@@ -156,16 +156,13 @@ def parse_dh_table(text: str, pointer: str = "") -> PastedTable:
     convention, lines = _split_lines(text, pointer)
     head = next((line for line in lines if _is_header(line)), None)
     if head is None:
-        raise _make_error(
-            "the table has no line with the names of its columns, such as: a alpha d theta.", None, pointer
-        )
+        raise _make_error("the table has no line with column names, such as: a alpha d theta.", None, pointer)
     places, degrees, implied = _find_columns(head, pointer)
     convention = convention or implied
     if convention is None:
         raise _make_error(
-            "is the table classical or modified? Write one or the other above it: classical has "
-            "Rot(z, θ) Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) "
-            "Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
+            'is the table classical or modified? Write "classical" or "modified" above it: classical has Rot(z, θ) '
+            "Trans(z, d) Trans(x, a) Rot(x, α), modified (Craig) Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).",
             head.number,
             pointer,
         )
@@ -204,7 +201,7 @@ def _split_lines(text: str, pointer: str) -> tuple[Convention | None, list[_Line
             continue  # the rule below a head
         lines.append(_Line(number, _split_cells(line)))
     if not lines:
-        raise _make_error("it holds no table.", None, pointer)
+        raise _make_error("it contains no table.", None, pointer)
     return convention, lines
 
 
@@ -240,7 +237,7 @@ def _find_columns(head: _Line, pointer: str) -> tuple[dict[str, int], set[str], 
         if column is None:
             continue
         if column in places:
-            raise _make_error(f"the column {column} stands twice.", head.number, pointer)
+            raise _make_error(f"the column {column} occurs twice.", head.number, pointer)
         places[column] = place
         if in_degrees:
             degrees.add(column)
@@ -258,7 +255,9 @@ def _read_row(
     """Return a row in the notation of Khalil and Kleinfinger, with α and d of its own line."""
     if len(line.cells) <= max(places.values()):
         raise _make_error(
-            f"{len(line.cells)} cells, and the columns need {max(places.values()) + 1}.", line.number, pointer
+            f"the row has {len(line.cells)} cells, but the columns need {max(places.values()) + 1}.",
+            line.number,
+            pointer,
         )
 
     def read(column: str, *, angle: bool) -> tuple[float, bool]:
@@ -270,7 +269,9 @@ def _read_row(
     r, slides = read(offset, angle=False)
     if turns and slides:
         raise _make_error(
-            "theta and the offset along z are both variable; one of them is the joint.", line.number, pointer
+            "theta and the offset along z are both variable; make only one of them the joint variable.",
+            line.number,
+            pointer,
         )
     row: PastedRow = {"alpha": alpha, "d": a, "theta": theta, "r": r, "sigma": int(slides)}
     named = next((cell for cell in line.cells if re.fullmatch(r"[A-Za-z]\w{2,}", cell) and cell not in _LABELS), None)
@@ -285,7 +286,9 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
     if variable is not None:
         if variable[0].lstrip().startswith("-"):
             raise _make_error(
-                f"{column} has -{variable[0].strip(' -')}: turn the joint's axis round.", line.number, pointer
+                f"{column} has -{variable[0].strip(' -')}: the joint variable must be positive; reverse the axis.",
+                line.number,
+                pointer,
             )
         text = (text[: variable.start()] + text[variable.end() :]).strip()
     in_degrees = degrees or "°" in text or text.endswith("deg")
@@ -301,7 +304,9 @@ def _read_cell(cell: str, line: _Line, column: str, pointer: str, *, degrees: bo
     # No table has constants beyond a full turn: 90 without a unit means degrees, and guessing would hide the mistake.
     if not in_degrees and column in ("alpha", "theta") and abs(value) > 2.0 * math.pi + 1e-6:
         raise _make_error(
-            f"{column} is {value:g}, more than a turn in rad: write the column as {column}[deg].", line.number, pointer
+            f"{column} is {value:g}, more than one turn in rad: if it is in degrees, name the column {column}[deg].",
+            line.number,
+            pointer,
         )
     return (math.radians(value) if in_degrees else value), variable is not None
 

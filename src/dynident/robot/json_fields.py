@@ -47,7 +47,7 @@ def check_unicode(text: str, at: str, title: str) -> None:
         text.encode()
     except UnicodeEncodeError as error:
         line = text.count("\n", 0, error.start) + 1
-        detail = f"line {line}: {text[error.start]!a} is half of a character; write the text as UTF-8."
+        detail = f"line {line}: {text[error.start]!a} is an incomplete character; save the text as UTF-8."
         raise DynidentError(detail, pointer=at, title=title) from None
 
 
@@ -70,7 +70,7 @@ def check_name(name: str, at: str, title: str) -> None:
     """
     control = next((character for character in name if unicodedata.category(character) in _CONTROL), None)
     if control is not None:
-        detail = f"The name {name[:80]!a} holds {control!a}; names are of one line, without control characters."
+        detail = f"The name {name[:80]!a} contains {control!a}; a name must be one line without control characters."
         raise DynidentError(detail, pointer=at, title=title)
 
 
@@ -135,7 +135,7 @@ def _check_value(value: object, at: str, title: str) -> None:
 
 
 def _make_depth_error(at: str, title: str) -> DynidentError:
-    detail = f"The JSON is nested too deeply; at most {DEEPEST} levels are read."
+    detail = f"The JSON is nested too deeply; at most {DEEPEST} levels are allowed."
     return DynidentError(detail, pointer=at, title=title)
 
 
@@ -196,7 +196,7 @@ def expect_text(value: object, at: str, title: str) -> str:
         For any other value.
     """
     if not isinstance(value, str) or not value.strip():
-        raise DynidentError("Expected a text that is not empty.", pointer=at, title=title)
+        raise DynidentError("Expected a non-empty text.", pointer=at, title=title)
     return value
 
 

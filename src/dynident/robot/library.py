@@ -44,7 +44,9 @@ def library_table(name: str) -> str:
         If there is no arm of that name; the message lists those there are.
     """
     if name not in library_names():
-        raise DynidentError(f"There is no arm '{name}'; known: {join_names(library_names())}.", title="Unknown robot")
+        raise DynidentError(
+            f"There is no arm '{name}'; choose from: {join_names(library_names())}.", title="Unknown robot"
+        )
     return (_FOLDER / f"{name}.json").read_text(encoding="utf-8")
 
 

@@ -31,13 +31,13 @@ class Limits:
         Largest product of torque and velocity, W.
     """
 
-    position: tuple[float, float] | None = declare_field("Lowest and highest, rad or m", default=None)
+    position: tuple[float, float] | None = declare_field("Lowest and highest position, rad or m", default=None)
     velocity: float | None = declare_field("rad/s or m/s", default=None, at_least=SMALLEST, at_most=LARGEST)
     acceleration: float | None = declare_field("rad/s² or m/s²", default=None, at_least=SMALLEST, at_most=LARGEST)
     jerk: float | None = declare_field("rad/s³ or m/s³", default=None, at_least=SMALLEST, at_most=LARGEST)
     effort: float | None = declare_field("N m or N", default=None, at_least=SMALLEST, at_most=LARGEST)
     power: float | None = declare_field(
-        "Of torque times velocity", default=None, unit="W", at_least=SMALLEST, at_most=LARGEST
+        "Limit of torque times velocity", default=None, unit="W", at_least=SMALLEST, at_most=LARGEST
     )
 
 
@@ -56,18 +56,18 @@ class Drive:
     torque_constant : float, optional
         Torque of the motor, N m per unit of current.
     amplifier_gain : float, optional
-        Unit of current per unit of what is recorded; 1 by default.
+        Current per unit of the recorded signal; 1 by default.
     coupling : mapping of str to float
         Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same shares.
     """
 
     drive_gain: float | None = declare_field("N m or N per unit of current", default=None)
-    gear_ratio: float | None = declare_field("Turns of the motor in one of the joint", default=None)
-    torque_constant: float | None = declare_field("N m per unit of current, of the motor", default=None)
-    amplifier_gain: float | None = declare_field("Unit of current per unit of what is recorded", default=None)
+    gear_ratio: float | None = declare_field("Turns of the motor per turn of the joint", default=None)
+    torque_constant: float | None = declare_field("Motor torque per unit of current, N m", default=None)
+    amplifier_gain: float | None = declare_field("Current per unit of the recorded signal", default=None)
     coupling: Mapping[str, float] = declare_field(
-        "Other joints that this motor turns with, and how far beside its own; its torque acts on them in the same "
-        "shares",
+        "Other joints that this motor also moves, each with its motion relative to the motor's own joint; the motor's "
+        "torque acts on them with the same factors",
         made_by=dict,
     )
 

@@ -53,8 +53,8 @@ def drop_dependent_equations(closure: Closure) -> Closure:
             names = join_names(closure.names[k] for k in driven)
             held = join_names(dict.fromkeys(closure.get_loop(row).name for row in rows))
             raise DynidentError(
-                f"The {len(rows)} equations of {held} hold the driven joints {names} where they start: no motion "
-                "keeps the loops closed. Let less of the frames coincide, or drive fewer joints.",
+                f"The {len(rows)} equations of {held} fix the driven joints {names} at their start: no motion keeps "
+                "the loops closed. Let fewer directions of the frames coincide, or drive fewer joints.",
                 pointer=closure.loops[0].where,
                 title=LOOP_TITLE,
             )
@@ -176,7 +176,7 @@ def link_joints(
     for name in (*ties, *cuts.passive):
         if tree.drives[tree.joint_names.index(name)] != type(tree.drives[0])():
             raise DynidentError(
-                f"Joint '{name}' follows other joints, so it has no drive; driven joints: "
+                f"Joint '{name}' follows other joints, so it cannot have a drive; driven joints: "
                 f"{join_names(tree.joint_names[j] for j in driven)}.",
                 pointer=f"/drives/{name}",
                 title=title,
@@ -212,8 +212,8 @@ def _build_closure(
         return None
     if not cuts.loops:
         raise DynidentError(
-            f"No loop holds the passive joints {join_names(cuts.passive)}; drive or tie them, or close a loop "
-            f"with them.",
+            f"The passive joints {join_names(cuts.passive)} belong to no loop; drive or tie them, or close a loop "
+            "with them.",
             pointer="/loops",
             title=LOOP_TITLE,
         )
@@ -261,7 +261,9 @@ def _solve_ties(
         else:
             if name in path:
                 way = " follows ".join(f"'{joint_name}'" for joint_name in (*path[path.index(name) :], name))
-                raise _make_tie_error(f"Joint {way}: a joint cannot follow itself. Leave one of them free.", tie, title)
+                raise _make_tie_error(
+                    f"Joint {way}: a joint cannot follow itself. Make one of these joints independent.", tie, title
+                )
             offsets[j] = tie.offset
             for other, ratio in tie.ratios.items():
                 if other in locked:
@@ -269,15 +271,15 @@ def _solve_ties(
                     continue
                 if other not in names:
                     raise _make_tie_error(
-                        f"Joint '{name}' follows '{other}', which is no moving joint; moving joints: "
+                        f"Joint '{name}' follows '{other}', which is not a moving joint; moving joints: "
                         f"{join_names(joint_name for joint_name in names if joint_name != name)}.",
                         tie,
                         title,
                     )
                 if not is_usable_ratio(ratio):
                     raise _make_tie_error(
-                        f"Joint '{name}' follows '{other}' by {ratio}; expected a number other than 0 (make a joint "
-                        "that stands still fixed).",
+                        f"Joint '{name}' follows '{other}' by {ratio}; expected a number other than 0 (if the joint "
+                        "does not move, make it fixed).",
                         tie,
                         title,
                     )

@@ -157,7 +157,7 @@ class LoopEquations:
             self._check_rank(posture)
             raise make_loop_error(
                 f"The loops are singular at the start (condition {condition:.3g}): the driven joints do not determine "
-                "the passive ones there. State another `start` of the joints, away from stretched postures.",
+                "the passive ones there. Set another `start` of the joints, away from stretched postures.",
                 self.loops[0],
             )
         return posture
@@ -269,12 +269,13 @@ class LoopEquations:
                 self._refuse_without_passive(loop, driven)
             passive = join_names(self.names[self.n + k] for k in unknowns)
             if not driven:
-                detail = f"No driven joint moves loop '{loop.name}': everything in it would stand still. Drive one of "
+                detail = f"No driven joint moves loop '{loop.name}', so nothing in it would move. Drive one of "
                 raise make_loop_error(f"{detail}{passive}.", loop)
             if len(unknowns) > len(rows):
                 raise make_loop_error(
-                    f"{len(unknowns)} passive joints ({passive}) for {len(rows)} equations of loop '{loop.name}': they "
-                    "can move while the driven joints stand. Drive or tie joints, or let more of the frames coincide.",
+                    f"{len(unknowns)} passive joints ({passive}) but only {len(rows)} equations in loop "
+                    f"'{loop.name}': the passive joints can move while the driven joints stand still. Drive or tie "
+                    "joints, or let more directions of the frames coincide.",
                     loop,
                 )
             if len(unknowns) < len(rows):
@@ -282,7 +283,8 @@ class LoopEquations:
         free = [self.names[self.n + k] for k in range(self.p) if k not in touched]
         if free:
             raise DynidentError(
-                f"No loop holds the passive joints {join_names(free)}; drive or tie them, or close a loop with them.",
+                f"The passive joints {join_names(free)} belong to no loop; drive or tie them, or close a loop with "
+                "them.",
                 pointer="/loops",
                 title=LOOP_TITLE,
             )
@@ -293,7 +295,7 @@ class LoopEquations:
             names = join_names(self.names[k] for k in driven)
             raise make_loop_error(
                 f"No passive joint can keep loop '{loop.name}' closed when the driven joints {names} move. Make as "
-                "many of its joints passive as it has equations.",
+                "many joints of the loop passive as it has equations.",
                 loop,
             )
         loop_rows = set(self.get_rows(loop))
@@ -311,9 +313,9 @@ class LoopEquations:
                 loop = self.get_loop(rows[0])
                 raise make_loop_error(
                     f"Loop '{loop.name}' has redundant constraints: its {len(rows)} equations are not independent in "
-                    "any posture nearby, so that they cannot determine "
-                    f"{join_names(self.names[self.n + k] for k in unknowns)}. A loop in a plane is of the kind planar, "
-                    "about the z axis of its first frame.",
+                    "any posture nearby, so they cannot determine "
+                    f"{join_names(self.names[self.n + k] for k in unknowns)}. For a loop in a plane use the kind "
+                    "planar, about the z axis of its first frame.",
                     loop,
                 )
 
@@ -341,9 +343,9 @@ class LoopEquations:
             rows = self.get_rows(loop)
             raise make_loop_error(
                 f"Loop '{loop.name}' does not close: with the driven joints at their start its frames are "
-                f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and {float(np.linalg.norm(gap[0, rows])):.3g} m "
-                "at best. Correct the lengths, or state a `start` of the joints near a posture in which it closes (in "
-                "MJCF: the first <key qpos=…/>).",
+                f"{float(np.linalg.norm(first[0, rows])):.3g} m apart, and at least "
+                f"{float(np.linalg.norm(gap[0, rows])):.3g} m for any passive positions. Correct the lengths, or set "
+                "a `start` of the joints near a posture in which the loop closes (in MJCF: the first <key qpos=…/>).",
                 loop,
             )
         return posture

@@ -100,10 +100,10 @@ class Closure(LoopEquations):
         if len(wrong):
             k = int(wrong[0])
             raise DynidentError(
-                f"At t = {t[::_EVERY][k]:.3f} s the loops ({join_names(loop.name for loop in self.loops)}) are "
-                f"open by {gaps[k]:.3g} m, with the condition {conditions[k]:.3g} of their equations: the recorded "
-                "positions are at or beyond a singular posture, or outside the limits of the driven joints that the "
-                "passive positions are known within. Correct lengths, zeros or signs, or state wider limits.",
+                f"At t = {t[::_EVERY][k]:.3f} s the loops ({join_names(loop.name for loop in self.loops)}) are open "
+                f"by {gaps[k]:.3g} m, and their equations have the condition {conditions[k]:.3g}: the recorded "
+                "positions are at or beyond a singular posture, or outside the limits of the driven joints within "
+                "which the passive positions are known. Correct lengths, zeros or signs, or set wider limits.",
                 title=LOOP_TITLE,
             )
 

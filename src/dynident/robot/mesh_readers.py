@@ -65,10 +65,10 @@ def read_triangles(file: Path) -> Triangles:
     """
     ending = file.suffix.casefold()
     if ending not in _READERS:
-        raise ValueError(f"its name ends in {ending or 'nothing'!r}, which is none of {', '.join(_READERS)}")
+        raise ValueError(f"its name ends in {ending or 'nothing'!r}; supported endings are {', '.join(_READERS)}")
     size = file.stat().st_size
     if size > MOST_BYTES:
-        raise ValueError(f"it has {size / 2**20:.0f} MB; at most {MOST_BYTES >> 20} MB are read")
+        raise ValueError(f"it has {size / 2**20:.0f} MB; at most {MOST_BYTES >> 20} MB are allowed")
     try:
         points, corners = _READERS[ending](file.read_bytes())
     except (IndexError, OverflowError) as error:
@@ -76,7 +76,7 @@ def read_triangles(file: Path) -> Triangles:
     if not len(points) or not len(corners):
         raise ValueError("it has no triangles")
     if corners.min() < 0 or corners.max() >= len(points):
-        raise ValueError(f"its triangles name corner {int(corners.max()) + 1} of {len(points)}")
+        raise ValueError(f"its triangles refer to vertex {int(corners.max()) + 1} , but there are {len(points)}")
     # Drop points that no triangle uses, then merge equal ones: an STL repeats each corner for every triangle.
     used = np.unique(corners, return_inverse=True)
     points, places = np.unique(points[used[0]], axis=0, return_inverse=True)
@@ -84,7 +84,7 @@ def read_triangles(file: Path) -> Triangles:
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
     if not len(corners):
-        raise ValueError("it has no triangles with an area")
+        raise ValueError("all of its triangles have the area 0")
     return points, corners
 
 
@@ -100,9 +100,11 @@ def _read_stl(content: bytes) -> Triangles:
     elif is_text:
         points = _parse_floats([word for corner in _VERTEX.findall(content.lower()) for word in corner]).reshape(-1, 3)
     else:
-        raise ValueError(f"it is no STL: neither text nor the {count} triangles that its header names")
+        raise ValueError(
+            f"it is not an STL file: it is neither text nor the {count} triangles that its header declares"
+        )
     if len(points) % 3:
-        raise ValueError(f"it is no STL: it holds {len(points)} corners of triangles")
+        raise ValueError(f"it is not an STL file: its number of vertices, {len(points)}, is not a multiple of 3")
     return points.astype(np.float64), np.arange(len(points)).reshape(-1, 3)
 
 
@@ -113,7 +115,7 @@ def _read_obj(content: bytes) -> Triangles:
         words = line.split()
         if words[:1] == [b"v"]:
             if len(words) < 4:
-                raise ValueError(f"it is no OBJ: a corner is {line[:80].decode('latin-1')!a}")
+                raise ValueError(f"it is not an OBJ file: a vertex is {line[:80].decode('latin-1')!a}")
             points += words[1:4]
         elif words[:1] == [b"f"]:
             # OBJ counts corners from 1, and from the last one backward where the number is negative.
@@ -125,22 +127,22 @@ def _read_obj(content: bytes) -> Triangles:
 def _read_ply(content: bytes) -> Triangles:
     head, end_marker, body = content.partition(b"end_header")
     if content[:3] != b"ply" or not end_marker:
-        raise ValueError("it is no PLY: it has no header")
+        raise ValueError("it is not a PLY file: it has no header")
     lines = [line.decode("latin-1").split() for line in _LINE_END.split(head)]
     order = _PLY_ORDERS.get(next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), ""))
     if order is None:
-        raise ValueError("it is no PLY: its header names no format that is known")
+        raise ValueError("it is not a PLY file: its header declares no known format")
     end = re.match(rb"[ \t]*(\r\n|\n|\r)", body)
     rows: Any = _TextRowReader(body) if order == "" else _BinaryRowReader(body[end.end() if end else 0 :], order)
     points, faces = np.empty((0, 3)), np.empty((0, 3), dtype=np.intp)
     for name, count, properties in _read_ply_header(lines):
         # A row takes at least one byte. Checked before reading, because memory is allocated for what the header claims.
         if count > len(content) or not properties:
-            raise ValueError(f"its header names {count} of {name!a}, more than the file can hold")
+            raise ValueError(f"its header declares {count} of {name!a}, more than the file can contain")
         columns = rows.read(count, properties)
         if name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
-                raise ValueError("its corners have no x, y and z")
+                raise ValueError("its vertices have no x, y and z")
             points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
         elif name == "face":
             places = columns.get("vertex_indices", columns.get("vertex_index"))

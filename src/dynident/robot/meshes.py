@@ -147,7 +147,7 @@ def link_mesh_files(folder: Path, files: Mapping[str, Path]) -> None:
             if not link.exists():
                 link.symlink_to(file.resolve())
         except (OSError, ValueError) as error:
-            detail = f"no file can have the name of the mesh {uri[:200]!r} ({error.__class__.__name__}); rename it"
+            detail = f"a file cannot have the name of the mesh {uri[:200]!r} ({error.__class__.__name__}); rename it"
             raise DynidentError(detail, pointer="/files", title="Unusable name of a mesh") from None
 
 
@@ -181,7 +181,7 @@ def match_mesh_files(uris: Iterable[str], names: Sequence[str]) -> dict[str, str
         most = max(likeness, default=0)
         best = [name for name, value in zip(names, likeness, strict=True) if value == most > 0]
         if len(best) > 1:
-            raise _make_ambiguity_error(f"{join_names(best)} may each be {uri}")
+            raise _make_ambiguity_error(f"{join_names(best)} all match {uri}")
         if best:
             best_match[uri] = best[0], most
     return {
@@ -196,7 +196,7 @@ def _is_best_match(uri: str, name: str, likeness: int, best_match: Mapping[str, 
         return False
     alike = [other for other, value in others.items() if value == likeness]
     if alike:
-        raise _make_ambiguity_error(f"{name} may be {uri} or {join_names(alike)}")
+        raise _make_ambiguity_error(f"{name} could be {uri} or {join_names(alike)}")
     return True
 
 
@@ -215,7 +215,7 @@ def _split_path(path: str) -> tuple[str, ...]:
 
 
 def _make_ambiguity_error(problem: str) -> DynidentError:
-    detail = f"{problem}; send them with their folders, as the description has them"
+    detail = f"{problem}; send the meshes with their folders, as in the description"
     return DynidentError(detail, pointer="/files", title="Ambiguous mesh")
 
 
@@ -319,7 +319,7 @@ def read_surface(file: Path, scale: FloatArray, placement: FloatArray) -> Surfac
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of too large numbers is refused below
         points = (points * scale) @ placement[:3, :3].T + placement[:3, 3]
     if not (np.abs(points) <= _LARGEST).all():
-        raise ValueError(f"it has corners that are no numbers, or more than {_LARGEST:g} m away")
+        raise ValueError(f"it has vertices that are not numbers, or more than {_LARGEST:g} m from the origin")
     return Surface(points, triangles)
 
 

@@ -210,8 +210,8 @@ def _choose_followers(
         follower = next((joint for joint in free if joint not in by_tendon), free[0] if free else "")
         if not follower:
             raise make_mjcf_error(
-                f"An equality ties {join_names(equation.ratios)}, and each of them has an actuator or follows others "
-                "already; leave one of them without, so that it can follow.",
+                f"An equality ties {join_names(equation.ratios)}, but each of them has an actuator or already follows "
+                "others; remove one actuator, so that its joint can follow.",
                 equation.line,
                 pointer,
             )
@@ -305,18 +305,18 @@ def _compile_model(root: Element, pointer: str) -> mujoco.MjModel:
     try:
         import mujoco
     except ModuleNotFoundError as error:
-        detail = f"MJCF files are read by MuJoCo, which is not installed; {format_install_hint('mujoco')}"
+        detail = f"Reading MJCF files needs MuJoCo, which is not installed; {format_install_hint('mujoco')}"
         raise DynidentError(detail, pointer=pointer, title=TITLE) from error
     try:
         compiled = mujoco.MjModel.from_xml_string(write_with_line_numbers(root))
     except ValueError as error:
         detail = " ".join(str(error).split())
-        raise make_mjcf_error(f"MuJoCo does not take the model: {detail}", None, pointer) from error
+        raise make_mjcf_error(f"MuJoCo rejects the model: {detail}", None, pointer) from error
     for name in _NUMBERS:
         values = getattr(compiled, name)
         # Negated, so that NaN is refused as well: no comparison with NaN is true.
         if not (np.abs(values) <= LARGEST).all():
-            detail = f"MuJoCo makes {values.ravel()[np.argmin(np.abs(values.ravel()) <= LARGEST)]:g} of a number"
+            detail = f"MuJoCo changes a number to {values.ravel()[np.argmin(np.abs(values.ravel()) <= LARGEST)]:g}"
             raise make_mjcf_error(
                 f"{detail} ({name}); lengths, masses and inertias are in m, kg and kg m².", None, pointer
             )
@@ -423,8 +423,8 @@ def _build_cuts(held: Equalities, model: pin.Model, tree: Robot, at: str) -> Loo
             distance = float(np.abs(first.frame[:3, 3] - second.frame[:3, 3]).max())
             if distance > CLOSED:
                 detail = (
-                    f"Both frames of '{coincidence.name}' are on the same body, {distance:.3g} m apart; they never "
-                    "coincide."
+                    f"Both frames of '{coincidence.name}' are on the same body, {distance:.3g} m apart, so they can "
+                    "never coincide."
                 )
                 raise make_mjcf_error(detail, coincidence.line, at)
             continue
@@ -434,8 +434,8 @@ def _build_cuts(held: Equalities, model: pin.Model, tree: Robot, at: str) -> Loo
     names = [tree.joint_names[j] for j in sorted(inside)]
     if loops and not any(name in held.driven or name in held.ties for name in names):
         detail = (
-            f"No actuator acts on a joint of loop '{loops[0].name}'; expected a <motor joint=…/> for each of those of "
-            f"{join_names(names)} that are driven: the others are passive."
+            f"No actuator acts on a joint of loop '{loops[0].name}'. Add a <motor joint=…/> for each of the joints "
+            f"{join_names(names)} that is driven; the others are passive."
         )
         raise make_mjcf_error(detail, loops[0].line, at)
     passive = tuple(name for name in names if name not in held.driven and name not in held.ties)

@@ -102,19 +102,18 @@ def parse_mjcf(text: str, pointer: str, locked: Mapping[str, float]) -> tuple[El
         raise fail("The MJCF is empty; expected XML whose root is <mujoco>.", None)
     root = parse_xml(text, "An MJCF", pointer, TITLE)
     if root.tag != "mujoco":
-        raise fail(f"The root element is <{root.tag}>; an MJCF's is <mujoco>.", root.line)
+        raise fail(f"The root element is <{root.tag}>; an MJCF file needs the root element <mujoco>.", root.line)
     for element in _iter_descendants(root):
         if element.tag in _MAKES_MORE:
             raise fail(
-                f"<{element.tag}> brings in what is not in this text; have MuJoCo write the whole model into one file "
-                "(mj_saveLastXML).",
+                f"<{element.tag}> adds elements that are not in this text; let MuJoCo write the whole model to one "
+                "file (mj_saveLastXML).",
                 element.line,
             )
     for equality in (child for part in root.iter_children("equality") for child in part.children):
         if equality.tag not in _KEPT["equality"] and equality.attributes.get("active") != "false":
             raise fail(
-                f"<{equality.tag}> is no equality that a machine can be held together by here; expected "
-                f"{join_names(_KEPT['equality'])}.",
+                f"<{equality.tag}> is not a supported equality; expected {join_names(_KEPT['equality'])}.",
                 equality.line,
             )
     reduced = _reduce_element(root)
@@ -200,7 +199,7 @@ def _remove_clamped_joints(element: Element, locked: Mapping[str, float], fail: 
     for joint in clamped:
         name = joint.attributes["name"]
         if locked[name] != 0.0:
-            detail = f"Joint '{name}' is locked at {locked[name]:g}; a free or ball joint can be locked at 0 alone."
+            detail = f"Joint '{name}' is locked at {locked[name]:g}; a free or ball joint can only be locked at 0."
             raise fail(detail, joint.line)
         element.children.remove(joint)
     inner = [
@@ -216,9 +215,12 @@ def _check_bodies(element: Element, moves: bool, from_shapes: bool, fail: _Fail)
         if _has_several_freedoms(child):
             name = child.attributes["name"]
             if child.attributes.get("type") == "ball":
-                problem, alternative = "hangs on a ball joint", ", or replace it by hinges with axes of their own"
+                problem, alternative = (
+                    "is connected by a ball joint",
+                    ", or replace it by hinge joints with separate axes",
+                )
             else:
-                problem, alternative = "floats freely, and the base of a robot is fixed here", ""
+                problem, alternative = "floats freely, but the base of a robot must be fixed", ""
             detail = (
                 f"{owner} {problem}. If it was clamped while the robot was recorded, lock the joint: --lock {name}, or "
                 f'"locked_joints": {{"{name}": 0}}{alternative}.'
@@ -267,8 +269,8 @@ def _check_meshes(reduced: Element, fail: _Fail) -> None:
                 continue
             if not massless:
                 raise fail(
-                    f"The mass of its body comes from the mesh '{mesh}', whose file is not here; state the <inertial> "
-                    "of the body.",
+                    f"The mass of its body comes from the mesh '{mesh}', but the mesh file is missing; add the "
+                    "<inertial> of the body.",
                     geom.line,
                 )
             # Without mass its size has no effect on the dynamics.

@@ -394,7 +394,7 @@ def _read_passive(fields: Mapping[str, object], at: str) -> bool:
     if not isinstance(value, bool):
         raise DynidentError("Expected true or false.", pointer=at, title=TITLE)
     if value and fields.get("tie") is not None:
-        detail = "A joint with a tie follows that; state either passive or tie, not both."
+        detail = "A joint with a tie follows other joints; give either passive or tie, not both."
         raise DynidentError(detail, pointer=at, title=TITLE)
     return value
 
@@ -436,7 +436,7 @@ def _read_limits(value: object, joint: str, at: str) -> Limits:
 
 def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     if "inertia" in fields and "mass_properties" in fields:
-        detail = "State either inertia or mass_properties, not both."
+        detail = "Give either inertia or mass_properties, not both."
         raise DynidentError(detail, pointer=f"{at}/mass_properties", title=TITLE)
     if "mass_properties" in fields:
         return _read_mass_properties(fields["mass_properties"], f"{at}/mass_properties")
@@ -445,7 +445,7 @@ def _read_inertia(fields: Mapping[str, object], at: str) -> FloatArray:
     values = np.array([expect_number(entries.get(key, 0.0), f"{at}/{key}", TITLE) for key in INERTIAL_NAMES])
     # Moments without a mass belong to no body, and Pinocchio would divide by the mass.
     if values[9] < 0 or (values[9] == 0 and np.any(values)):
-        raise DynidentError("A link with inertia has a positive mass M.", pointer=f"{at}/M", title=TITLE)
+        raise DynidentError("A link with inertia needs a positive mass M.", pointer=f"{at}/M", title=TITLE)
     return values
 
 
@@ -481,7 +481,7 @@ def _read_mass_properties(value: object, at: str) -> FloatArray:
         # Pinocchio raises an error where an inertia about the centre of mass has a negative eigenvalue.
         return from_dynamic_parameters(pin.Inertia(mass, center, tensor).toDynamicParameters())
     except RuntimeError:
-        detail = "No body has this inertia: its eigenvalues must not be negative."
+        detail = "This inertia is not physically possible: its eigenvalues must not be negative."
         raise DynidentError(detail, pointer=f"{at}/inertia", title=TITLE) from None
 
 

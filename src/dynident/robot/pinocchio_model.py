@@ -252,7 +252,7 @@ def from_pinocchio(
     for joint, inertial in zip(joints, inertias, strict=True):
         if not (np.all(np.abs(joint.placement) <= LARGEST) and np.all(np.abs(inertial) <= LARGEST)):
             raise DynidentError(
-                f"Joint '{joint.name}': lengths or inertias are too large to compute with; expected m, kg and kg m².",
+                f"Joint '{joint.name}': lengths or inertias are too large; expected values in m, kg and kg m².",
                 pointer=pointer,
                 title="Unusable robot description",
             )

@@ -134,7 +134,8 @@ def check_limits(limits: Limits, joint: str, at: str) -> None:
         low, high = limits.position
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise DynidentError(
-                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower first.",
+                f"The position limits of joint '{joint}' are [{low}, {high}]; expected two numbers, the lower one "
+                "first.",
                 pointer=make_pointer("position", within=at),
                 title=TITLE,
             )
@@ -205,7 +206,7 @@ def check_names(settings: Settings, moving: Sequence[str], fixed: Sequence[str] 
             if name not in moving_names:
                 raise _make_error(f"There is no joint '{name}'; joints: {join_names(moving)}.", part, name)
             if part == "drives" and name in settings.locked_joints:
-                raise _make_error(f"Joint '{name}' is locked, so it has no drive.", part, name)
+                raise _make_error(f"Joint '{name}' is locked, so it cannot have a drive.", part, name)
     for joint, drive in settings.drives.items():
         for name in drive.coupling:
             if name == joint or name not in moving_names or name in settings.locked_joints:
@@ -245,8 +246,8 @@ def _check_drive(drive: Drive, joint: str) -> None:
     factors = Drive(None, drive.gear_ratio, drive.torque_constant, drive.amplifier_gain).gain
     if drive_gain is not None and factors is not None and not math.isclose(drive_gain, factors, rel_tol=1e-3):
         raise _make_error(
-            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain "
-            f"give {factors:g} [12.17]; state one of the two.",
+            f"Joint '{joint}': drive_gain is {drive_gain}, but gear ratio, torque constant and amplifier gain give "
+            f"{factors:g} [12.17]; give only one of the two.",
             "drives",
             joint,
             "drive_gain",

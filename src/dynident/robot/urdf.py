@@ -71,7 +71,9 @@ def parse_urdf(text: str, pointer: str = "") -> Element:
         raise make_urdf_error("The URDF is empty; expected XML whose root is <robot>.", None, pointer)
     root = parse_xml(text, "A URDF", pointer, TITLE)
     if root.tag != "robot":
-        raise make_urdf_error(f"The root element is <{root.tag}>; a URDF's is <robot>.", root.line, pointer)
+        raise make_urdf_error(
+            f"The root element is <{root.tag}>; a URDF needs the root element <robot>.", root.line, pointer
+        )
     xacro = next((child for child in root.children if child.tag.startswith("xacro:")), None)
     if xacro is not None:
         raise make_urdf_error(
@@ -107,7 +109,9 @@ def find_clamped_joints(root: Element, locked: Mapping[str, float], pointer: str
         name, kind = joint.attributes.get("name", ""), joint.attributes.get("type", "")
         if kind in _OF_MORE_FREEDOMS and name in locked:
             if locked[name] != 0.0:
-                detail = f"Joint '{name}' is {kind} and locked at {locked[name]:g}; only its origin (0) can be."
+                detail = (
+                    f"Joint '{name}' is {kind} and locked at {locked[name]:g}; it can only be locked at its origin (0)."
+                )
                 raise make_urdf_error(detail, joint.line, pointer)
             clamped.add(name)
     return frozenset(clamped)
@@ -177,7 +181,7 @@ def read_mimics(root: Element, pointer: str = "") -> dict[str, Tie]:
         owner = f"joint '{joint.attributes.get('name', '')}'"
         other = mimic.attributes.get("joint", "")
         if not other:
-            raise fail(f'The <mimic> of {owner} names no joint; expected <mimic joint="…"/>.', mimic.line)
+            raise fail(f'The <mimic> of {owner} refers to no joint; expected <mimic joint="…"/>.', mimic.line)
         ratio, offset = (
             _parse_number(mimic, attribute, owner, fail) if attribute in mimic.attributes else usual
             for attribute, usual in (("multiplier", 1.0), ("offset", 0.0))
@@ -209,9 +213,9 @@ def _check_kind(name: str, joint: Element, fail: _Fail) -> None:
         return
     if kind in _OF_MORE_FREEDOMS:
         raise fail(
-            f"Joint '{name}' is {kind}; joints that move are revolute, continuous or prismatic, and the base is fixed. "
-            f'If it was clamped while the robot was recorded, lock it: --lock {name}, or "locked_joints": '
-            f'{{"{name}": 0}}.',
+            f"Joint '{name}' is {kind}; only revolute, continuous and prismatic joints can move, and the base must be "
+            f"fixed. If the joint was clamped while the robot was recorded, lock it: --lock {name}, or "
+            f'"locked_joints": {{"{name}": 0}}.',
             joint.line,
         )
     if kind not in MOVING:
@@ -232,10 +236,11 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
     roots = [name for name in links if name not in parent_of]
     if not roots:
         first = next(iter(joints.values()))
-        raise fail("Every link is the child of a joint: the joints form a loop without a base.", first.line)
+        raise fail("Every link is the child of a joint: the joints form a loop, and no link is the base.", first.line)
     if len(roots) > 1:
         raise fail(
-            f"{len(roots)} links have no parent ({join_names(roots)}); a robot has one base. Connect them by joints.",
+            f"{len(roots)} links have no parent ({join_names(roots)}), but a robot has only one base. Connect them by "
+            "joints.",
             links[roots[1]].line,
         )
     # One root is no proof of a tree: joints that form a circle have no root. Walk from every link to the base.
@@ -243,7 +248,7 @@ def _check_tree(joints: dict[str, Element], links: dict[str, Element], fail: _Fa
         visited = {name}
         while parent in parent_of:
             if parent in visited:
-                raise fail(f"Link '{name}' hangs on a loop of joints, not on the base.", joints[joint_name].line)
+                raise fail(f"Link '{name}' is connected to a loop of joints, not to the base.", joints[joint_name].line)
             visited.add(parent)
             parent = parent_of[parent][0]
 
@@ -253,7 +258,7 @@ def _get_linked(name: str, joint: Element, end: str, links: dict[str, Element], 
     link = element.attributes.get("link", "") if element is not None else ""
     line = (element or joint).line
     if not link:
-        raise fail(f"Joint '{name}' names no {end} link; expected <{end} link=\"…\"/>.", line)
+        raise fail(f"Joint '{name}' refers to no {end} link; expected <{end} link=\\\"…\\\"/>.", line)
     if link not in links:
         raise fail(f"The {end} link '{link}' of joint '{name}' does not exist; links: {join_names(links)}.", line)
     return link
@@ -291,7 +296,7 @@ def _reduce_joint(name: str, joint: Element, fail: _Fail) -> Element:
     if axis is not None:
         length = math.hypot(*_parse_numbers(axis, "xyz", owner, fail))
         if not _SHORTEST_AXIS < length < 1.0 / _SHORTEST_AXIS:
-            detail = f"The axis of {owner} has no direction (xyz is {length:.3g} long; write a unit vector)."
+            detail = f"The axis of {owner} has no direction (xyz has the length {length:.3g}; give a unit vector)."
             raise fail(detail, axis.line)
         reduced.children.append(axis)
     reduced.children.append(_reduce_limit(joint, owner, fail))

@@ -40,7 +40,8 @@ def urdf_from_robot(robot: Robot, inertias: FloatArray | None = None) -> str:
     ties = {} if robot.linkage is None else robot.linkage.ties
     if robot.linkage is not None and robot.linkage.closure is not None:
         raise DynidentError(
-            f"{robot.name} has closed loops, and a URDF is a tree. Export MJCF, C code, a CasADi function or JSON.",
+            f"{robot.name} has closed loops, but a URDF can only describe a tree. Export MJCF, C code, a CasADi "
+            "function or JSON.",
             title="Not expressible in URDF",
         )
     robot = robot.tree
@@ -103,8 +104,8 @@ def _build_joint(joint: Joint, parent: str, child: str) -> Element:
 def _build_mimic(joint: str, tie: Tie) -> Element:
     if len(tie.ratios) != 1:
         raise DynidentError(
-            f"Joint '{joint}' follows {len(tie.ratios)} joints, and a URDF's <mimic> follows one. Export MJCF, C code, "
-            "a CasADi function or JSON.",
+            f"Joint '{joint}' follows {len(tie.ratios)} joints, but a <mimic> of a URDF can follow only one. Export "
+            "MJCF, C code, a CasADi function or JSON.",
             title="Not expressible in URDF",
         )
     [(other, ratio)] = tie.ratios.items()
@@ -135,8 +136,8 @@ def build_inertial(inertial: FloatArray, link: str) -> Element:
     """
     if inertial[9] <= 0:
         raise DynidentError(
-            f"Link '{link}' has the mass {inertial[9]:g} kg; a URDF needs a positive one. Export physically feasible "
-            "parameters.",
+            f"Link '{link}' has the mass {inertial[9]:g} kg, but a URDF needs a positive mass. Export physically "
+            "feasible parameters.",
             title="Not expressible in URDF",
         )
     # Inertial parameters are about the frame's origin, a URDF states the inertia about the centre of mass.

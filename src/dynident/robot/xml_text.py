@@ -91,7 +91,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
         if count > MOST_ELEMENTS:
             raise fail(f"The text has more than {MOST_ELEMENTS} elements.", line)
         if len(open_elements) > DEEPEST:
-            raise fail(f"<{tag}> is inside more than {DEEPEST} other elements.", line)
+            raise fail(f"<{tag}> is nested more than {DEEPEST} levels deep.", line)
         element = Element(tag, attributes, line)
         open_elements[-1].children.append(element)
         open_elements.append(element)
@@ -101,7 +101,7 @@ def parse_xml(text: str, what: str, pointer: str, title: str) -> Element:
 
     # A document type can define entities that expand without end, or that read other files.
     def doctype(*_: object) -> None:
-        raise fail(f"{what} has no document type declaration; remove <!DOCTYPE …>.", None)
+        raise fail(f"{what} must not have a document type declaration; remove <!DOCTYPE …>.", None)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
@@ -201,7 +201,7 @@ def _write_attributes(element: Element) -> str:
     for value in element.attributes.values():
         if NOT_XML.search(value):
             raise DynidentError(
-                f"XML cannot hold {value!r}: it has control characters. Give the joint, link or robot another name.",
+                f"XML cannot contain {value!r}, because it has control characters. Rename the joint, link or robot.",
                 title="Unusable name",
             )
     return "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())

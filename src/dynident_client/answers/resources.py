@@ -156,9 +156,9 @@ class Limits(TypedDict):
     jerk: float | None
     """rad/s³ or m/s³"""
     position: tuple[float, float] | None
-    """Lowest and highest, rad or m"""
+    """Lowest and highest position, rad or m"""
     power: float | None
-    """Of torque times velocity, in W"""
+    """Limit of torque times velocity, in W"""
     velocity: float | None
     """rad/s or m/s"""
 

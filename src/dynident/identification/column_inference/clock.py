@@ -56,8 +56,8 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     choice = next(iter(by_name or even or clocks), None)
     if choice is None:
         detail = (
-            "No column runs as a clock does: which one is the time, and in which unit? Where the file has none, "
-            f"state the rate of its rows in Hz (rate); where another file has it, {TOGETHER}."
+            "No column looks like a clock: which column is the time, and in which unit? If the file has no time, give "
+            f"the rate of its rows in Hz (rate). If the time is in another file, {TOGETHER}."
         )
         work.add_question("columns/t", detail, names)
         return None
@@ -69,7 +69,7 @@ def guess_clock(work: WorkingProposal) -> Clock | None:
     work.columns["t"] = name
     if choice.unit != "s":
         work.units["t"] = choice.unit
-    reason = "its name, and " if by_name else "it runs forward evenly; "
+    reason = "its name, and " if by_name else "it increases evenly; "
     work.add_guess("columns/t", name, 0.98 if sure else 0.5, f"{reason}{choice.reason}; jitter {choice.jitter:.1%}")
     if not sure:
         work.add_question("units/t", f"Is {name} the time, in {choice.unit}? {choice.reason}.", ("s", "ms", "us", "ns"))
@@ -96,7 +96,7 @@ def guess_clock_of_poses(work: WorkingProposal) -> Clock | None:
     work.columns["t"] = work.sample.names[column]
     if unit != "s":
         work.units["t"] = unit
-    reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, a row each"
+    reason = f"its name; positions jump from row to row, {middle:.3g} {unit} apart: poses at rest, one per row"
     work.add_guess("columns/t", work.sample.names[column], 0.95, reason)
     return Clock(column, unit, CLOCK_FACTORS.get(unit, 1.0), 1.0 / middle, 0.0, True, reason)
 
@@ -136,12 +136,12 @@ def guess_efforts_at_poses(
         kind = "motor_current"
     elif kind == "unknown":
         kind = "joint_torque"
-    work.add_guess("effort_kind", kind, 0.8, "by its name; a robot that stands shows no more")
+    work.add_guess("effort_kind", kind, 0.8, "by its name; a robot at standstill gives no more evidence")
     work.assign_columns(signal, effort)
     gains = [drive.gain for drive in work.robot.drives]
     work.take_effort_unit(signal, tau, effort, gains, of_units.compute_reach(work.robot))
     unexplained = None if q is None else fits.measure_unexplained(q, tau)
     if unexplained is not None:
-        reason = "what gravity and constant torques of the robot do not explain of poses at rest"
+        reason = "share of the torque at rest that gravity and constant torques do not explain"
         work.add_guess("check", f"{unexplained:.0%} left", 0.9 if unexplained < _EXPLAINED else 0.4, reason)
     return kind

@@ -62,7 +62,7 @@ def ask_for_missing_joints(named: Sequence[ColumnName], robot: Robot) -> Questio
     if positions is None:
         return None
     names = [name for joint, name in enumerate(robot.joint_names) if joint not in positions[1]]
-    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, and not in the file"
+    where = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} in the robot, but not in the file"
     return Question("robot", f"{where}: lock {_get_pronoun(names)}, --lock {','.join(names)}.")
 
 
@@ -102,7 +102,9 @@ def find_torque_of_most_joints(
             "robot", f"{', '.join(names)} {verbs} no torque: lock {_get_pronoun(names)}, --lock {','.join(locks)}."
         )
     members = tuple(columns.get(joint, empty) for joint in range(robot.n))
-    return ColumnGroup(members, first.signal, first.unit, first.rank, first, "they are of most joints, by their names")
+    return ColumnGroup(
+        members, first.signal, first.unit, first.rank, first, "by their names they belong to most joints"
+    )
 
 
 def _find_columns_of_most_joints(
@@ -168,7 +170,7 @@ def group_few_joints(named: Sequence[ColumnName], rest: Sequence[int], robot: Ro
             columns = tuple(places[letter] for letter in sorted(places))
             first = named[columns[0]]
             groups.append(
-                ColumnGroup(columns, signal, first.unit, rank, first, "the axes are called by their letters, in order")
+                ColumnGroup(columns, signal, first.unit, rank, first, "the axes are named by letters, in order")
             )
     return groups
 
@@ -271,7 +273,7 @@ def group_columns(
         elif hit is not None:
             joint, stem = hit
             by_stem.setdefault(stem, {}).setdefault(joint, index)
-            reasons[stem] = "the joint's name stands in the column's"
+            reasons[stem] = "the column name contains the joint name"
     # Columns of a stem that some joints lack are free for the numbers again.
     used = {index for group in by_stem.values() if len(group) == len(joint_names) for index in group.values()}
     # Names of all joints or none: a stem that some joints lack is left to the numbers.
@@ -295,7 +297,7 @@ def _group_by_own_names(named: Sequence[ColumnName], joint_names: Sequence[str])
         columns = [places.get(f"{signal}_{joint}") for joint in joint_names]
         known = tuple(column for column in columns if column is not None)
         if len(known) == len(joint_names):
-            reason = "they are called as a recording's own columns are"
+            reason = "they have the standard column names"
             groups.append(ColumnGroup(known, signal, None, -1, named[known[0]], reason))
     return groups
 
@@ -368,8 +370,8 @@ def describe_further_joints(named: Sequence[ColumnName], n: int) -> str:
         numbers = sorted(column.numbers[0] for column in members)
         if len(members) > n and numbers == list(range(numbers[0], numbers[0] + len(members))) and numbers[0] in (0, 1):
             return (
-                f" {members[0].name} … {members[-1].name} are {len(members)}, and the robot has {n} joints: which of "
-                "them are theirs?"
+                f" {members[0].name} … {members[-1].name} are {len(members)} columns, but the robot has {n} joints: "
+                "which columns belong to the joints?"
             )
     return ""
 
@@ -395,12 +397,15 @@ def infer_by_elimination(
     efforts = [group for group in groups if group.signal in ("tau", "current", "effort")]
     # One signal is missing and one is left.
     if "q" in have and not efforts and len(whole) == 1:
-        return [replace(only, signal="effort", reason="it is the only signal left")]
+        return [replace(only, signal="effort", reason="it is the only remaining signal")]
     if "q" not in have and efforts:
         best = min(efforts, key=lambda group: (group.rank, group.signal != "tau"))
         share = unexplained(only.columns, best.columns)
         if share < EXPLAINED:
-            reason = f"no other column is called a position, and with it the dynamics leave {share:.0%} of the torque"
+            reason = (
+                f"no other column has the name of a position, and with it the dynamics leave {share:.0%} of the "
+                "torque unexplained"
+            )
             return [replace(only, signal="q", reason=reason)]
     return []
 
@@ -489,4 +494,4 @@ def _group_by_pendant_names(
                 stem = (*column.words[:place], "*", *column.words[place + len(words) :])
                 stems.setdefault(stem, {}).setdefault(joint, index)
     whole = {stem: group for stem, group in stems.items() if len(group) == n}
-    return whole, dict.fromkeys(whole, "the joints are called base, shoulder, elbow and wrist 1 to 3")
+    return whole, dict.fromkeys(whole, "the joints are named base, shoulder, elbow and wrist 1 to 3")

@@ -59,7 +59,7 @@ def condition_sample(
             for ours, column in names.items():
                 # The checks use the names of a stored recording; the user knows only the file's.
                 detail = re.sub(rf"(?<!\w){re.escape(ours)}(?!\w)", rows.names[column], detail)
-            put_right.append(Guess(f"rows/{check.name}", "put right", 0.95, detail))
+            put_right.append(Guess(f"rows/{check.name}", "corrected", 0.95, detail))
     return fill_gaps(right), put_right
 
 

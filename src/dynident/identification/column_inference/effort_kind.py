@@ -50,7 +50,7 @@ def ask_for_gains(
     """
     known = all(gain is not None for gain in gains)
     if any(word in names for word in _BY_THE_CONTROLLER):
-        per = "A, or per cent of the largest current if the controller sends that, as its handbook says"
+        per = "A (or per cent of the largest current, if the manual of the controller says so)"
         if not known:
             return Question("drives", f"{names} are currents: give the drive gains of the joints in N m/{per}.")
         # With gains that fit the description, the unit of the gains is that of the currents, whatever it is called.
@@ -58,8 +58,8 @@ def ask_for_gains(
             return None
         return Question(
             "drives",
-            f"{names} are in {per}: are the robot's drive gains in N m per unit of that? With them they are not the "
-            "torque that the description's inertias need.",
+            f"{names} are in {per}: are the drive gains of the robot in N m per that unit? With these gains the "
+            "torque does not match the inertias of the description.",
         )
     if known:
         return None
@@ -141,7 +141,7 @@ def _compute_roughness(values: FloatArray) -> float:
     return float(np.diff(values, n=_ORDER + 1).var()) / size if size > 0 else 0.0
 
 
-CANNOT_TELL = "whether it was measured or commanded, the data cannot tell: they hold no noise of their own"
+CANNOT_TELL = "the data do not show whether it was measured or commanded, because they contain no noise of their own"
 
 _LOST = 0.75
 """Ratio of the residuals without and with gravity, below which a torque counts as gravity-compensated."""
@@ -220,7 +220,7 @@ def classify_effort(
     commanded = is_commanded(q, tau)
     # A command explains itself, so it has to be told before the dynamics are asked.
     if commanded:
-        reason = "its noise is that of the positions before, as a controller computes it, to a thousandth"
+        reason = "its noise follows from the noise of earlier positions, within 0.1 %, as in the output of a controller"
         return EffortGuess("commanded", 0.9, reason)
     guess = _classify_measured(fits, q, tau, signal, unit, torque_factor, current_factor)
     return guess if commanded is False else replace(guess, reason=f"{guess.reason}; {CANNOT_TELL}")
@@ -238,12 +238,12 @@ def _classify_measured(
     """Classify torques that no controller computed from the positions."""
     motion = fits.to_motion(q, tau)
     if motion is None or not len(motion.q) or not np.isfinite(motion.tau).all():
-        return _classify_by_name(signal, unit, 0.6, "by its name; the sample is too short to be held against the robot")
+        return _classify_by_name(signal, unit, 0.6, "by its name; the sample is too short to compare with the robot")
     # External torques are what remains without the robot's own dynamics, so the motion cannot explain them.
     with_gravity = measure_unexplained_share(fits.robot, motion)
     if with_gravity > _NOTHING:
         return EffortGuess(
-            "external", 0.6, f"motion and gravity explain next to nothing of it ({with_gravity:.0%} left)"
+            "external", 0.6, f"motion and gravity explain almost nothing of it ({with_gravity:.0%} unexplained)"
         )
     # Without gravity in the robot nothing tells whether it is in the torque.
     told_apart = 1.0
@@ -252,24 +252,29 @@ def _classify_measured(
         told_apart = without / max(with_gravity, 1e-9)
         # On a robot that is mounted otherwise than stated, gravity along another axis explains the torque just as well.
         if without < _LOST * with_gravity and find_mounting(fits.robot, motion).unexplained > without / _LOST:
-            reason = f"without gravity the robot's dynamics leave {without:.0%} of it, with gravity {with_gravity:.0%}"
+            reason = (
+                f"the robot's dynamics leave {without:.0%} of it unexplained without gravity, and {with_gravity:.0%} "
+                "with gravity"
+            )
             return EffortGuess("gravity_compensated", 0.9, reason)
     taken_out = detect_compensated_gravity(fits.robot, motion, torque_factor)
     if taken_out is not None:
         reason = (
-            f"of the description's load of gravity {taken_out.gravity:.0%} is in it, of the torque that motion needs "
-            f"{taken_out.motion:.0%}"
+            f"it contains {taken_out.gravity:.0%} of the gravity torque of the description, and "
+            f"{taken_out.motion:.0%} of the torque for the motion"
         )
         return EffortGuess("gravity_compensated", 0.85, reason)
     if signal == "tau":
         scales = compare_with_description(fits.robot, motion)
         if scales is not None and not scales.is_plausible(torque_factor):
             size = scales.median * torque_factor
-            return EffortGuess("unknown", 0.3, f"it is {size:.2g} times what the inertias of the description say")
+            return EffortGuess(
+                "unknown", 0.3, f"it is {size:.2g} times the torque that the inertias of the description need"
+            )
     if signal in ("tau", "current") or unit is not None:
-        return _classify_by_name(signal, unit, 0.9, "by its name; gravity and motion of the robot explain it")
+        return _classify_by_name(signal, unit, 0.9, "by its name; gravity and motion explain it")
     if told_apart < _APART and _has_load(fits.robot, motion):
-        return EffortGuess("unknown", 0.3, "the motion does not tell whether the load of gravity is in it")
+        return EffortGuess("unknown", 0.3, "the motion does not show whether it contains the gravity torque")
     return classify_by_size(fits.robot, motion, torque_factor, current_factor)
 
 
@@ -288,7 +293,7 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
     scales = compare_with_description(robot, motion)
     if scales is None:
         return _classify_by_elimination(robot, motion, torque_factor) or EffortGuess(
-            "unknown", 0.3, "neither name nor description tell torque from current"
+            "unknown", 0.3, "neither the name nor the description shows whether it is torque or current"
         )
     is_torque = scales.is_near_one(np.full(robot.n, torque_factor))
     gains = np.array([np.nan if drive.gain is None else drive.gain for drive in robot.drives])
@@ -300,15 +305,17 @@ def classify_by_size(robot: Robot, motion: Motion, torque_factor: float, current
     # factor.
     agrees = is_torque and not may_be_current and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES
     if agrees:
-        return EffortGuess("joint_torque", 0.9, "it is as large as the inertias of the description say")
+        return EffortGuess("joint_torque", 0.9, "its size matches the inertias of the description")
     if is_current and not is_torque:
-        return EffortGuess("motor_current", 0.9, "with the drive gains it is what the inertias of the description say")
-    if is_torque and may_be_current:
         return EffortGuess(
-            "unknown", 0.3, "with the drive gains and without them it could be what the description says"
+            "motor_current", 0.9, "with the drive gains its size matches the inertias of the description"
         )
+    if is_torque and may_be_current:
+        return EffortGuess("unknown", 0.3, "its size matches the description both with and without the drive gains")
     return _classify_by_elimination(robot, motion, torque_factor) or EffortGuess(
-        "unknown", 0.3, f"taken for torque it is {scales.median * torque_factor:.2g} times what the description says"
+        "unknown",
+        0.3,
+        f"as torque it is {scales.median * torque_factor:.2g} times the value that the description needs",
     )
 
 
@@ -319,7 +326,7 @@ def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float)
     if usual is None:
         # Without masses, only values that are too small for a motor in any unit decide: joint torques in kN m.
         if peak < _LEAST_OF_MOTORS and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
-            return EffortGuess("joint_torque", 0.85, "no arm's motors have currents or torques that are so small")
+            return EffortGuess("joint_torque", 0.85, "it is too small for a current or a torque of an arm's motors")
         return None
     if not _FAIR[0] < usual * torque_factor < _FAIR[1]:
         return None
@@ -328,9 +335,9 @@ def _classify_by_elimination(robot: Robot, motion: Motion, torque_factor: float)
         for unit, factor in (("A", 1.0), ("mA", 1e-3))
         if _CURRENTS[0] <= peak * factor <= _CURRENTS[1] and 1.0 / (usual * factor) <= _LARGEST_GAIN
     ]
-    size = f"it is {usual * torque_factor:.2g} times what the description says"
+    size = f"it is {usual * torque_factor:.2g} times the value that the description needs"
     if not possible and measure_gain_by_other_scales(robot, motion, 2.0) < CLEARLY_AGREES:
-        return EffortGuess("joint_torque", 0.85, f"{size}, and no arm's currents are so large or so small")
+        return EffortGuess("joint_torque", 0.85, f"{size}, and this is not the range of an arm's currents")
     return None
 
 
@@ -438,7 +445,7 @@ def _classify_by_name(signal: str | None, unit: str | None, confidence: float, r
         return EffortGuess("motor_torque", confidence, reason)
     if signal == "tau" or unit in ("N m", "mN m", "kN m", "N cm", "N mm"):
         return EffortGuess("joint_torque", confidence, reason)
-    return EffortGuess("unknown", 0.3, "neither name nor data tell torque from current")
+    return EffortGuess("unknown", 0.3, "neither the name nor the data show whether it is torque or current")
 
 
 def _has_gravity(robot: Robot) -> bool:

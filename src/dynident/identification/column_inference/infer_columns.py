@@ -54,9 +54,9 @@ from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
 
 NO_MEASUREMENT: dict[EffortKind, str] = {
-    "external": "external torques: what the robot's own dynamics need was taken out of them",
-    "gravity_compensated": "gravity-compensated: the load of gravity was taken out of them",
-    "commanded": "commanded and not measured",
+    "external": "external torques: the torque of the robot's own dynamics was subtracted from them",
+    "gravity_compensated": "gravity-compensated: the gravity torque was subtracted from them",
+    "commanded": "commanded, not measured",
 }
 
 _FEWEST_ROWS = 3
@@ -111,7 +111,7 @@ class _ColumnInference(WorkingProposal):
         segment = self._find_segment_column()
         good = np.isfinite(self.t)
         if np.count_nonzero(good) < _FEWEST_ROWS:
-            self.add_question("columns/t", "Hardly any row has a time: which column is it?", sample.names)
+            self.add_question("columns/t", "Hardly any row has a time: which column is the time?", sample.names)
             return self._finish(kind)
         self.values = fill_gaps(sample.values[good])
         self.t = self.t[good]
@@ -126,9 +126,7 @@ class _ColumnInference(WorkingProposal):
         local, rest, following = group_columns(others, self.robot.joint_names, names)
         if following:
             unused = ", ".join(others[index].name for index in following)
-            self.add_guess(
-                "columns", unused, 0.9, "not used: of joints that are not driven, which follow from those that are"
-            )
+            self.add_guess("columns", unused, 0.9, "not used: of passive joints, which follow from the driven joints")
         local += group_few_joints(others, rest, self.robot)
         in_groups = {index for group in local for index in group.columns}
         rest = [index for index in rest if index not in in_groups]
@@ -158,7 +156,7 @@ class _ColumnInference(WorkingProposal):
 
     def _finish(self, kind: EffortKind) -> Proposal:
         if strangers := find_columns_of_other_joints(self.column_names, self.columns, self.robot.n):
-            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: of no joint of the robot, by their names")
+            self.add_guess("columns", ", ".join(strangers), 0.8, "not used: by name of no joint of the robot")
         return Proposal(dict(self.columns), dict(self.units), kind, tuple(self.guesses), tuple(self.questions))
 
     def _report_empty_columns(self) -> None:
@@ -166,7 +164,7 @@ class _ColumnInference(WorkingProposal):
         empty = np.flatnonzero(~np.isfinite(self.sample.values).any(axis=0)) if len(self.sample.values) else ()
         if len(empty):
             names = ", ".join(self.sample.names[column] for column in empty)
-            self.add_guess("columns", names, 0.9, "not used: no row of them holds a number")
+            self.add_guess("columns", names, 0.9, "not used: they contain no numbers")
 
     def _read_signs(self, group: ColumnGroup, kind: str) -> None:
         """Read unsigned register values as signed ones, as an import does."""
@@ -178,8 +176,8 @@ class _ColumnInference(WorkingProposal):
         raw = np.array(self.sample.values)
         raw[:, columns] = register.decode(raw[:, columns])
         self.sample = replace(self.sample, values=raw)
-        detail = f"{self.name_columns(group)} are registers whose sign was not read: {register}. They are read so."
-        self.add_guess("rows/registers", "put right", 0.95, detail)
+        detail = f"{self.name_columns(group)} are signed numbers read as unsigned: {register}. They are corrected."
+        self.add_guess("rows/registers", "corrected", 0.95, detail)
 
     def _mark_unrecorded_torques(self, effort: ColumnGroup) -> None:
         """Treat torques that hold no number as not recorded, as an import does."""
@@ -189,9 +187,7 @@ class _ColumnInference(WorkingProposal):
                 continue
             raw[:, column] = self.values[:, column] = 0.0
             name = self.robot.joint_names[joint]
-            reason = (
-                f"{name} has no torque: its equation is left out, its motion is used; --lock {name} if it is a finger"
-            )
+            reason = f"{name} has no torque: its equation is left out, its motion is used; lock a finger: --lock {name}"
             self.add_guess(f"columns/tau{joint + 1}", self.sample.names[column], 0.9, reason)
             self.silent.append(joint)
         self.sample = replace(self.sample, values=raw)
@@ -204,7 +200,7 @@ class _ColumnInference(WorkingProposal):
                 continue
             if len(np.unique(values)) < max(2, len(values) // 20):
                 self.columns["segment"] = name.name
-                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay for long: runs")
+                self.add_guess("columns/segment", name.name, 0.9, "whole numbers that stay constant for long: segments")
                 return np.asarray(values)
         return None
 
@@ -246,14 +242,14 @@ class _ColumnInference(WorkingProposal):
         place = {column: k for k, column in enumerate(pool)}
         regular = all(is_in_order([place[column] for column in of_signal]) for of_signal in (positions, efforts))
         counted = pool != sorted(pool)
-        reason = f"{kinds.reason}; the joints in the order of {'their numbers' if counted else 'the file'}"
+        reason = f"{kinds.reason}; the joints are in the order of {'their numbers' if counted else 'the file'}"
         if regular and counted and self._is_file_order_as_good(kinds):
             self.add_question(
-                "columns", "The joints stand in one order by their numbers, in another in the file: which one?"
+                "columns", "The numbers of the joints and their order in the file differ: which order is right?"
             )
         if not regular:
             self.add_question(
-                "columns", "The names of the columns do not say which joint they are of, and their order neither."
+                "columns", "Neither the names nor the order of the columns show which joint they belong to."
             )
             q, tau = self.values[:, positions], self.values[:, efforts]
             order, _ = assign_torques(self.t, q, tau)
@@ -284,8 +280,8 @@ class _ColumnInference(WorkingProposal):
                 return None
             more = describe_further_joints(self.column_names, self.robot.n)
             detail = (
-                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} Where "
-                f"they are in another file, {TOGETHER}."
+                f"No columns were recognised as the positions of all joints: name them, q1 and so on.{more} If they "
+                f"are in another file, {TOGETHER}."
             )
             self.add_question("columns/q", detail, self.sample.names)
             return None
@@ -293,7 +289,7 @@ class _ColumnInference(WorkingProposal):
         equal = [group for group in candidates if group.rank == candidates[0].rank]
         if len(equal) > 1 and not hold_same_values(self.values, equal):
             names = tuple(self.name_columns(group) for group in equal)
-            self.add_question("columns/q", "Several sets of columns may be the measured positions: which one?", names)
+            self.add_question("columns/q", "Several sets of columns could be the measured positions: which one?", names)
         elif candidates[0].rank >= 4:
             self.add_question(
                 "columns/q", f"{self.name_columns(candidates[0])} are commanded positions: where are the measured ones?"
@@ -318,7 +314,7 @@ class _ColumnInference(WorkingProposal):
             self.assign_columns(silent[0].signal or "tau", silent[0])
             detail = (
                 f"{self.name_columns(silent[0])} are 0 in every row: was the torque not recorded, or did the robot "
-                "swing with its motors off? Then only ratios can be found, inertia and friction over gravity."
+                "swing with its motors off? Then only ratios can be identified, inertia and friction over gravity."
             )
             self.questions.append(Question("effort_kind", detail, ("joint_torque",), "constant_torque"))
             return None, "joint_torque"
@@ -328,7 +324,7 @@ class _ColumnInference(WorkingProposal):
             if any(question.field == "robot" for question in self.questions):
                 return None, "unknown"
             detail = (
-                "No columns were recognised as torques or currents of all joints. Where they are in another file, "
+                "No columns were recognised as torques or currents of all joints. If they are in another file, "
                 f"{TOGETHER}."
             )
             self.add_question("columns/tau", detail, self.sample.names)
@@ -337,7 +333,7 @@ class _ColumnInference(WorkingProposal):
         equal = [group for group in candidates[1:] if group.rank == best.rank and group.signal == best.signal]
         if equal:
             names = tuple(self.name_columns(group) for group in [best, *equal])
-            self.add_question("columns/tau", "Several sets of columns may be the measured torque: which one?", names)
+            self.add_question("columns/tau", "Several sets of columns could be the measured torque: which one?", names)
         kind: EffortKind = "unknown"
         if best.named.external:
             kind = "external"
@@ -370,7 +366,7 @@ class _ColumnInference(WorkingProposal):
     def _refuse_kind(self, kind: EffortKind, names: str) -> None:
         why = NO_MEASUREMENT[kind]
         self.add_question(
-            "effort_kind", f"{names} are {why}. Nothing can be identified from them; give the measured torque."
+            "effort_kind", f"{names} are {why}. No model can be identified from them; give the measured torque."
         )
 
     def _convert_positions(self, position: ColumnGroup, effort: ColumnGroup) -> FloatArray | None:
@@ -420,10 +416,10 @@ class _ColumnInference(WorkingProposal):
                 self.assign_columns("dq", group)
                 usual = "rad/s" if kinds == {"revolute"} else "m/s"
                 (unit,) = same
-                self.take_unit("dq", of_units.UnitGuess(unit, 0.97, "it is the slope of the positions"), usual)
+                self.take_unit("dq", of_units.UnitGuess(unit, 0.97, "it is the derivative of the positions"), usual)
             else:
                 self.add_guess(
-                    "columns/dq", self.name_columns(group), 0.5, "not used: it is not the slope of these positions"
+                    "columns/dq", self.name_columns(group), 0.5, "not used: it is not the derivative of these positions"
                 )
 
     def _guess_efforts(self, effort: ColumnGroup, q: FloatArray, kind: EffortKind) -> EffortKind:
@@ -445,7 +441,9 @@ class _ColumnInference(WorkingProposal):
         if kind == "unknown":
             kind = by_data.kind
             if kind in ("gravity_compensated", "external", "commanded"):
-                self._refuse_kind(kind, f"{self.name_columns(effort)} look as if they were ({by_data.reason}); they")
+                self._refuse_kind(
+                    kind, f"{self.name_columns(effort)} seem to be of another kind ({by_data.reason}); they"
+                )
         unit_note = "" if torque.unit in ("N m", "N") else f" (in {torque.unit})"
         self.add_guess("effort_kind", kind, by_data.confidence, f"{by_data.reason}{unit_note}")
         if effort.unit in ("permille", "percent"):

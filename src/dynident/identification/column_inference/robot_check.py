@@ -83,12 +83,12 @@ def check_against_dynamics(
             )
         )
     if examined is None or examined.unexplained is None:
-        nothing = "the sample moves too little to be held against the robot's dynamics"
+        nothing = "the sample has too little motion to check it with the robot's dynamics"
         return [*guesses, *([] if is_commanded else [Guess("check", "none", 0.5, nothing)])], questions
     unexplained = examined.unexplained
     worst = robot.joint_names[int(np.argmax(unexplained.joints))]
     reason = (
-        f"what the robot's dynamics do not explain, in the mean over the joints; of {worst} "
+        f"share of the torque that the robot's dynamics do not explain, as the mean over the joints; for {worst} "
         f"{unexplained.worst_share:.0%}"
     )
     if unexplained.average_share < _UNEXPLAINED_LIMIT and not wrong:

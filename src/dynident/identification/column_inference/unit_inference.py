@@ -94,7 +94,7 @@ def guess_counts_unit(
     ]
     if not units:
         return None
-    reason = "no unit of angles makes a joint's of them, and they look like the counts of an encoder"
+    reason = "in no unit of angles are they the range of a joint, and they look like encoder counts"
     unexplained: dict[str, float] = {}
     if tau is not None:
         unexplained = _compute_unexplained_counts(
@@ -238,13 +238,17 @@ def guess_position_unit(
         if clear and len(unexplained) == len(likely) and best in usual:
             others = ", ".join(f"{unexplained[unit]:.0%} as {unit}" for unit in ranked[1:])
             return UnitGuess(
-                best, 0.97, f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque, {others}"
+                best,
+                0.97,
+                f"as {best} the robot's dynamics leave {unexplained[best]:.0%} of the torque unexplained, {others}",
             )
         if clear and len(unexplained) == len(likely):
             return UnitGuess(best, 0.6, f"as {best} the robot's dynamics explain the torque best")
     if len(usual) == 1:
-        ranges = f"the widest motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"
-        return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is out of the question")
+        ranges = (
+            f"the largest range of motion is then {np.rad2deg(reach * get_factor('q', 'revolute', usual[0])):.0f} deg"
+        )
+        return UnitGuess(usual[0], 0.9, f"{ranges}; the other usual unit is not plausible")
     return UnitGuess(usual[0] if usual else "rad", 0.4, "several units are possible")
 
 
@@ -310,13 +314,11 @@ def guess_stroke_unit(q: FloatArray, limits: tuple[float, float] | None, stated:
         fits = [unit for unit, factor in (("m", 1.0), ("mm", 1e-3)) if factor * reach <= 1.1 * (limits[1] - limits[0])]
         fits = [unit for unit in fits if (1.0 if unit == "m" else 1e-3) * reach > 1e-3 * (limits[1] - limits[0])]
         if len(fits) == 1:
-            return UnitGuess(
-                fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint's limits allow that in {fits[0]}"
-            )
+            return UnitGuess(fits[0], 0.95, f"its stroke is {reach:.3g}, and the joint limits allow this in {fits[0]}")
     if most < _STROKE[1] and reach < 2.0:
-        return UnitGuess("m", 0.9, f"its stroke is {reach:.3g}: in mm that would be hardly any motion")
+        return UnitGuess("m", 0.9, f"its stroke is {reach:.3g}: in mm this would be almost no motion")
     if reach > 8.0:
-        return UnitGuess("mm", 0.9, f"its stroke is {reach:.3g}: in m that would be a crane")
+        return UnitGuess("mm", 0.9, f"its stroke is {reach:.3g}: in m this would be too long for a robot")
     return UnitGuess("m", 0.5, f"its stroke is {reach:.3g}")
 
 
@@ -341,7 +343,7 @@ def guess_rate_unit(signal: str, kind: str, factor: float, stated: str | None) -
     if stated in near and near[stated] <= 0.12:
         best = stated
     assert best is not None
-    return UnitGuess(best, 0.97, "it is the slope of the position")
+    return UnitGuess(best, 0.97, "it is the derivative of the position")
 
 
 def compute_reach(robot: Robot) -> float:
@@ -388,15 +390,13 @@ def guess_torque_unit(robot: Robot, tau: FloatArray, stated: str | None, reach: 
     if stated is not None and stated in known:
         if is_fitting(stated):
             return UnitGuess(stated, 0.99, f"its name says {stated}")
-        return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is strange for this robot")
+        return UnitGuess(stated, 0.82, f"its name says {stated}, though {most:.3g} {stated} is unusual for this robot")
     possible = [unit for unit in (base, small, large) if is_fitting(unit)]
     if len(possible) == 1:
         return UnitGuess(
-            possible[0], 0.92, f"its largest value, {most:.4g}, is what a robot of this size needs in {possible[0]}"
+            possible[0], 0.92, f"its largest value, {most:.4g}, is plausible for a robot of this size in {possible[0]}"
         )
-    return UnitGuess(
-        base, 0.4, f"its largest value is {most:.4g}; {' or '.join(possible) or 'no unit'} would be possible"
-    )
+    return UnitGuess(base, 0.4, f"its largest value is {most:.4g}; {' or '.join(possible) or 'no unit'} is possible")
 
 
 def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robot, stated: str | None) -> UnitGuess:
@@ -426,13 +426,13 @@ def guess_current_unit(i: FloatArray, gains: Sequence[float | None], robot: Robo
         # The joint that comes nearest to its limit tells most.
         share = max(shares)
         if 0.01 <= share <= 2.0:
-            return UnitGuess("A", 0.95, f"with the drive gains they make at most {share:.0%} of the limits of torque")
+            return UnitGuess("A", 0.95, f"with the drive gains they reach at most {share:.0%} of the torque limits")
         if 10.0 <= share <= 2000.0:
-            return UnitGuess("mA", 0.95, f"as A they would make {share:.0f} times the limits of torque")
+            return UnitGuess("mA", 0.95, f"in A they would give {share:.0f} times the torque limits")
     peak = float(most.max())
     # Without gains the size alone decides: drives of arms take up to some tens of A.
     if peak > 150.0:
-        return UnitGuess("mA", 0.9, f"the largest is {peak:.4g}, which no joint of a robot draws in A")
+        return UnitGuess("mA", 0.9, f"the largest is {peak:.4g}, too large for a robot joint in A")
     if peak < 60.0:
         return UnitGuess("A", 0.9 if peak > 0.1 else 0.6, f"the largest is {peak:.4g}")
     return UnitGuess("A", 0.5, f"the largest is {peak:.4g}")

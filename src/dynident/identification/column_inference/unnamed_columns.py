@@ -113,7 +113,7 @@ def _split_by_slopes(t: FloatArray, part: FloatArray, columns: Sequence[int], n:
         tuple(columns[first] for first, _ in pairs),
         tuple(columns[second] for _, second in pairs),
         tuple(columns[index] for index in rest),
-        "some columns are the slopes of others, and the rest of neither",
+        "some columns are the derivatives of others, and the other columns are not",
     )
 
 
@@ -136,7 +136,7 @@ def _split_three_blocks(
     if best is None:
         return None
     q, dq, tau = (tuple(columns[index] for index in block) for block in best[1])
-    return UnnamedColumns(q, dq, tau, "of the joints that move one block of columns is the slope of another")
+    return UnnamedColumns(q, dq, tau, "for the joints that move, one block of columns is the derivative of another")
 
 
 def _split_two_blocks(
@@ -153,7 +153,10 @@ def _split_two_blocks(
         return None
     share, q, tau = trials[0]
     return UnnamedColumns(
-        q, (), tau, f"taken so, the robot's dynamics leave {share:.0%} of the torque; otherwise far more"
+        q,
+        (),
+        tau,
+        f"with this choice the robot's dynamics leave {share:.0%} of the torque unexplained; with others far more",
     )
 
 

@@ -125,7 +125,9 @@ class WorkingProposal:
         guess = of_units.guess_torque_unit(self.robot, tau, effort.unit, reach)
         if effort.signal == "effort" and effort.unit is None and guess.unit not in ("N m", "N"):
             # The name does not say torque: a current, a register, or a position error times a gain may be as large.
-            reason = f"{guess.reason}: if it is a torque at all, and no current, register or error of a controller"
+            reason = (
+                f"{guess.reason}: if it is really a torque, and not a current, a register or the error of a controller"
+            )
             guess = of_units.UnitGuess("N m", 0.5, reason, ("N m", guess.unit))
         for index, joint in enumerate(self.robot.joints):
             mixed = len({other.kind for other in self.robot.joints}) > 1

@@ -79,7 +79,7 @@ def check_recordings(robot: Robot, recordings: Sequence[Recording], validation: 
             # The order counts as well: columns are matched to joints by their place.
             if recording.joint_names != robot.joint_names:
                 raise DynidentError(
-                    f"{recording.name} has the joints {', '.join(recording.joint_names)}; the robot has "
+                    f"{recording.name} has the joints {', '.join(recording.joint_names)}, but the robot has "
                     f"{', '.join(robot.joint_names)}",
                     pointer=f"{pointer}/{index}",
                     title="Another robot's measurement",
@@ -104,7 +104,7 @@ def check_joint_torques(name: ModelName, recordings: Sequence[Recording]) -> Non
     lacking = [recording for recording in recordings if recording.joints_without_torque]
     if lacking and name in ("power", "energy"):
         raise DynidentError(
-            f"the {name} model adds up the work of all joints, and {lacking[0].name} has no torque of "
+            f"the {name} model adds up the work of all joints, but {lacking[0].name} has no torque of "
             f"{', '.join(lacking[0].joints_without_torque)}; choose the dynamic or the filtered model",
             pointer="/model",
             title="No torque",
@@ -133,8 +133,9 @@ def check_temperature(
         cold = [recording.name for recording in (*recordings, *validation) if not recording.has_temperature]
         if cold:
             raise DynidentError(
-                f"{choice.effect} needs the temperature of every joint; {', '.join(cold)} has no columns temperature1, "
-                f"temperature2, …. Record them, or choose warm_up_friction, which needs the time of the session alone",
+                f"{choice.effect} needs the temperature of every joint, but {', '.join(cold)} has no columns "
+                "temperature1, temperature2, …. Record them, or choose warm_up_friction, which needs only the time of "
+                "the session",
                 pointer=f"/effects/{index}",
                 title="Temperature needed",
             )
@@ -166,14 +167,14 @@ def check_runs(
         strangers = [run for run in choice.runs if run not in known | besides]
         if choice.runs and not strangers and not known & set(choice.runs):
             raise DynidentError(
-                f"{choice.effect} is said to be in held-out runs alone, of which nothing is identified; name those "
-                f"that have it of {', '.join(labels)} as well",
+                f"{choice.effect} is declared only in held-out runs, from which nothing is identified; also name the "
+                f"runs with this effect among {', '.join(labels)}",
                 pointer=f"/effects/{index}/runs",
                 title="Unknown run",
             )
         if strangers:
             raise DynidentError(
-                f"{choice.effect} is said to be in {', '.join(strangers)}; the runs are: {', '.join(labels)}",
+                f"{choice.effect} is declared in {', '.join(strangers)}, but the runs are: {', '.join(labels)}",
                 pointer=f"/effects/{index}/runs",
                 title="Unknown run",
             )
@@ -181,8 +182,8 @@ def check_runs(
         stated = any(recording.payload is not None for recording in recordings)
         if get_effect(choice.effect, f"/effects/{index}").in_some_runs and not choice.runs and not stated:
             raise DynidentError(
-                f"{choice.effect} has to be in some of the runs: name them (runs), out of {', '.join(labels)}, or "
-                "state the payload in the metadata of the measurements that have one",
+                f"{choice.effect} needs the runs in which it acts: name them (runs), out of {', '.join(labels)}, or "
+                "give the payload in the metadata of the measurements with a payload",
                 pointer=f"/effects/{index}/runs",
                 title="Runs needed",
             )
@@ -210,13 +211,13 @@ def check_equations(model: Model, name: ModelName, equations: Reduction, torque:
     if not lost or find_undetermined_parameters(model, torque):
         return
     why = {
-        "energy": "one equation over intervals, and none for what does no work",
-        "power": "one equation, and none for what does no work",
+        "energy": "its equation adds up energy over intervals, and torques that do no work do not appear in it",
+        "power": "its equation adds up power, and torques that do no work do not appear in it",
     }
     raise EstimationError(
-        f"not identifiable with the {name} model ({why.get(name, 'its equations')}): {', '.join(lost)}. The joints' "
-        "torques do show them: choose the dynamic or the filtered model, leave these effects out, or record a motion "
-        "whose joints do not swing together",
+        f"not identifiable with the {name} model ({why.get(name, 'its equations do not show them')}): "
+        f"{', '.join(lost)}. The joint torques show them: choose the dynamic or the filtered model, leave these "
+        "effects out, or record a motion whose joints do not swing together",
         pointer="/model",
         title="Not identifiable with this model",
     )
@@ -245,8 +246,8 @@ def check_torque(model: Model, torque: Reduction) -> None:
     ]
     if dead:
         raise EstimationError(
-            f"the torque of {', '.join(dead)} is zero throughout, which no weighting of the joints can make sense of; "
-            "check which column holds it, and that the drive was on, or lock that joint",
+            f"the torque of {', '.join(dead)} is zero everywhere, so no weight of this joint can be computed; check "
+            "which column has its torque and that the drive was on, or lock the joint",
             pointer="/measurement_ids",
             title="No torque",
         )
@@ -277,18 +278,19 @@ def check_reduction(model: Model, reduction: Reduction, known: PriorInformation 
         )
     if not any(equation.joint_factor[:, -1].any() for equation in reduction.equations):
         raise EstimationError(
-            "the torque is zero throughout: it was not recorded, or the motors were off. Of a robot that swings freely "
-            f"only ratios can be found, inertia and friction over gravity{_describe_ratios(model, reduction)}. For the "
-            "parameters themselves record the torque of a motion that the motors drive, or check which columns hold it",
+            "the torque is zero everywhere: it was not recorded, or the motors were off. From a robot that swings "
+            "freely only ratios can be identified, inertia and friction over "
+            f"gravity{_describe_ratios(model, reduction)}. For the parameters themselves record the torque of a "
+            "motion that the motors drive, or check which columns contain it",
             pointer="/measurement_ids",
             title="No torque",
         )
     unseen = find_undetermined_parameters(model, reduction, known)
     if unseen:
         raise EstimationError(
-            f"not identifiable from this data: {_name_parameters(model, unseen)} (a joint that does not move enough "
-            "leaves its parameters undetermined); lock that joint, leave its effects out, or add a run in which it "
-            "moves",
+            f"not identifiable from this data: {_name_parameters(model, unseen)} (the data do not determine the "
+            "parameters of a joint that moves too little); lock that joint, leave its effects out, or add a run in "
+            "which it moves",
             pointer="/measurement_ids",
             title="Not identifiable",
         )
@@ -330,7 +332,7 @@ def _describe_ratios(model: Model, reduction: Reduction) -> str:
     # The parameters that shape the motion most are named first.
     order = [k for k in np.argsort(-np.abs(share)) if k != lead][:_MOST_RATIOS]
     named = ", ".join(f"{parameters[k].name} = {values[k]:.3g} {parameters[k].unit}" for k in (lead, *order))
-    return f"; up to one common factor {named}"
+    return f"; up to a common factor {named}"
 
 
 def _name_parameters(model: Model, names: Sequence[str]) -> str:

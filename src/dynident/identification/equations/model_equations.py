@@ -62,7 +62,7 @@ def build_wrench_equations(
     # The wrench holds only what the base feels; a parameter that it does not show would be any number.
     if wrench.unseen:
         raise EstimationError(
-            f"the base's wrench does not determine {', '.join(wrench.unseen)} of this robot; choose another model",
+            f"the base wrench does not determine {', '.join(wrench.unseen)} of this robot; choose another model",
             pointer="/model",
             title="Not identifiable with this model",
         )
@@ -83,11 +83,11 @@ def check_wrench_effects(model: Model) -> None:
     for index, choice in enumerate(model.effects):
         if choice.effect in silent_ones:
             raise DynidentError(
-                f"{', '.join(sorted(silent_ones))}: not in the base's wrench, which holds the weight and the motion of "
-                "the links; what acts between two links, like friction, a motor or a spring, cancels in it. Choose the "
-                "effect rigid_body, and payload where some runs carry one, or another model",
+                f"{', '.join(sorted(silent_ones))}: not in the base wrench, which contains only the weight and the "
+                "motion of the links; torques between two links, such as friction, a motor or a spring, cancel in it. "
+                "Choose the effect rigid_body, and payload if some runs carry one, or another model",
                 pointer=f"/effects/{index}",
-                title="Effects that the base's wrench does not show",
+                title="Effects that the base wrench does not show",
             )
 
 
@@ -213,9 +213,9 @@ def _choose_pole(recordings: Sequence[Recording], preprocessing: Preprocessing) 
     # The pole in rad/s whose corner is the cut-off in Hz.
     pole = max(_SMALLEST_POLE, round(2.0 * pi * cutoff, 1))
     return pole, (
-        f"Filtered model: a = {pole:g} rad/s in F(s), 2 pi times {source} of {cutoff:.3g} Hz (not below "
-        f"{_SMALLEST_POLE:g} rad/s, the least that is recommended): F(s) keeps the motion, and what it lets through "
-        "above is filtered away."
+        f"Filtered model: a = {pole:g} rad/s in F(s), 2 pi times {source} of {cutoff:.3g} Hz (at least "
+        f"{_SMALLEST_POLE:g} rad/s, the smallest recommended value): F(s) passes the motion, and a further filter "
+        "removes the noise above it."
     )
 
 
@@ -231,8 +231,8 @@ def _choose_interval(recordings: Sequence[Recording]) -> tuple[float, str]:
     interval = 1.0 / (SHARE_OF_PERIOD * band)
     return interval, (
         f"Energy model: intervals of {interval:.3g} s, an eighth of the shortest period of the motion (its band ends "
-        f"at {band:.2g} Hz): energy swings twice as fast as the motion, and differs most over half a swing; over "
-        "longer intervals offsets add up."
+        f"at {band:.2g} Hz): energy oscillates at twice the frequency of the motion, and differs most over half of "
+        "its period; over longer intervals torque offsets accumulate."
     )
 
 
@@ -240,13 +240,13 @@ def _no_rows_error(rows: RowOptions) -> DynidentError:
     """Return the error that no rows are left, with the remedy for the equation type."""
     if rows.model == "filtered" and rows.pole is not None:
         detail = (
-            f"no rows are left: F(s) with a = {rows.pole:g} rad/s needs {10 / rows.pole:.3g} s to settle, which "
-            "no run inside the windows outlasts; use a longer recording, wider windows, or a larger pole"
+            f"no rows are left: F(s) with a = {rows.pole:g} rad/s needs {10 / rows.pole:.3g} s to settle, but no run "
+            "inside the windows is longer; use a longer recording, wider windows, or a larger pole"
         )
         return DynidentError(detail, pointer="/pole", title="Too few samples")
     if rows.model == "energy" and rows.interval is not None:
         detail = (
-            f"no rows are left: no run inside the windows holds an interval of {rows.interval:g} s; use a longer "
+            f"no rows are left: no run inside the windows contains an interval of {rows.interval:g} s; use a longer "
             "recording, wider windows, or a shorter interval"
         )
         return DynidentError(detail, pointer="/interval", title="Too few samples")

@@ -249,10 +249,10 @@ def minimise_entropic_cost(
         if not np.isfinite(compute_cost(values)):
             break
     raise DynidentError(
-        "the physically feasible parameters nearest to the description have not settled: a prior_error of "
-        f"{prior.share:g} may be too large to hold them. State a smaller one, or use the prior description",
+        "the search for the physically feasible parameters nearest to the description did not converge: a prior_error "
+        f"of {prior.share:g} may be too large. Give a smaller one, or use the prior description",
         pointer="/prior",
-        title="Not settled",
+        title="Not converged",
     )
 
 
@@ -267,20 +267,20 @@ def _list_warnings(
     sentences = []
     at_zero = [model.columns[k].name for k in constrained.zeros]
     if at_zero:
-        sentences.append(f"Held at zero, below which nature allows nothing: {', '.join(at_zero)}.")
+        sentences.append(f"Held at zero, because negative values are not physically possible: {', '.join(at_zero)}.")
     at_edge = [problem.bodies[place].name for place in constrained.edges]
     if at_edge:
         sentences.append(
-            f"Held at the edge of what a body can be (no mass is negative anywhere in it): {', '.join(at_edge)}."
+            f"Held at the limit of physical feasibility (no part of a body has negative mass): {', '.join(at_edge)}."
         )
     if sentences:
-        sentences.append("Standard deviations take these limits as certain.")
+        sentences.append("The standard deviations assume that these limits are exact.")
     # A constraint that costs much says that the data contradict the model, or do not determine it.
     before = compute_errors(equations, unconstrained.values).rms_total
     after = compute_errors(equations, problem.to_base_parameters(constrained)).rms_total
     if before > 0 and after > FREE * before:
         sentences.append(
-            f"Physical feasibility costs {after / before - 1:.0%} of the residual in the fit: the data want parameters "
-            "that no robot has, because the motion does not determine them or an effect is missing."
+            f"Physical feasibility increases the residual of the fit by {after / before - 1:.0%}: without it the data "
+            "give parameters that no robot has, because the motion does not determine them or an effect is missing."
         )
     return tuple(sentences)

@@ -73,8 +73,8 @@ class TorqueFunction:
             # By their names: the symbols of another set of signals are other objects.
             if {symbol.name() for symbol in ca.symvar(column.torque)} - motion:
                 raise DynidentError(
-                    f"{column.effect} depends on more than position, velocity and acceleration: a filter that takes "
-                    "one sample at a time has no state for it. Leave it out, or choose another estimator",
+                    f"{column.effect} depends on more than position, velocity and acceleration, so a filter that "
+                    "takes one sample at a time cannot compute it. Leave it out, or choose another estimator",
                     pointer="/estimator",
                     title="Effect without a filter",
                 )
@@ -179,14 +179,14 @@ def run_filter(
     rows = accumulate_equations(way.iterate_rows, [np.arange(c)] * n, c, data.recordings, in_turn=True)
     if not way.samples:
         raise DynidentError(
-            "there are too few samples in a row for a filter; use a longer recording",
+            "there are too few consecutive samples for a filter; use a longer recording",
             pointer="/measurement_ids",
             title="Too few samples",
         )
     surprise = way.surprise / way.samples
     # Written so that a value that is no number counts as divergence.
     if not surprise < _LOST_ON_AVERAGE:
-        raise divergence_error(f"its innovations vary {surprise:.2g} times as much as its noises say")
+        raise divergence_error(f"the variance of its innovations is {surprise:.2g} times the expected value")
     way.record_state()
     times, values, deviations = (np.array(item) for item in zip(*way.kept, strict=True))
     return KalmanRun(times, values, deviations, rows, surprise)
@@ -249,9 +249,7 @@ class _FilterPass:
         # A single outlier is no divergence, but many in a row are.
         self._lost = self._lost + 1 if step.surprise > _LOST else 0
         if self._lost > _LOST_SAMPLES or not np.isfinite(kalman.values).all():
-            raise divergence_error(
-                f"from t = {now.t:.2f} s of {recording.name} on it does not follow the motion any more"
-            )
+            raise divergence_error(f"from t = {now.t:.2f} s of {recording.name} on it no longer follows the motion")
         self.values, self.covariance = kalman.values, kalman.covariance
         self.seen += recording.period
         self.samples += 1
@@ -299,7 +297,7 @@ def _iterate_samples(recording: Recording, filters: Preprocessing, phases: RowPh
 def divergence_error(how: str) -> EstimationError:
     """Return the error of a filter that does not follow the data."""
     return EstimationError(
-        f"the Kalman filter diverged: {how}. Begin with better values (the prior description, a longer recording), or "
+        f"the Kalman filter diverged: {how}. Start with better values (the prior description, a longer recording), or "
         "use wls",
         pointer="/estimator",
         title="Divergence",
@@ -370,7 +368,7 @@ def estimate_by_kalman_filter(problem: Problem) -> Fit:
     # Written so that an error that is no number counts as divergence.
     if not after <= _WORSE * before + _ALLOWED:
         raise divergence_error(
-            f"its parameters end with a torque error of {after:.1%}, those it began with had {before:.1%}"
+            f"its final parameters have a torque error of {after:.1%}, its initial parameters {before:.1%}"
         )
     noise = compute_noise_levels(data.equations, values)
     solution = Solution(values, noise, build_weighted_factor(data.equations, noise, known)[:-1, :-1], known)
@@ -462,9 +460,10 @@ def _solve_beginning(model: Model, data: Data, known: PriorInformation | None) -
 def _list_warnings(run: KalmanRun, uncertainty: Statistics, share: float, changing: int) -> tuple[str, ...]:
     own = np.maximum(run.deviations[-1], np.finfo(float).tiny)
     sentences = [
-        f"The Kalman filter began with the first {share:.0%} of the data and saw {run.times[-1]:.1f} s. Its standard "
-        f"deviations are {np.median(uncertainty.standard_deviations / own):.2g} times those of its own covariance "
-        "(median), which takes what it leaves for white noise of the size that it expects.",
+        f"The Kalman filter used the first {share:.0%} of the data for its initial values, and processed "
+        f"{run.times[-1]:.1f} s. Its standard deviations are {np.median(uncertainty.standard_deviations / own):.2g} "
+        "times those of its own covariance (median), which assumes that its residuals are white noise of the expected "
+        "size.",
     ]
     if changing:
         sentences.append(

@@ -96,15 +96,15 @@ def _reweight_until_settled(
 def _check_data(data: Data) -> None:
     if data.equations is not data.torque:
         raise DynidentError(
-            "irls gives each row of the joints' torques a weight of its own, and these equations are made of many rows "
-            "at a time; choose the dynamic model with the global strategy, or another estimator",
+            "irls gives each row of the joint torques its own weight, but these equations combine many rows; choose "
+            "the dynamic model with the global strategy, or another estimator",
             pointer="/estimator",
             title="Choices that do not fit",
         )
     if not data.recordings:
         raise DynidentError(
-            "irls goes through the samples of the recordings again, and only their reduced data are at hand; identify "
-            "from the recordings, or choose ols, wls or feasible",
+            "irls needs the samples of the recordings, but only their reduced data are available; identify from the "
+            "recordings, or choose ols, wls or feasible",
             pointer="/estimator",
             title="Recordings needed",
         )
@@ -178,7 +178,9 @@ class _Passes:
         joints = ", ".join(f"{names[j]} {shares[j]:.1%}" for j in np.argsort(-shares) if shares[j] >= _NOTABLE)
         when = [place for part in times for place in part]
         spans = _find_spans([when[k] for k in np.flatnonzero(rejected.any(axis=1))])
-        return (f"Rows that nothing in the model explains were given up: {joints}; most at {', '.join(spans)}.",)
+        return (
+            f"The model does not explain some rows, and they have no weight: {joints}; most at {', '.join(spans)}.",
+        )
 
     def _reduce(self, change: Callable[[FilteredSamples], FilteredSamples]) -> Reduction:
         data = self.data

@@ -83,12 +83,12 @@ def estimate_by_instrumental_variables(problem: Problem) -> Fit:
     settled = _alternate(model, data, references, known, solve)
     summary = (
         f"Instrumental variables from a simulated robot ({BANDWIDTH:g} Hz of control bandwidth) that follows "
-        f"{references.words}; settled after {settled.rounds} rounds; the weakest correlation "
-        f"between simulated and measured columns is {strength:.3f}."
+        f"{references.words}; converged after {settled.rounds} iterations; the weakest correlation between simulated "
+        f"and measured columns is {strength:.3f}."
     )
     warnings = (summary, *references.warnings, *settled.warnings)
     if strength < _STRONG:
-        warnings += ("The instruments are weak in some direction: the standard deviations there are rough.",)
+        warnings += ("The instruments are weak in some directions: the standard deviations there are inaccurate.",)
     return Fit(settled.fit.solution, settled.fit.statistics, warnings)
 
 
@@ -130,7 +130,7 @@ def estimate_by_output_error(problem: Problem) -> Fit:
     settled = _alternate(model, data, references, known, solve)
     summary = (
         f"Output error: torque simulated along {references.words} under a control bandwidth of {BANDWIDTH:g} Hz; "
-        f"settled after {settled.rounds} rounds at a simulated torque error of {error:.3g} rms."
+        f"converged after {settled.rounds} iterations at a simulated torque error of {error:.3g} rms."
     )
     return Fit(settled.fit.solution, settled.fit.statistics, (summary, *references.warnings, *settled.warnings))
 
@@ -161,12 +161,12 @@ def _choose_references(data: Data, measured: float | None) -> _References:
             continue
         motions.append(read_whole_segments(recording, Preprocessing(cutoff, None, 1)))
         if command is not None:
-            how = f"even delayed, they are off the measured ones by {command.rest:.0%} of the motion"
+            how = f"even with a delay they differ from the measured positions by {command.rest:.0%} of the motion"
             why = how if np.isfinite(command.rest) else "not all of them are numbers"
             warnings.append(f"The commanded positions of {recording.name} are not used: {why}.")
     words = []
     if delays:
-        words.append(f"the commanded positions, shifted in time by up to {1e3 * max(delays):.0f} ms as the robot was")
+        words.append(f"the commanded positions, delayed by up to {1e3 * max(delays):.0f} ms like the robot")
     if len(delays) < len(motions):
         words.append(f"the measured positions below {cutoff:.2g} Hz")
     return _References(motions, " or ".join(words), tuple(warnings))
@@ -199,7 +199,7 @@ def _alternate(
     # Unsettled estimates are still the best there are; the warning says that they are not final.
     assert fitted is not None
     unsettled = (
-        f"The estimates have not settled after {_ROUNDS} rounds of simulation: the last changed one of them by "
+        f"The estimates did not converge in {_ROUNDS} iterations of simulation: the last one changed an estimate by "
         f"{change:.2g} of its standard deviations."
     )
     restless = replace(fitted, solution=replace(fitted.solution, converged=False))
@@ -228,7 +228,7 @@ def _simulate_recordings(
     except DynidentError as error:
         raise DynidentError(
             f"the robot with the estimated parameters cannot be simulated along the recordings: {error.detail}. Use "
-            "wls or feasible, or data that excite the robot more",
+            "wls or feasible, or data with more excitation",
             pointer="/estimator",
             title="No simulation",
         ) from error

@@ -206,7 +206,7 @@ def read_longest_piece(recording: Recording, preprocessing: Preprocessing, longe
                 best, longest_length, segment_of_best = run, length, block.segment
     if longest_length < 2:
         raise DynidentError(
-            f"{recording.name} has no unbroken stretch of samples inside its windows",
+            f"{recording.name} has no consecutive samples inside its windows",
             pointer="/windows",
             title="No motion to simulate",
         )
@@ -287,8 +287,8 @@ def build_movable_simulator(model: Model, values: FloatArray) -> Simulator:
         if links is None:
             raise DynidentError(
                 "the inertia matrix of the first estimate is not positive definite, and the description has no "
-                "inertias to begin with: no motion can be simulated. Use wls or feasible, or data that excite the "
-                "robot more",
+                "inertias to start with, so no motion can be simulated. Use wls or feasible, or data with more "
+                "excitation",
                 pointer="/estimator",
                 title="No simulation",
             )

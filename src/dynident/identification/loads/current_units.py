@@ -134,7 +134,7 @@ def identify_currents(
         For an effect that rests on predicted torque or has a constant to be searched for, motors that act on several
         joints, or data that do not determine a joint's parameters.
     """
-    refuse_coupled_drives(robot, "currents are told joint by joint for")
+    refuse_coupled_drives(robot, "current units are identified joint by joint for")
     # Files usually hold torque that somebody computed from the current; dividing by that gain undoes it.
     gains = get_stated_gains(robot, stated)
     check_current_effects(effects)
@@ -178,11 +178,14 @@ def check_current_effects(effects: Sequence[EffectChoice]) -> None:
         open_ones = [spec.name for spec in effect.shapes if spec.name not in choice.shape_values]
         reason = ""
         if effect.needs_load:
-            reason = "rests on the predicted torque, which nobody knows without the gains; leave it out"
+            reason = "depends on the predicted torque, which is unknown without the gains; leave it out"
         elif effect.in_some_runs:
-            reason = "is in some of the runs alone, and all are taken alike here; leave it out"
+            reason = "acts only in some runs, but here all runs are treated alike; leave it out"
         elif open_ones:
-            reason = f"has constants that are not searched for here: give {', '.join(open_ones)}, or leave it out"
+            reason = (
+                f"has shape constants that this method does not search for: give {', '.join(open_ones)}, or leave it "
+                "out"
+            )
         if reason:
             raise DynidentError(f"{choice.effect} {reason}", pointer=f"/effects/{index}", title="Unfit effect")
 
@@ -199,7 +202,7 @@ def _identify_current(
     name = model.robot.joint_names[joint]
     # A column of zeros would be fitted perfectly by zeros.
     if not own.equations[joint].joint_factor[:, -1].any():
-        raise DynidentError(f"the current of {name} is zero throughout", pointer="/measurement_ids", title="No current")
+        raise DynidentError(f"the current of {name} is zero everywhere", pointer="/measurement_ids", title="No current")
     solution = weighted(own)
     certainty = statistics(own, solution)
     per_unit = f"A/({model.robot.joints[joint].effort_unit})"

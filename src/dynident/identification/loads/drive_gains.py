@@ -53,7 +53,7 @@ def get_stated_gains(robot: Robot, stated: Sequence[float] | None) -> FloatArray
     # A gain of zero would make every torque zero; a negative one is a matter of signs, and allowed.
     if gains.shape != (robot.n,) or not np.all(np.isfinite(gains) & (gains != 0)):
         raise DynidentError(
-            f"the stated gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
+            f"the given gains are {list(stated)}; give one number other than 0 for each of the {robot.n} joints",
             pointer="/gains",
         )
     return gains
@@ -77,7 +77,7 @@ def refuse_coupled_drives(robot: Robot, what: str) -> None:
     coupled = [name for name, drive in zip(robot.joint_names, robot.drives, strict=True) if drive.coupling]
     if coupled:
         raise DynidentError(
-            f"the motors of {', '.join(coupled)} act on several joints; {what} motors of one joint each",
+            f"the motors of {', '.join(coupled)} act on several joints; {what} motors that each act on one joint",
             pointer=f"/drives/{coupled[0]}/coupling",
             title="Coupled drives",
         )
@@ -376,8 +376,8 @@ def solve_total_least_squares(reduction: Reduction, known: Mapping[int, float]) 
 
 def _unsettled_error() -> EstimationError:
     return EstimationError(
-        "the gains do not settle: the payload's torque is too small beside the noise; carry a heavier one, and check "
-        "the mass that is stated",
+        "the gains do not converge: the payload torque is too small compared with the noise; carry a heavier payload, "
+        "and check the given mass",
         pointer="/loaded_ids",
         title="Not identifiable",
     )
@@ -405,7 +405,7 @@ def _compute_start(reduction: Reduction, fixed: FloatArray, free: IndexArray) ->
     sizes = np.linalg.norm(rows, axis=0)
     if not sizes.all():
         raise EstimationError(
-            "the known payload, or a joint's torque, leaves no trace in the data",
+            "the known payload, or the torque of a joint, has no effect in the data",
             pointer="/loaded_ids",
             title="Not identifiable",
         )
@@ -454,7 +454,7 @@ def _warn_of_uncertain_gains(robot: Robot, deviations: FloatArray, identifiable:
     """Return a warning for every gain that the data do not determine."""
     return [
         f"The gain of {name} is not identifiable from this data: its standard deviation is {deviation:.0%}. The "
-        "payload changes too little of what this joint feels: carry a heavier one, or move more."
+        "payload changes the torque of this joint too little: carry a heavier payload, or move more."
         for name, deviation, good in zip(robot.joint_names, deviations, identifiable, strict=True)
         if not good
     ]
@@ -466,6 +466,6 @@ def _warn_of_negative_gains(robot: Robot, factors: FloatArray) -> list[str]:
     if not names:
         return []
     return [
-        f"Against those that were stated, the gains of {', '.join(names)} come out negative. Were runs with the load "
-        "taken for runs without it? Else the sign of these torque columns is wrong."
+        f"Compared with the given gains, the gains of {', '.join(names)} are negative. Check whether runs with the "
+        "load were declared as runs without it; otherwise the sign of these torque columns is wrong."
     ]

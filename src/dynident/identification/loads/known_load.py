@@ -13,14 +13,14 @@ class KnownLoad:
     """A known load, from which drive gains are identified."""
 
     mass: float | None = declare_field(
-        "Mass of the known load, where the measurements do not state it",
+        "Mass of the known load, if the measurements do not state it",
         default=None,
         unit="kg",
         at_least=1e-6,
         at_most=1e6,
     )
     centre: tuple[float, float, float] | None = declare_field(
-        "Centre of the known load in the last joint's frame, where known",
+        "Centre of the known load in the last joint's frame, if known",
         default=None,
         unit="m",
         at_least=-100,

@@ -101,7 +101,7 @@ class LoadedData:
             if get_role(column) == "load" and column.parameter == parameter and column.runs == (recording.name,):
                 return k
         raise DynidentError(
-            f"{parameter} of the payload in {recording.name} dissolves in other parameters",
+            f"{parameter} of the payload in {recording.name} cannot be separated from other parameters",
             pointer="/measurement_ids",
             title="Not identifiable",
         )
@@ -134,7 +134,7 @@ def parse_payload(name: str, payload: Mapping[str, object] | None) -> KnownPaylo
         Where there is none, or its mass or centre is no usable number.
     """
     if payload is None:
-        raise _payload_error(name, "", 'no payload is stated; give "payload": {"mass": …} in kg')
+        raise _payload_error(name, "", 'no payload is given; give "payload": {"mass": …} in kg')
     # Metadata come from a user's file or request, so every value may be of any type.
     mass = _to_number(payload.get("mass"))
     if not (math.isfinite(mass) and mass > 0):
@@ -187,19 +187,21 @@ def reduce_with_payloads(
     for pointer, word, group in (("/unloaded_ids", "without", unloaded), ("/loaded_ids", "with", loaded)):
         if not group:
             raise DynidentError(
-                f"a recording {word} the payload is missing: the same motion is needed without and with it",
+                f"a recording {word} the payload is missing: record the same motion without and with it",
                 pointer=pointer,
                 title="Nothing to compare",
             )
     # Names tell the payloads apart, so two recordings must not share one.
     names = [recording.name for recording in (*unloaded, *loaded)]
     if len(set(names)) < len(names):
-        raise DynidentError("two recordings have the same name; give each its own", pointer="/loaded_ids", title=_TITLE)
+        raise DynidentError(
+            "two recordings have the same name; give each a different name", pointer="/loaded_ids", title=_TITLE
+        )
     for index, choice in enumerate(effects):
         effect = get_effect(choice.effect, f"/effects/{index}")
         if effect.needs_load or effect.in_some_runs:
             raise DynidentError(
-                f"{choice.effect} cannot stand beside unknown gains and payloads; leave it out",
+                f"{choice.effect} cannot be used together with unknown gains and payloads; leave it out",
                 pointer=f"/effects/{index}",
                 title="Unfit effect",
             )

@@ -100,7 +100,7 @@ def payload_from_pair(
     try:
         with_own = weigh(own)
     except EstimationError as error:
-        reason = f"with friction and offsets of its own the loaded run does not determine the payload: {error.detail}"
+        reason = f"with separate friction and offsets the loaded run does not determine the payload: {error.detail}"
         return _not_identifiable(reason, alike, None)
     return compare_estimates(alike, with_own)
 
@@ -121,23 +121,24 @@ def compare_estimates(alike: PayloadEstimate, apart: PayloadEstimate) -> Payload
     deviation = hypot(alike.standard_deviation, apart.standard_deviation)
     between = abs(alike.mass - apart.mass)
     both = (
-        f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if "
-        f"the loaded run has its own"
+        f"{_write_mass(alike)} if friction and offsets are the same in all runs, {_write_mass(apart)} if the loaded "
+        "run has separate friction and offsets"
     )
     # More than noise and a tenth apart: the mass depends on which model is right, and nothing tells that.
     if between > NORMAL_95 * deviation + _AGREE * abs(alike.mass):
         return _not_identifiable(
-            f"the mass is not identifiable from this motion: it comes out as {both}. Its gravity looks like a change "
-            "of friction or offset here; move the joints that lift it further, and slower, in the loaded run",
+            f"the mass is not identifiable from this motion: the estimates are {both}. Its gravity looks like a "
+            "change of friction or offset here; in the loaded run move the joints that lift it further, and more "
+            "slowly",
             alike,
             apart,
         )
     if alike.mass <= 0 or apart.mass <= 0:
-        return _not_identifiable(f"no payload is to be seen: {both}", alike, apart)
+        return _not_identifiable(f"the data show no payload: {both}", alike, apart)
     widest = max(alike.standard_deviation, apart.standard_deviation)
     if NORMAL_95 * widest > _CERTAIN * alike.mass:
         return _not_identifiable(
-            f"the mass is not identifiable from this motion: it is uncertain by more than a quarter of itself "
+            "the mass is not identifiable from this motion: its uncertainty is more than a quarter of its value "
             f"({both}); move the joints that lift it further, or record for longer",
             alike,
             apart,

@@ -80,7 +80,7 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     for index, name in enumerate(free_links):
         if name not in robot.joint_names:
             raise DynidentError(
-                f"there is no joint {name!r}; {robot.name} has: {', '.join(robot.joint_names)}",
+                f"there is no joint {name!r}; the joints of {robot.name} are: {', '.join(robot.joint_names)}",
                 pointer=f"/free_links/{index}",
                 title="Unknown joint",
             )
@@ -95,8 +95,8 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     for link, values in enumerate(inertias):
         if not np.all(np.isfinite(values)) or values[9] < 0:
             raise DynidentError(
-                f"the description gives {robot.joint_names[link]} a mass of {values[9]:g} kg or an inertia that is no "
-                "number: nothing can be believed of it; correct it, or leave the prior out",
+                f"the description gives {robot.joint_names[link]} a mass of {values[9]:g} kg or an inertia that is "
+                "not a number, which cannot be used; correct the description, or leave the prior out",
                 pointer="/prior",
                 title=_TITLE,
             )
@@ -109,16 +109,16 @@ def check_description(robot: Robot, free_links: Sequence[str]) -> None:
     ]
     if impossible:
         raise DynidentError(
-            f"no body has the inertia that the description gives {', '.join(impossible)}: somewhere its mass would be "
-            "negative (each moment of inertia is at most the sum of the other two, about the centre of mass); correct "
-            "it, name it among free_links, or leave the prior out",
+            f"the description gives {', '.join(impossible)} an inertia that is not physically possible (each moment "
+            "of inertia is at most the sum of the other two, about the centre of mass); correct it, add the link to "
+            "free_links, or leave the prior out",
             pointer="/prior",
             title="Infeasible prior",
         )
     if robot.n > 1 and np.all(np.abs(inertias - inertias[0]) <= _ALIKE * np.abs(inertias[0]).max()):
         raise DynidentError(
-            f"the description of {robot.name} gives all links the same inertia: these are placeholders; put in those "
-            "of its drawings, or leave the prior out",
+            f"the description of {robot.name} gives all links the same inertia: these are placeholders; replace them "
+            "by the values from the drawings, or leave the prior out",
             pointer="/prior",
             title=_TITLE,
         )
@@ -183,9 +183,9 @@ def add_prior_warning(model: Model, data: Data, fit: Fit) -> Fit:
     owed = find_prior_dominated(data.equations, fit.solution)
     names = [column.name for column, rests in zip(model.kept, owed, strict=True) if rests]
     warning = (
-        "The inertias of the description count as data here, each with the error that descriptions usually have: that "
-        "is a belief, and so are the standard deviations that follow from it."
+        "The inertias of the description are used as data here, each with the usual error of descriptions: this is an "
+        "assumption, and the standard deviations depend on it."
     )
     if names:
-        warning += f" These parameters rest on it rather than on the motion: {', '.join(names)}."
+        warning += f" The data determine these parameters less than the prior does: {', '.join(names)}."
     return replace(fit, warnings=(warning, *fit.warnings))

@@ -209,7 +209,7 @@ def _check_bodies(robot: str, names: Sequence[str], nominal: FloatArray) -> None
     if flat:
         raise DynidentError(
             f"the description of {robot} gives {', '.join(flat)} no mass or no extent in some direction: the entropic "
-            "prior has no distance from such a body; correct it, name it among free_links, or choose the prior "
+            "prior is not defined for such a body; correct it, add the link to free_links, or choose the prior "
             "description",
             pointer="/prior",
             title="No prior",

@@ -64,7 +64,7 @@ class DescriptionUnits:
         return replace(robot, inertias=robot.inertias * factors)
 
     def __str__(self) -> str:
-        masses = "" if self.mass == 1.0 else "masses seem to be in g, 1000 times what such an arm weighs"
+        masses = "" if self.mass == 1.0 else "masses seem to be in g, 1000 times the mass of such an arm"
         centres = "" if self.moment == self.mass else "centres of mass seem to be in mm"
         times = self.inertia / self.mass
         unit = {(_SMALL, _SMALL**2): "g mm²", (1.0, _SMALL**2): "kg mm²", (_SMALL, 1.0): "g m²"}

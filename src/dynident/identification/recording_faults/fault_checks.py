@@ -61,12 +61,11 @@ _HARDLY_BETTER = 1.1
 """Ratio of the unexplained shares with and without a fault, below which negative friction is the reason to report
 it."""
 
-_MASSES = "Torques are far from what the masses of the description need: "
-_FRICTION = "Friction is far larger than the other joints', or what its drive can give, allow: "
+_MASSES = "Torques do not match the masses of the description: "
+_FRICTION = "Friction is far larger than on the other joints, or than the drive can overcome: "
 
 _OTHER_CAUSES = (
-    " If columns and signs are right, something else about this robot is not: gravity in the description, the zero of "
-    "a joint, a drive gain."
+    " If columns and signs are right, check gravity in the description, the zeros of the joints and the drive gains."
 )
 
 
@@ -149,8 +148,8 @@ def check_recording_faults(robot: Robot, recording: Recording, q: Sequence[str],
         mounted = None
     wrong = {_CHECK[finding.mistake.kind] for finding in mistakes}
     fine = (
-        f"No other order or sign of the columns explains the torque clearly better: "
-        f"{now.average_share:.0%} are left of it."
+        f"No other order or sign of the columns explains the torque clearly better: {now.average_share:.0%} of it is "
+        "unexplained."
     )
     passed = [Check(name, "ok", fine) for name in dict.fromkeys(_CHECK.values()) if name not in wrong | _SILENT]
     if mounted is not None:
@@ -177,9 +176,9 @@ def _report_description_units(units: DescriptionUnits) -> Check:
     return Check(
         "description_units",
         "warning",
-        f"The robot's description is not in SI units: its {units}. The torques are not what is wrong. An "
-        "identification does not need these numbers; a prior, a completed export and checks against them do: write "
-        "them in kg, m and kg m² into the description.",
+        f"The robot's description is not in SI units: its {units}. The torques are not the cause. Identification does "
+        "not need these numbers, but a prior, a completed export and some checks do: write them in kg, m and kg m² in "
+        "the description.",
     )
 
 
@@ -189,8 +188,8 @@ def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
     return Check(
         COMMANDED,
         "error",
-        f"There is neither friction nor inertia in the torque ({columns}): the load of gravity alone explains all but "
-        f"{unexplained} of it, and motion has {moving}. It seems to be the command of a gravity compensation, while "
+        f"The torque ({columns}) contains neither friction nor inertia: gravity alone explains all but {unexplained} "
+        f"of it, although motion needs {moving}. It seems to be the command of a gravity compensation, while "
         f"something else moved the joints, such as a hand. {NO_MEASUREMENT['commanded'].capitalize()}: give the "
         "torque, or current, that was measured while the drives moved the robot.",
         tau[static.joints[0]],
@@ -200,19 +199,19 @@ def _report_commanded(static: StaticTorque, tau: Sequence[str]) -> Check:
 def _report_fault(finding: DetectedFault, recording: Recording, q: Sequence[str], tau: Sequence[str]) -> Check:
     description = describe_fault(finding.mistake, recording, q, tau)
     twins = "; or ".join(describe_fault(twin, recording, q, tau) for twin in finding.alike[:2])
-    doubt = f" (Or, which this data cannot tell from it, {twins}.)" if twins else ""
-    known, otherwise = ("It seems that", "") if finding.certain else ("It may be that", _OTHER_CAUSES)
+    doubt = f" (These data fit equally well: {twins}.)" if twins else ""
+    known, otherwise = ("It seems that", "") if finding.certain else ("Possibly", _OTHER_CAUSES)
     why = (
-        f"{finding.left_with:.0%} of an average joint's torque cannot be explained by the robot's dynamics, put right "
-        f"{finding.left_without:.0%}"
+        f"the robot's dynamics leave {finding.left_with:.0%} of an average joint's torque unexplained, and "
+        f"{finding.left_without:.0%} after the correction"
     )
     if finding.left_with < _HARDLY_BETTER * finding.left_without:
-        why = "friction would drive the joint, which there is not"
+        why = "friction would drive the joint, which is impossible"
     columns, is_scaled = tau if "torque" in finding.mistake.kind else q, finding.mistake.kind == "torque scaled"
     return Check(
         _CHECK[finding.mistake.kind],
         "error" if finding.certain else "warning",
-        f"{known} {description}: as the columns are, {why}. "
+        f"{known} {description}: with the columns as they are, {why}. "
         f"{_describe_cure(finding.mistake, q, tau)}{doubt}{otherwise}",
         columns[finding.mistake.joints[0]],
         # A cure is applied without asking only where it is the only one. Between cures that explain alike the user
@@ -239,9 +238,10 @@ def _report_compensated(robot: Robot, motion: Motion, tau: Sequence[str]) -> tup
         Check(
             "gravity_load",
             "error",
-            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): of the load of gravity that the "
-            f"masses of the description need {shares.gravity:.0%} is in it, of what motion needs {shares.motion:.0%}. "
-            f"{NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was measured.",
+            f"The torque seems to be gravity-compensated ({tau[0]} … {tau[-1]}): it contains {shares.gravity:.0%} of "
+            f"the gravity torque that the masses of the description need, and {shares.motion:.0%} of the torque for "
+            f"the motion. {NO_MEASUREMENT['gravity_compensated'].capitalize()}: give the torque, or current, that was "
+            "measured.",
             tau[0],
         ),
     )
@@ -253,10 +253,10 @@ def _report_mounting(mounting: Mounting, robot: Robot) -> Check:
     return Check(
         GRAVITY,
         "warning",
-        f"Gravity seems to pull along ({direction}) m/s² of the base, as on a wall, a slope or a ceiling: with the "
-        f"stated one {mounting.unexplained_as_stated:.0%} of the torque of {worst} cannot be explained by the robot's "
-        f"dynamics, with that at most {mounting.unexplained:.0%} of any joint's. State it with the robot: "
-        f'"gravity": [{direction}].',
+        f"Gravity seems to act along ({direction}) m/s² in the base frame, as on a wall, a slope or a ceiling. With "
+        f"the given gravity the robot's dynamics leave {mounting.unexplained_as_stated:.0%} of the torque of {worst} "
+        f'unexplained, with this one at most {mounting.unexplained:.0%} for any joint. State "gravity": [{direction}] '
+        "with the robot.",
     )
 
 
@@ -269,18 +269,23 @@ def _check_delay(
     word = "late" if delay.seconds > 0 else "early"
     if delay.is_at_the_end or delay.left_without > SOUND:
         # An elastic arm looks late or early, too, and by more than the delay of any log.
-        nothing = "How torque and position are aligned cannot be told: too little is explained with any delay."
+        nothing = (
+            "The delay between torque and position cannot be determined: the torque is poorly explained with any delay."
+        )
         return (Check(DELAY, "ok", nothing),)
     if not delay.is_mistake:
-        fine = f"By the robot's dynamics the torque is {1e3 * abs(delay.seconds):.1f} ms {word}, as in a right log."
+        fine = (
+            f"The robot's dynamics show that the torque is {1e3 * abs(delay.seconds):.1f} ms {word}, within the usual "
+            "limits of a log."
+        )
         return (Check(DELAY, "ok", fine),)
     seconds = float(f"{delay.seconds:.2g}")
     check = Check(
         DELAY,
         "warning",
-        f"Torque comes about {1e3 * abs(delay.seconds):.0f} ms {word} against position: {delay.left_with:.1%} of an "
-        f"average joint's torque cannot be explained by the robot's dynamics, with that taken out "
-        f'{delay.left_without:.1%}. Log both at the same instant, or mend it by "torque_delay": {seconds} (in s).',
+        f"The torque is about {1e3 * abs(delay.seconds):.0f} ms {word} against the position: the robot's dynamics "
+        f"leave {delay.left_with:.1%} of an average joint's torque unexplained, and {delay.left_without:.1%} without "
+        f'this delay. Log both at the same instant, or correct the delay by "torque_delay": {seconds} (in s).',
         tau[0],
         apply=Revision(torque_delay=seconds),
     )
@@ -294,26 +299,26 @@ def _check_scales(
     if scales is None:
         return ()
     if not scales:
-        return (Check("torque_scale", "ok", "No torque is many times what the masses of the description need."),)
+        return (Check("torque_scale", "ok", "The size of every torque matches the masses of the description."),)
     reasons = []
     for by_friction, intro in ((False, _MASSES), (True, _FRICTION)):
         names = [
-            f"{tau[scale.joint]} ({recording.joint_names[scale.joint]}) {scale.times:.3g} times"
+            f"{tau[scale.joint]} ({recording.joint_names[scale.joint]}) {scale.times:.3g} times the expected torque"
             for scale in scales
             if scale.by_friction == by_friction
         ]
         if len(names) == robot.n > 1 and not by_friction:
             # The masses of all joints give one common factor.
-            reasons.append(f"{intro}all of them ({tau[0]} … {tau[-1]}) {scales[0].times:.3g} times")
+            reasons.append(f"{intro}all of them ({tau[0]} … {tau[-1]}) {scales[0].times:.3g} times the expected torque")
         elif names:
             reasons.append(intro + ", ".join(names))
     return (
         Check(
             "torque_scale",
             "warning",
-            f"{'. '.join(reasons)}. It may be another unit (permille, N mm), a gear ratio or a drive gain: mend it by "
-            "units, by the robot's drives or by scale. Or it is no torque: a current, a register, or the error of a "
-            "controller, which drive gains make one of.",
+            f"{'. '.join(reasons)}. The cause may be another unit (permille, N mm), a gear ratio or a drive gain: "
+            "correct it by units, by the robot's drives or by scale. Or the column is not a torque but a current, a "
+            "register, or the error of a controller, scaled by drive gains.",
             tau[scales[0].joint],
             apply=Revision(scale={f"tau{scale.joint + 1}": 1.0 / scale.power for scale in scales}),
         ),
@@ -366,20 +371,22 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
         descriptions = {
             "torques swapped": f"the torques of {first} and {second} ({torques})",
             "positions swapped": f"the positions of {first} and {second} ({positions})",
-            "joints swapped": f"{first} and {second}, positions and torques alike,",
+            "joints swapped": f"{first} and {second} (both positions and torques)",
         }
-        return f"{descriptions[mistake.kind]} stand in each other's place"
+        return f"{descriptions[mistake.kind]} are exchanged"
     if mistake.kind == "joint coupled":
         own, other = (q[joint] for joint in mistake.joints)
         sign, counted = ("-", "plus") if mistake.factor > 0 else ("+", "minus")
         return (
-            f"the position of {names[0]} ({own}) is counted from the base, or the horizon, and not from {names[1]}: it "
-            f"is its angle {counted} that of {names[1]}, and {own} {sign} {other} is what the description means"
+            f"the position of {names[0]} ({own}) is measured from the base, or the horizon, not from {names[1]}: it "
+            f"is the joint angle {counted} the angle of {names[1]}, and the description needs {own} {sign} {other}"
         )
     if len(names) == recording.n:
         whole = {
-            "torque turned": f"all torques ({tau[0]} … {tau[-1]}) have the opposite sign, as the reaction that "
-            "a sensor or a driver may report",
+            "torque turned": (
+                f"all torques ({tau[0]} … {tau[-1]}) have the opposite sign, as when a sensor or a driver reports the "
+                "reaction torque"
+            ),
             "position turned": f"all positions ({q[0]} … {q[-1]}) have the opposite sign",
         }
         return whole[mistake.kind]
@@ -391,8 +398,10 @@ def describe_fault(mistake: ColumnFault, recording: Recording, q: Sequence[str],
         "torque turned": f"the torque{plural} of {of} ({columns[1]}) {verb[0]} the opposite sign",
         "position turned": f"the position{plural} of {of} ({columns[0]}) {verb[0]} the opposite sign",
         "joint turned": f"position and torque of {of} ({columns[0]}, {columns[1]}) have the opposite sign",
-        "torque scaled": f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times what "
-        "the others need",
+        "torque scaled": (
+            f"the torque{plural} of {of} ({columns[1]}) {verb[1]} {1.0 / mistake.factor:.3g} times the value that "
+            "fits the other joints"
+        ),
     }
     return descriptions[mistake.kind]
 
@@ -405,12 +414,12 @@ def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -
         return f"{word} {other} {preposition} {own}, and their velocities, before the file is read."
     if mistake.kind == "torque scaled":
         which = (
-            "its unit and its drive gain, or take it"
+            "its unit and its drive gain, or multiply it"
             if len(mistake.joints) == 1
-            else "their units and gains, or take them"
+            else "their units and drive gains, or multiply them"
         )
         scale = ", ".join(f'"tau{joint + 1}": {mistake.factor:.3g}' for joint in mistake.joints)
-        return f'Look at {which} times {mistake.factor:.3g}: "scale": {{{scale}}}.'
+        return f'Check {which} by {mistake.factor:.3g}: "scale": {{{scale}}}.'
     if not mistake.is_swap:
         side = "tau" if mistake.kind == "torque turned" else "q"
         signs = ", ".join(f'"{side}{joint + 1}": -1' for joint in mistake.joints)
@@ -418,7 +427,8 @@ def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -
             "the joint's axis in the description" if mistake.kind != "torque turned" else "the sign of its drive gain"
         )
         return (
-            f'Turn the column{"" if len(mistake.joints) == 1 else "s"} round ("signs": {{{signs}}}), or {alternative}.'
+            f'Change the sign of the column{"" if len(mistake.joints) == 1 else "s"} ("signs": {{{signs}}}), or '
+            f"{alternative}."
         )
     pairs = []
     for first, second in mistake.pairs:
@@ -427,4 +437,4 @@ def _describe_cure(mistake: ColumnFault, q: Sequence[str], tau: Sequence[str]) -
         if mistake.is_of_torques:
             pairs += [(f"tau{first + 1}", tau[second]), (f"tau{second + 1}", tau[first])]
     mapping = ", ".join(f'"{key}": "{source}"' for key, source in pairs)
-    return f'Map them: "columns": {{{mapping}}}.'
+    return f'Map the columns: "columns": {{{mapping}}}.'

@@ -193,11 +193,11 @@ def _build_constant(
 
 def _build_unjudged(choice: EffectChoice, spec: ShapeSpec, robot: Robot) -> ShapeConstant:
     if spec.can_be_refined(choice.shape_values[spec.name]):
-        note = "only recordings tell how sure it is: identify from these"
+        note = "its uncertainty is only known with recordings: identify from them"
         return _build_constant(choice, spec, robot, "not_looked_at", note)
-    note = "one of a few kinds that was chosen: there is nothing between them"
+    note = "chosen from a few discrete values"
     if spec.proposal == "burst":
-        note = "read off the residual: nothing tells how sure it is"
+        note = "read from the residual, without an uncertainty"
     return _build_constant(choice, spec, robot, "chosen", note)
 
 
@@ -215,30 +215,30 @@ def _judge_constant(
     # The derivative by the constant is proportional to the effect's size, so without an effect its constant means
     # nothing.
     if not significant:
-        return build_constant("not_determined", "the effect itself is not told from zero")
+        return build_constant("not_determined", "the effect itself is not significantly different from zero")
     ends = place.apply_change(value, step - half), place.apply_change(value, step + half)
     open_ = deviation > _NO_BETTER * place.compute_change(low, high) / np.sqrt(12.0)
     if open_ or (ends[0] <= low and ends[1] >= high):
         return build_constant(
-            "not_determined", f"the data leave it open from {low:.3g} to {high:.3g}, all that is searched"
+            "not_determined", f"the data do not determine it between {low:.3g} and {high:.3g}, the whole search range"
         )
     if value <= low * (1 + _AT_END) and step <= half and not place.spec.signed:
-        return build_constant("at_edge", f"at the lower end of what is searched ({low:.3g}): it may as well be smaller")
+        return build_constant("at_edge", f"at the lower end of the search range ({low:.3g}): it may be smaller")
     if value >= high * (1 - _AT_END) and step >= -half and not place.spec.signed:
-        return build_constant("at_edge", f"at the upper end of what is searched ({high:.3g}): it may as well be larger")
+        return build_constant("at_edge", f"at the upper end of the search range ({high:.3g}): it may be larger")
     # A linearisation only holds nearby. A step beyond the interval, and beyond a step of the search, means a new
     # search.
     if abs(step) > max(half, place.to_change(1.0)):
         way = "larger" if step > 0 else "smaller"
         return build_constant(
-            "elsewhere", f"the data would have it {way} by more than its uncertainty: search for it anew"
+            "elsewhere", f"the data need a {way} value, by more than its uncertainty: search for it again"
         )
     # In octaves the deviation is that of the logarithm, which is a relative one already.
     sure = deviation <= (DETERMINED if place.search.in_octaves else max(DETERMINED * abs(value), place.to_change(1.0)))
     constant = build_constant("determined" if sure else "uncertain", "")
     # The optimum is elsewhere than the stored value, but near enough for the linearisation to say where.
     if abs(step) > half:
-        constant = build_constant("elsewhere", f"the data would have it at {data:.4g}, which its interval is about")
+        constant = build_constant("elsewhere", f"the best value for the data is {data:.4g}, the centre of its interval")
     spread = deviation * (value if place.search.in_octaves else 1.0)
     return replace(constant, standard_deviation=spread, interval=ends)
 

@@ -45,7 +45,7 @@ def solve_by_strategy(choices: IdentificationChoices, problem: Problem) -> Fit:
     if not friction or choices.plan.friction_runs:
         return fitted
     names = ", ".join(recording.name for recording in friction)
-    unused = f"Not used: {names}. Tests of friction (role friction) serve the strategy separate_friction alone."
+    unused = f"Not used: {names}. Friction tests (role friction) are used only by the strategy separate_friction."
     return replace(fitted, warnings=(*fitted.warnings, unused))
 
 
@@ -54,8 +54,8 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
     # A prior on sums of parameters ties steps together that are taken one after the other.
     if choices.prior is not None and not choices.plan.at_once:
         raise DynidentError(
-            f"the prior speaks of sums of parameters that the {choices.strategy} strategy finds one after the other; "
-            "choose the global strategy, or leave the prior out",
+            f"the prior is about sums of parameters, but the {choices.strategy} strategy estimates them one after the "
+            "other; choose the global strategy, or leave the prior out",
             pointer="/prior",
             title="Choices that do not fit",
         )
@@ -63,11 +63,13 @@ def _check_compatible(choices: IdentificationChoices, problem: Problem) -> None:
         return
     if choices.model != "dynamic":
         raise DynidentError(
-            f"{choices.solver.name} integrates the dynamic model; it goes with the model dynamic, not {choices.model}",
+            f"{choices.solver.name} integrates the dynamic model, so it works only with the model dynamic, not "
+            f"{choices.model}",
             pointer="/estimator",
         )
     if not problem.data.recordings:
         raise DynidentError(
-            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify anew",
+            f"{choices.solver.name} needs the recordings themselves, not only their reduced rows: identify again from "
+            "the recordings",
             pointer="/estimator",
         )

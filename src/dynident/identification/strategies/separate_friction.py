@@ -283,7 +283,7 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     sources = data.friction or data.recordings
     if not sources:
         raise DynidentError(
-            "the runs of single joints are not in the reduced data; identify from the recordings anew",
+            "the reduced data do not contain the runs of single joints; identify from the recordings again",
             pointer="/strategy",
             title="Recordings needed",
         )
@@ -291,8 +291,8 @@ def solve_separate_friction(choices: StrategyChoices, problem: Problem) -> Fit:
     solvable = [j for j in range(model.robot.n) if len(runs.velocities[j]) and find_friction_columns(model, j)]
     if not solvable:
         raise DynidentError(
-            f"no joint with friction in the model moves alone at constant velocity in "
-            f"{', '.join(r.name for r in sources)}; record each joint by itself at several constant speeds in both "
+            "no joint with friction in the model moves alone at constant velocity in "
+            f"{', '.join(r.name for r in sources)}; record each joint alone at several constant speeds in both "
             'directions, with "role": "friction", or choose the global strategy',
             pointer="/measurement_ids",
             title="No friction runs",
@@ -325,18 +325,19 @@ def _list_warnings(model: Model, runs: FrictionRuns, findings: StepEstimates) ->
         slow, fast = np.quantile(speeds, (_ENDS, 1 - _ENDS))
         if not ((velocities > 0).any() and (velocities < 0).any()):
             sentences.append(
-                f"{names[j]} moves alone in one direction only: Coulomb friction cannot be told from gravity."
+                f"{names[j]} moves alone in one direction only: Coulomb friction cannot be separated from gravity. "
+                "Record both directions."
             )
         elif fast < _SPEEDS * slow:
             sentences.append(
-                f"{names[j]} moves alone at one speed of {fast:.3g} only: how its friction depends on the speed is "
-                "hardly to be told."
+                f"{names[j]} moves alone at only one speed, {fast:.3g}: the data hardly show how its friction depends "
+                "on speed. Record several speeds."
             )
     undetermined = _list_undetermined(model, runs, findings)
     if undetermined:
         sentences.append(
-            f"The friction runs alone do not tell {', '.join(undetermined)}: these come from all recordings together, "
-            "with what the runs say of their combinations."
+            f"The friction runs alone do not determine {', '.join(undetermined)}: all recordings together determine "
+            "these, with the combinations that the friction runs give."
         )
     return tuple(sentences)
 

@@ -193,8 +193,8 @@ def conclude_steps(data: Data, steps: Sequence[Step], warnings: tuple[str, ...] 
     equations, findings = data.equations, steps[-1].findings
     if not findings.is_complete:
         raise EstimationError(
-            f"the steps determine {len(findings.values)} combinations of the {equations.n_columns} parameters; use the "
-            "global strategy, or record motions that show the rest",
+            f"the steps determine {len(findings.values)} combinations of the {equations.n_columns} parameters; use "
+            "the global strategy, or record motions that determine the others",
             pointer="/strategy",
             title="Not identifiable",
         )
@@ -367,8 +367,8 @@ def check_stepwise(choices: StrategyChoices) -> None:
     check_estimator(choices.solver)
     if not choices.rows.by_joint:
         raise DynidentError(
-            f"the {choices.model} model has no equation of its own for every joint, so that nothing can be identified "
-            f"joint by joint; choose from {', '.join(MODELS.names_with('by_joint'))}, or the global strategy",
+            f"the {choices.model} model has no separate equation for each joint, so joints cannot be identified one "
+            f"after another; choose from {', '.join(MODELS.names_with('by_joint'))}, or the global strategy",
             pointer="/strategy",
             title="Choices that do not fit",
         )
@@ -384,8 +384,8 @@ def check_estimator(estimator: Estimator) -> None:
     # An estimator that simulates, or that needs all bodies, cannot solve a part of the equations.
     if not estimator.in_steps:
         raise DynidentError(
-            f"{estimator.name} cannot be taken in steps; choose from "
-            f"{', '.join(ESTIMATORS.names_with('in_steps'))}, or the global strategy",
+            f"{estimator.name} cannot work in steps; choose from {', '.join(ESTIMATORS.names_with('in_steps'))}, or "
+            "the global strategy",
             pointer="/estimator",
             title="Choices that do not fit",
         )

@@ -122,8 +122,8 @@ def describe_runs_with_effects(added: Sequence[EffectChoice], findings: Sequence
     titles = " and ".join(dict.fromkeys(get_effect(choice.effect).title for choice in added if choice.runs))
     runs = ", ".join(f"{finding.run} (error {finding.ratio:.2g} times as large without it)" for finding in findings)
     return (
-        f"{titles} shows in held-out runs as well and is taken to be there: {runs}. Name the runs yourself if you know "
-        "better."
+        f"{titles} also appears in held-out runs and is assumed there: {runs}. If this is wrong, name the runs "
+        "yourself."
     )
 
 
@@ -173,7 +173,7 @@ def extend(
     """
     new = tuple(choice for choice in added if choice not in identification.choices.effects)
     if not new:
-        raise DynidentError("all of these effects are in the model already", pointer="/effects", title="Nothing to add")
+        raise DynidentError("all of these effects are already in the model", pointer="/effects", title="Nothing to add")
     check_shapes_given(new)
     check_recordings(identification.model.robot, recordings, validation)
     check_temperature(new, recordings, validation)
@@ -202,7 +202,7 @@ def extend(
     grown = add_digests(grown, recordings, validation)
     if not idle:
         return grown
-    left_out = f"{', '.join(idle)} added nothing beside the others and was left out."
+    left_out = f"{', '.join(idle)} added nothing to the other effects and was left out."
     return replace(grown, warnings=(*grown.warnings, left_out))
 
 
@@ -257,7 +257,8 @@ def _extend_at_rest(
     in_motion = [choice.effect for choice in new if choice.effect not in ACTING_AT_REST]
     if in_motion:
         raise DynidentError(
-            f"{', '.join(in_motion)} cannot be told from poses at rest, which show {', '.join(ACTING_AT_REST)} alone",
+            f"{', '.join(in_motion)} cannot be identified from poses at rest, which show only "
+            f"{', '.join(ACTING_AT_REST)}",
             pointer="/effects",
             title="Nothing to add",
         )

@@ -67,8 +67,8 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     # Poses at rest have no inertia matrix; their eigenvalue is not a number and says nothing.
     if not identification.inertia_matrix_positive_definite and np.isfinite(identification.worst_inertia_eigenvalue):
         sentences.append(
-            "The inertia matrix is not positive definite in every posture: the parameters are not physically possible "
-            "as they stand, so use them for prediction near the recorded motion only."
+            "The inertia matrix is not positive definite in every posture: these parameters are not physically "
+            "possible. Use them only for prediction near the recorded motion."
         )
     sentences += _warn_of_disturbance(identification)
     sentences += _warn_of_misfit(identification)
@@ -81,7 +81,7 @@ def list_warnings(identification: Identification) -> tuple[str, ...]:
     # Effects that dissolved in others are still in the torque, but have no parameter of their own.
     absorbed = [f"{column.effect} ({column.name})" for column in identification.model.absorbed_columns]
     if absorbed:
-        sentences.append(f"Not separable from other parameters, and therefore left out: {', '.join(absorbed)}.")
+        sentences.append(f"Left out, because they cannot be separated from other parameters: {', '.join(absorbed)}.")
     return tuple(sentences)
 
 
@@ -92,9 +92,10 @@ def _warn_of_missing_torque(identification: Identification) -> list[str]:
         return []
     hidden = ", ".join(column.name for column in model.hidden_columns)
     return [
-        f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used; what only "
-        f"the joint's own equation would show is not identifiable from this data{f' ({hidden})' if hidden else ''}, "
-        "and what the model says of such a torque is that of the links alone, and was held against no data."
+        f"No recording has the torque of {', '.join(model.robot.joints_without_torque)}. The motion is used, but "
+        "parameters that only the joint's own equation shows are not identifiable from this "
+        f"data{f' ({hidden})' if hidden else ''}. For such a joint the model predicts only the torque of the links, "
+        "and no data checked it."
     ]
 
 
@@ -105,9 +106,9 @@ def _warn_of_disturbance(identification: Identification) -> list[str]:
     """
     return [
         f"From {span.start:.1f} to {span.end:.1f} s of the data something else acted: there the residual is "
-        f"{np.sqrt(span.ratio):.0f} times that of all other rows once they are solved without it. A contact, a load "
-        "that was picked up, a brake, a collision, or a clock that jumped? Diagnose: it says what, and when exactly. "
-        "Leave these seconds out."
+        f"{np.sqrt(span.ratio):.0f} times that of all other rows in a fit without these seconds. Possible causes are "
+        "a contact, a load that was picked up, a brake, a collision, or a clock jump. A diagnosis shows the cause and "
+        "the exact time. Leave these seconds out."
         for span in find_outlying_spans(identification.data.training).spans
     ]
 
@@ -120,9 +121,9 @@ def _warn_of_misfit(identification: Identification) -> list[str]:
     # The joint with the largest residual in N m: it tells where to look.
     worst = identification.model.robot.joint_names[int(np.argmax(identification.fit.rms))]
     return [
-        f"Even in the fit {share:.0%} of the torque is left unexplained, most on {worst}: look at the order, signs and "
-        "units of the columns, at the joints' axes and gravity in the description, for loads that it lacks, and for "
-        "joints that give."
+        f"Even in the fit {share:.0%} of the torque is unexplained, most on {worst}: check the order, signs and units "
+        "of the columns, the joint axes and gravity in the description, loads that the description does not contain, "
+        "and flexible joints."
     ]
 
 
@@ -131,8 +132,9 @@ def _warn_of_unsettled(identification: Identification) -> list[str]:
     if identification.converged or identification.choices.solver.tells_convergence:
         return []
     return [
-        f"The rounds of weighing ({identification.choices.solver.name}) have not settled: the estimates still move "
-        "from one to the next. Few rows for many parameters, or joints without residual, cause that; compare with ols."
+        f"The weighting ({identification.choices.solver.name}) did not converge: the estimates still change from one "
+        "iteration to the next. Too few rows for many parameters, or joints without residual, cause this; compare "
+        "with ols."
     ]
 
 
@@ -141,17 +143,18 @@ def _warn_of_other_equations(identification: Identification) -> list[str]:
     model = identification.choices.model
     if model in ("energy", "power"):
         return [
-            f"The {model} model has one equation and does not minimise the errors of torque (§12.6): judge it by "
-            "these, on validation data, beside the dynamic model's."
+            f"The {model} model has one equation and does not minimise the torque errors (§12.6): compare its torque "
+            "errors on validation data with those of the dynamic model."
         ]
     if model == "base_wrench":
         sentence = (
-            "The base's wrench shows the links alone: friction and rotors are not in this model, so the errors of "
-            "torque contain all of these. The small reaction of turning rotors counts as the links'."
+            "The base wrench shows only the links: friction and rotors are not in this model, so the torque errors "
+            "contain all of these. The small reaction of rotating rotors counts as part of the links."
         )
         if not identification.inertia_matrix_positive_definite:
             sentence += (
-                " Check the sign of the wrench: it is that of the base on the robot, so at rest its force points up."
+                " Check the sign of the wrench: it is the wrench of the base on the robot, so at rest its force "
+                "points up."
             )
         return [sentence]
     return []
@@ -189,22 +192,25 @@ def _warn_of_uncertain(estimate: Estimate) -> list[str]:
     names = ", ".join(unsure[:_MOST_NAMED]) + (
         f" and {len(unsure) - _MOST_NAMED} more" if len(unsure) > _MOST_NAMED else ""
     )
-    others = f" {zero} more are not told from zero." if zero else ""
+    others = f" {zero} more are not significantly different from zero." if zero else ""
     return [
         f"{len(unsure)} of {len(parameters)} parameters are uncertain (standard deviation above {DETERMINED:.0%} of "
-        f"the value, or known from elsewhere rather than from the data): {names}.{others}"
+        f"the value, or known from the prior rather than from the data): {names}.{others}"
     ]
 
 
 def _warn_of_overfit(identification: Identification) -> list[str]:
     if identification.held_out is None:
-        return ["No validation data was given: the errors are those of the fit itself and flatter the model."]
+        return [
+            "There is no validation data: the errors are those of the fit and make the model look better than it is. "
+            "Give a recording that the fit does not use."
+        ]
     # A model may fit noise as well. Held-out data show it, because their noise is another.
     if identification.held_out.relative_total > OVERFIT * identification.fit.relative_total:
         return [
-            f"The error on validation data is {identification.held_out.relative_total:.1%} against "
+            f"The error on validation data is {identification.held_out.relative_total:.1%}, but "
             f"{identification.fit.relative_total:.1%} in the fit: the data do not determine the model, or the "
-            "validation motion shows what the identification motion did not."
+            "validation motion shows effects that the identification motion did not show."
         ]
     return []
 

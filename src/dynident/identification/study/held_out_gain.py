@@ -43,19 +43,18 @@ def list_addition_warnings(grown: Identification) -> tuple[str, ...]:
     before, after = parent.held_out.relative_total, grown.held_out.relative_total
     sentences = []
     t = _compute_t_of_gain(parent, grown)
-    errors = f"on recordings that no parameter saw the error goes from {before:.2%} to {after:.2%}"
+    errors = f"on held-out recordings the error changes from {before:.2%} to {after:.2%}"
     # t compares in the parent's noise and by blocks; the total error has to fall as well.
     if t < _CHANCE or after >= before:
-        by_chance = ", no more than chance would do" if t > -_CHANCE else ""
+        by_chance = ", no more than by chance" if t > -_CHANCE else ""
         sentences.append(
-            f"{titles} does not survive held-out data: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know "
-            "that it is there."
+            f"Held-out data do not confirm {titles}: {errors} (t = {t:.1f}){by_chance}. Remove it unless you know "
+            "that it exists."
         )
     elif t < SURE_T:
         sentences.append(
-            f"{titles} helps, but not surely: {errors}, unevenly over the motion (t = {t:.2f}, where "
-            f"{SURE_T:g} would be "
-            "sure). Hold out another motion before you rely on it."
+            f"{titles} helps, but this is not certain: {errors}, unevenly over the motion (t = {t:.2f}; certain from "
+            f"{SURE_T:g}). Hold out another motion before you rely on it."
         )
     names = grown.model.robot.joint_names
     old, new = parent.held_out.relative, grown.held_out.relative

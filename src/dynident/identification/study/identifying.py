@@ -98,9 +98,9 @@ def check_same_recordings(identification: Identification, recordings: Sequence[R
         f"{', '.join(others)} {'holds' if len(others) == 1 else 'hold'} other samples" if others else "some are missing"
     )
     raise DynidentError(
-        f"these are not the recordings that the model was identified from ({names}): {difference}. Give those files, "
-        "read as they were then: the same windows, columns, units, gains and steps that were skipped. From other data "
-        "identify a model anew.",
+        f"these are not the recordings that the model was identified from ({names}): {difference}. Give the same "
+        "files, read in the same way: the same windows, columns, units, gains and skipped steps. For other data "
+        "identify a new model.",
         pointer="/measurement_ids",
         title="Other recordings",
     )
@@ -165,9 +165,9 @@ def find_narrower_band(
     if narrow == chosen or share_left > _BETTER * before:
         return None
     why = (
-        f"Below {narrow.torque_cutoff:g} Hz the model leaves {share_left:.0%} of the torque, with all up to "
-        f"{chosen.torque_cutoff:g} Hz {before:.0%}: something gives, a joint or a belt, or the clock trembles. It is "
-        f"identified below {narrow.torque_cutoff:g} Hz."
+        f"Below {narrow.torque_cutoff:g} Hz the model leaves {share_left:.0%} of the torque unexplained, but "
+        f"{before:.0%} up to {chosen.torque_cutoff:g} Hz: a joint or a belt is flexible, or the clock has jitter. The "
+        f"model is identified below {narrow.torque_cutoff:g} Hz."
     )
     return replace(narrow, reasons=(why, *narrow.reasons)), why
 
@@ -263,7 +263,7 @@ def prepare_effects(
         return effects, ReferenceParameters.massless(robot)
     if not any(choice.effect == LINKS.effect for choice in plain):
         raise DynidentError(
-            "effects that depend on the load or whose shape is to be found need rigid_body beside them",
+            "effects that depend on the load, or whose shape constants are searched for, also need rigid_body",
             pointer="/effects",
         )
     # The first model leaves out what it cannot know yet. Its parameters absorb part of that, which is good enough to

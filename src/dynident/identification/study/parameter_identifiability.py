@@ -100,8 +100,8 @@ def _describe_pair(pair: CorrelatedPair, names: tuple[str, ...]) -> str:
     # A negative correlation leaves the sum certain, a positive one the difference.
     rather = "their sum" if pair.correlation < 0 else "their difference"
     return (
-        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the motion "
-        f"shows {rather}, each in units of its own uncertainty, better than either."
+        f"{first_name} and {second_name} are determined only together (correlation {pair.correlation:.2f}): the "
+        f"motion shows {rather}, each in units of its own uncertainty, better than either parameter."
     )
 
 
@@ -114,7 +114,7 @@ def _describe_direction(direction: WeakDirection, names: tuple[str, ...]) -> str
     if len(direction.parts) > _MOST_PARTS:
         text += f" and {len(direction.parts) - _MOST_PARTS} more"
     how = "is not determined" if direction.ratio >= NOT_DETERMINED else "is hardly determined"
-    return f"{text} {how}: this motion shows it {direction.ratio:.0f} times less than what it shows best."
+    return f"{text} {how}: this motion shows it {direction.ratio:.0f} times less than the best-determined combination."
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,14 +184,12 @@ class EssentialPath:
         """Why the elimination ended, in a sentence."""
         count = f"{len(self.essential)} of {len(self.essential) + len(self.steps)} parameters are essential"
         if self.stop == "ratio":
-            return (
-                f"{count}: their relative standard deviations are within a factor of {self.ratio:.2g} of one another."
-            )
+            return f"{count}: their relative standard deviations differ by at most a factor of {self.ratio:.2g}."
         if self.stop == "last":
-            return f"{count}: no other is left to be taken out."
+            return f"{count}: no other parameter can be removed."
         return (
-            f"{count}: taking out {self.refused}, the next one, would take out more than noise explains, although the "
-            f"relative standard deviations differ by a factor of {self.ratio:.3g}."
+            f"{count}: removing the next one, {self.refused}, would increase the error by more than noise explains, "
+            f"although the relative standard deviations differ by a factor of {self.ratio:.3g}."
         )
 
 

@@ -55,10 +55,10 @@ def are_poses(recordings: Sequence[Recording], validation: Sequence[Recording]) 
     # Rows at rest and rows of motion have other columns and other noise: they do not go into one fit.
     if of_poses and len(of_poses) < len(everything):
         raise DynidentError(
-            f"{names} are poses at rest, the others motions: identify gravity from "
-            "poses alone, held out by poses, and the dynamics from motions",
+            f"{names} are poses at rest, the other recordings are motions: identify gravity only from poses, with "
+            "held-out poses, and the dynamics from motions",
             pointer="/measurement_ids",
-            title="Poses beside motions",
+            title="Poses together with motions",
         )
     return bool(of_poses)
 
@@ -91,7 +91,7 @@ def identify_poses(
     # Without gravity of the links nothing else at rest has a meaning.
     if not any(choice.effect == LINKS.effect for choice in effects):
         raise DynidentError(
-            f"poses at rest show {', '.join(ACTING_AT_REST)}: choose {LINKS.effect} at least", pointer="/effects"
+            f"poses at rest show {', '.join(ACTING_AT_REST)}: choose at least {LINKS.effect}", pointer="/effects"
         )
     # Nothing is filtered at rest; the filters are stored so that the file has the form of every other model.
     filters = choose_preprocessing(recordings)
@@ -214,9 +214,9 @@ def _describe_poses(identified: Identification, requested: Sequence[EffectChoice
         f"{joint.name} ±{size:.2g} {joint.effort_unit}" for joint, size in zip(robot.joints, band, strict=True)
     )
     dropped = [choice.effect for choice in requested if choice.effect not in ACTING_AT_REST]
-    left_out = f" {', '.join(dropped)} show in motion alone and are left out." if dropped else ""
+    left_out = f" {', '.join(dropped)} act only in motion and are left out." if dropped else ""
     return (
-        f"These are {int(identified.fit.counts.max())} poses at rest: they tell the torque of gravity and constant "
-        f"torques, and nothing of inertia or friction in motion.{left_out} Record a motion for the dynamics.",
-        f"Static friction and noise are within a band about the model: {each} (95 % of the poses).",
+        f"These are {int(identified.fit.counts.max())} poses at rest: they show gravity and constant torques, but no "
+        f"inertia and no friction in motion.{left_out} Record a motion for the dynamics.",
+        f"Static friction and noise are within a band around the model: {each} (95 % of the poses).",
     )

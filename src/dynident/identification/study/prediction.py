@@ -117,10 +117,10 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
     for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
         if values.ndim != 2 or values.shape != (len(motion[0]), n):
             raise DynidentError(
-                f"{name} has the shape {values.shape}; all three have to be (samples, {n})", pointer=f"/{name}"
+                f"{name} has the shape {values.shape}; all three must have the shape (samples, {n})", pointer=f"/{name}"
             )
         if not np.isfinite(values).all():
-            raise DynidentError(f"{name} holds a value that is not finite", pointer=f"/{name}")
+            raise DynidentError(f"{name} contains a value that is not finite", pointer=f"/{name}")
     if not 0 < level < 1:
         raise DynidentError(f"level is {level}; give a probability between 0 and 1, usually 0.95", pointer="/level")
     signals = estimate.model.signals
@@ -129,7 +129,8 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
         if ca.depends_on(column.torque, ca.vertcat(signals.dddq, signals.ddddq, signals.period)):
             raise DynidentError(
                 f"{column.effect} depends on derivatives of the acceleration or on the sampling period; compare the "
-                "model with a recording instead, or export it (JSON, C code, CasADi), which takes these as arguments",
+                "model with a recording instead, or export it (JSON, C code, CasADi): the export takes these as "
+                "arguments",
                 pointer="/effects",
             )
     for choice in estimate.model.effects:
@@ -137,6 +138,6 @@ def _check_inputs(estimate: Estimate, motion: tuple[FloatArray, FloatArray, Floa
         if effect.needs_temperature or effect.needs_session or choice.runs or effect.in_some_runs:
             raise DynidentError(
                 f"{choice.effect} depends on more than the motion (time of the session, temperature or run); compare "
-                "the model with a recording instead, which has these",
+                "the model with a recording instead, because a recording contains them",
                 pointer="/effects",
             )

@@ -88,25 +88,26 @@ def check_reduced_data(identification: Identification, choices: IdentificationCh
     """
     old = identification.choices
     if (choices.model, choices.pole, choices.interval) != (old.model, old.pole, old.interval):
-        raise _recordings_needed_error("/model", f"the reduced data are rows of the {old.model} model")
+        raise _recordings_needed_error("/model", f"the reduced data contain rows of the {old.model} model")
     if old.model == "base_wrench" and choices.solver.weighted != old.solver.weighted:
         raise _recordings_needed_error(
-            "/estimator", "what the wrench alone shows was taken out with the other estimator's weights"
+            "/estimator",
+            "the parameters that only the wrench shows were removed with the weights of the other estimator",
         )
     if not choices.solver.from_reduced:
         able = ", ".join(ESTIMATORS.names_with("from_reduced"))
-        reason = f"{choices.solver.name} goes through the samples again; from reduced data there are {able}"
+        reason = f"{choices.solver.name} needs the samples; with reduced data only these are possible: {able}"
         raise _recordings_needed_error("/estimator", reason)
     if not choices.plan.from_reduced:
         able = ", ".join(STRATEGIES.names_with("from_reduced"))
-        reason = f"{choices.strategy} needs runs of single joints; from reduced data there are {able}"
+        reason = f"{choices.strategy} needs runs of single joints; with reduced data only these are possible: {able}"
         raise _recordings_needed_error("/strategy", reason)
     if choices.preprocessing not in (None, old.preprocessing, identification.preprocessing):
-        raise _recordings_needed_error("/preprocessing", "the reduced data were filtered otherwise")
+        raise _recordings_needed_error("/preprocessing", "the reduced data were filtered with other settings")
 
 
 def _recordings_needed_error(pointer: str, why: str) -> DynidentError:
-    return DynidentError(f"{why}; identify from the recordings for that", pointer=pointer, title=_RECORDINGS_NEEDED)
+    return DynidentError(f"{why}; identify from the recordings", pointer=pointer, title=_RECORDINGS_NEEDED)
 
 
 _TITLE = "Nothing to remove"
@@ -185,7 +186,7 @@ def subtract_effects(
             raise DynidentError(detail, pointer=pointer, title=_TITLE)
         remaining = rest
     if not remaining:
-        raise DynidentError("nothing would be left in the model; keep at least one effect", pointer="/effects")
+        raise DynidentError("the model would have no effects left; keep at least one effect", pointer="/effects")
     return remaining
 
 
@@ -239,7 +240,7 @@ def build_submodel(
     strangers = sorted({column.effect for column in columns if column.key not in where})
     if strangers:
         raise DynidentError(
-            f"the reduced data have no columns for {', '.join(strangers)}; identify from the recordings for that",
+            f"the reduced data have no columns for {', '.join(strangers)}; identify from the recordings",
             pointer=pointer,
             title="Recordings needed",
         )

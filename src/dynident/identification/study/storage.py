@@ -166,7 +166,7 @@ def from_bytes(content: bytes) -> Identification:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
         raise DynidentError(
-            "this is no identified model that this version can read", title="Unreadable model"
+            "this version cannot read the file as an identified model", title="Unreadable model"
         ) from error
 
 
@@ -175,7 +175,7 @@ def _read_identification(content: bytes) -> Identification:
     for arrays in read_ladder(content):
         identification = _read_model(arrays, identification)
     if identification is None:
-        raise ValueError("no model")
+        raise ValueError("not a model")
     return identification
 
 

@@ -41,7 +41,7 @@ def read_ladder(content: bytes) -> list[Arrays]:
     number = _parse_format_number(header)
     # A newer file may hold fields that change the meaning of the others, so it is refused as a whole.
     if number > PRESENT:
-        detail = f"the model is of format {number}, and this version reads 1 to {PRESENT}; update dynident"
+        detail = f"the model has the format {number}, but this version reads formats 1 to {PRESENT}; update dynident"
         raise DynidentError(detail, title="Model of a newer version")
     if number == 1:
         return _read_first_format(arrays)
@@ -103,7 +103,7 @@ def _read_first_format(arrays: Arrays) -> list[Arrays]:
     while "parent" in ladder[-1]:
         parent = _load(ladder[-1].pop("parent").tobytes())
         if _parse_format_number(_read_header(parent)) != 1:
-            raise ValueError("a model of another format inside one of the first")
+            raise ValueError("a model of another format inside a model of the first format")
         ladder.append(parent)
     for model in ladder:
         for name, array in model.items():

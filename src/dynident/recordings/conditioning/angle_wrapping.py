@@ -91,13 +91,19 @@ class WrappedAngles:
     def checks(self) -> list[Check]:
         """Report which angles wrapped."""
         if not self._found.n and not self._shift:
-            return [Check(self.name, "ok", "No angle wraps.")]
+            return [Check(self.name, "ok", "No position wraps around.")]
         sources = self._signals.sources
-        parts = [f"Turns are unwrapped in {self._found.describe(sources)}."] if self._found.n else []
+        parts = (
+            [f"Positions that wrap around after a whole turn are unwrapped in {self._found.describe(sources)}."]
+            if self._found.n
+            else []
+        )
         if self._shift:
             shifted = ", ".join(sources[column] for column in self._shift)
-            parts.append(f"A whole turn is added to or taken from {shifted}, so that the joint is inside its limits.")
-        parts.append(f'If they are right as they are, say "skip": ["{self.name}"].')
+            parts.append(
+                f"A whole turn is added to or subtracted from {shifted}, so that the joint is inside its limits."
+            )
+        parts.append(f'If the recorded positions are right, say "skip": ["{self.name}"].')
         return [self._found.make_check(self.name, "warning", " ".join(parts), sources)]
 
     def _find_whole_turns(self, window: Window) -> dict[int, float]:

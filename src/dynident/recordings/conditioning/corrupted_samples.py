@@ -91,13 +91,13 @@ class CorruptedSamples:
         """Report which samples were removed."""
         rows = self._found
         if not rows.n:
-            return [Check(self.name, "ok", "No sample is off the course of its signal.")]
+            return [Check(self.name, "ok", "No sample is an obvious outlier of its signal.")]
         single = rows.n == 1
         detail = (
-            f"{rows.n} sample{' is' if single else 's are'} off the course of "
+            f"{rows.n} sample{' is an obvious outlier' if single else 's are obvious outliers'} of "
             f"{'its signal' if single else 'their signals'} and cannot have been measured: "
-            f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} replaced by what lies "
-            "between the neighbours. Look for lost frames of the bus; if they are right as they are, say "
+            f"{rows.describe(self._signals.sources)}. {'It is' if single else 'They are'} interpolated between the "
+            "neighbours. Look for lost frames of the bus; if the recorded values are right, say "
             f'"skip": ["{self.name}"].'
         )
         return [rows.make_check(self.name, "warning", detail, self._signals.sources)]

@@ -56,11 +56,11 @@ class IdleDrives:
         """Report where the drives were switched off."""
         rows = self._found
         if not rows.n or rows.first is None:
-            return [Check(self.name, "ok", "The drives are switched on throughout.")]
+            return [Check(self.name, "ok", "The drives are switched on all the time.")]
         detail = (
             f"All torques are exactly 0 in {rows.n} rows, first in row {rows.first[0]} (t = {rows.first[1]:.6g} s), "
-            "and jump there: the drives are switched off. These rows are not used, and nothing is filtered across "
-            f'them; if the torques are right, say "skip": ["{self.name}"].'
+            "and they jump to 0 there: the drives are switched off. These rows are not used, and no filter runs "
+            f'across them. If the torques are right, say "skip": ["{self.name}"].'
         )
         return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
@@ -117,13 +117,13 @@ class HeldSamples:
         """Report at which rate samples really come."""
         rows = self._found
         if not rows.n:
-            return [Check(self.name, "ok", "No signals are held between their samples.")]
+            return [Check(self.name, "ok", "No signal repeats its old value between new samples.")]
         rate = 1.0 / self._signals.step
         detail = (
-            f"In {rows.n} rows all positions and torques are those of the row before: the file has {rate:.4g} rows a "
-            f"second, and what it holds comes about {rate * self._n_changes / self._n_rows:.3g} times a second. "
-            "Between these samples the signals are interpolated; nothing faster can be seen in them. Log at the "
-            f'rate of the source; if the rows are right as they are, say "skip": ["{self.name}"].'
+            f"In {rows.n} rows all positions and torques repeat the row before: the file has {rate:.4g} rows a "
+            f"second, but new values come only about {rate * self._n_changes / self._n_rows:.3g} times a second. The "
+            "signals are interpolated between the new values; faster changes are lost. Log at the rate of the source. "
+            f'If the rows are right, say "skip": ["{self.name}"].'
         )
         return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
@@ -159,11 +159,11 @@ class MissingValues:
         """Report which cells were missing."""
         rows = self._found
         if not rows.n:
-            return [Check(self.name, "ok", "Every cell that is needed holds a number.")]
+            return [Check(self.name, "ok", "Every cell that is needed has a valid number.")]
         detail = (
-            f"{rows.n} cell{'s hold' if rows.n > 1 else ' holds'} no number, or one that no sensor gives: "
-            f"{rows.describe(self._signals.sources)}. They are replaced by what lies between their neighbours where "
-            "those are near, and else their rows are left out."
+            f"{rows.n} cell{'s have' if rows.n > 1 else ' has'} no number, or one that no sensor gives: "
+            f"{rows.describe(self._signals.sources)}. They are interpolated where valid neighbours are near; otherwise "
+            "their rows are left out."
         )
         return [rows.make_check(self.name, "warning", detail, self._signals.sources)]
 
@@ -204,8 +204,8 @@ class BridgedGaps:
         if not rows.n:
             return []
         detail = (
-            f"{self._n_lost} of {self._n_rows} rows are left out, and nothing is filtered across them: samples are "
-            f"missing there for longer than can be bridged, in {rows.describe(self._signals.sources)}."
+            f"{self._n_lost} of {self._n_rows} rows are left out, and no filter runs across them: samples are missing "
+            f"there for too long to interpolate, in {rows.describe(self._signals.sources)}."
         )
         much = self._n_lost > MOST_MISSING * self._n_rows
         return [rows.make_check(self.name, "error" if much else "warning", detail, self._signals.sources)]

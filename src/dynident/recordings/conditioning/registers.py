@@ -50,8 +50,11 @@ class Register:
     def __str__(self) -> str:
         size = 2**self.bit
         if self.is_magnitude:
-            return f"they jump by {size} around zero, so that bit {self.bit} is the sign: {size} + x means -x"
-        return f"they jump by {2 * size} around zero, as numbers of {self.bit + 1} bits do that are read without sign"
+            return f"the values jump by {size} around zero, so bit {self.bit} is the sign: {size} + x means -x"
+        return (
+            f"the values jump by {2 * size} around zero, as signed numbers of {self.bit + 1} bits do when they are "
+            "read as unsigned"
+        )
 
 
 def find_register(raw: FloatArray, together: BoolArray, bits: Collection[int] = BITS) -> Register | None:
@@ -139,15 +142,15 @@ class SignedRegisters:
     def checks(self) -> list[Check]:
         """Report which columns are registers, and how they are read."""
         if not self._registers:
-            return [Check(self.name, "ok", "No column is a register whose sign was not read.")]
+            return [Check(self.name, "ok", "No column is a signed number that was read as unsigned.")]
         return [self._report_register(kind, register) for kind, register in self._registers.items()]
 
     def _report_register(self, kind: str, register: Register) -> Check:
         rows, sources = self._found[kind], self._signals.sources
         names = [sources[column] for column in self._signals.registers[kind]]
         detail = (
-            f"{names[0]} … {names[-1]} are registers whose sign was not read: {register}. {rows.n} samples are read "
-            f'so; if they are right as they are, say "skip": ["{self.name}"].'
+            f"{names[0]} … {names[-1]} are signed numbers that were read as unsigned: {register}. {rows.n} samples "
+            f'are corrected; if the recorded values are right, say "skip": ["{self.name}"].'
         )
         return rows.make_check(self.name, "warning", detail, sources)
 

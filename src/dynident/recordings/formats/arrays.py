@@ -128,8 +128,8 @@ class UnpackedParts:
     def __init__(self, size: int) -> None:
         free = shutil.disk_usage(tempfile.gettempdir()).free
         if size > free:
-            detail = f"The file unpacks to {size / 2**20:.0f} MB, and {free / 2**20:.0f} MB are free on the disk."
-            raise RecordingError(detail, title="No room")
+            detail = f"The file unpacks to {size / 2**20:.0f} MB, but only {free / 2**20:.0f} MB are free on the disk."
+            raise RecordingError(detail, title="Not enough disk space")
         self.file: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the arrays that lie in it
 
     def append(self, read: Callable[[int], bytes], size: int) -> tuple[int, int]:
@@ -193,7 +193,7 @@ class ArrayFileSource(FileSource):
             if 1 <= len(array.shape) <= 2 and min(array.shape) > 0 and max(array.shape) >= FEWEST_ROWS
         ]
         if not arrays:
-            raise RecordingError("The file holds no arrays of numbers with rows.", title=TITLE)
+            raise RecordingError("The file contains no arrays of numbers with rows.", title=TITLE)
         # Arrays do not say which of their axes is time: it is the length that they share.
         self._length = _find_length(arrays)
         # The common group is stripped of names before arrays of other lengths, settings mostly, are left out.

@@ -58,8 +58,8 @@ class BagSource(FileSource):
         self._ahead = chain(blocks, stream)
         if not fields:
             raise RecordingError(
-                "The bag holds no joint states: messages of sensor_msgs/JointState are needed, with position and "
-                "effort.",
+                "The bag contains no joint states. Record messages of the type sensor_msgs/JointState, with position "
+                "and effort.",
                 title=TITLE,
             )
 

@@ -63,9 +63,10 @@ def check_hdf5_storage(name: str, item: h5py.Dataset, file_size: int) -> None:
     filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
     unknown = [code for code in filters if code not in _FILTERS]
     if unknown or len(set(filters)) < len(filters):
-        which = f"the filter {unknown[0]}" if unknown else "one filter twice"
+        which = f"the filter {unknown[0]}" if unknown else "the same filter twice"
         raise _unusable_data_error(
-            name, f"is stored with {which}; known are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)"
+            name,
+            f"is stored with {which}; supported are {', '.join(_FILTERS.values())}, each once (h5repack -f GZIP=4)",
         )
     if item.chunks is None:
         return
@@ -103,8 +104,8 @@ def _check_chunks(name: str, item: Any, filters: list[int], chunk: int, file_siz
         info = wrong[0]
         raise _unusable_data_error(
             name,
-            f"is damaged: a chunk is said to be {info.size} bytes at byte {info.byte_offset} of {file_size}, where "
-            f"{largest} are the most",
+            f"is damaged: the file says that a chunk has {info.size} bytes at byte {info.byte_offset} of {file_size}, "
+            f"but a chunk can have at most {largest}",
         )
     for info in suspects:
         _check_compressed(name, item, filters, info, chunk)
@@ -125,7 +126,7 @@ def _check_compressed(name: str, item: Any, filters: list[int], info: Any, chunk
         unpacked = len(data) * _GROWTH[_LZF]
     if unpacked > (4 * LARGEST_CHUNK if last == _LZF else chunk + _FLETCHER_BYTES):
         raise _unusable_data_error(
-            name, f"has a chunk that unpacks to more than the {chunk} bytes that it is said to hold"
+            name, f"has a chunk that unpacks to more than the {chunk} bytes that the file declares"
         )
 
 
@@ -215,7 +216,7 @@ def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
         prefix, depth, group = waiting.pop()
         for key in group:
             if isinstance(key, bytes):
-                raise RecordingError(f"The name {key[:80]!r} is no UTF-8 text; rename it.", title=TITLE)
+                raise RecordingError(f"The name {key[:80]!r} is not UTF-8 text; rename it.", title=TITLE)
             name = prefix + key
             link = group.get(key, getlink=True)
             if isinstance(link, h5py.ExternalLink):
@@ -234,8 +235,8 @@ def _find_datasets(file: Any) -> Iterator[tuple[str, Any]]:
             addresses.add(address)
             if len(addresses) > MOST_OBJECTS or depth > DEEPEST:
                 raise RecordingError(
-                    f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} deep; "
-                    "export the signals of the joints alone.",
+                    f"The file has more than {MOST_OBJECTS} groups and data sets, or groups more than {DEEPEST} "
+                    "levels deep; export only the signals of the joints.",
                     title=TITLE,
                 )
             if kind == h5py.h5o.TYPE_GROUP:

@@ -67,7 +67,7 @@ class RecordSource(FileSource):
             if len(head) == _LOOKED_AT or values > _LOOKED_AT_VALUES:
                 break
         if not columns:
-            raise RecordingError("The file holds no JSON object with values.", title=TITLE)
+            raise RecordingError("The file contains no JSON object with values.", title=TITLE)
         super().__init__(list(columns))
         self.texts = {
             name: tuple(cell if isinstance(cell, str) else "" for cell in (row.get(name) for row in head))
@@ -161,7 +161,7 @@ def _read_objects(content: TextContent) -> Iterator[object]:
                 longest = LARGEST_OBJECT if number <= 1 else LARGEST_MESSAGE
                 if n_left > longest:
                     raise RecordingError(
-                        f"Record {row} is longer than {longest >> 20} MB: write an object a line, or CSV.",
+                        f"Record {row} is longer than {longest >> 20} MB. Write one object per line, or CSV.",
                         title=TITLE,
                         row=row,
                     ) from error
@@ -192,7 +192,7 @@ def _flatten_record(record: object) -> dict[str, Value]:
 
 def _collect_values(value: object, name: str, values: dict[str, Value], depth: int) -> None:
     if depth > DEEPEST:
-        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+        raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     if isinstance(value, dict):
         for key, inner in value.items():
             _collect_values(inner, f"{name}.{key}" if name else str(key), values, depth + 1)
@@ -226,7 +226,7 @@ def _to_number(value: Any) -> float:
 def _find_arrays(value: Mapping[str, Any], name: str, depth: int) -> Iterator[StoredArray]:
     """Yield the arrays of numbers in an object that holds one for every signal."""
     if depth > DEEPEST:
-        raise RecordingError(f"{name[:60]} lies deeper than {DEEPEST} objects inside each other.", title=TITLE)
+        raise RecordingError(f"{name[:60]} is nested deeper than {DEEPEST} levels.", title=TITLE)
     for key, inner in value.items():
         own = f"{name}.{key}" if name else str(key)
         if isinstance(inner, dict) and len(inner) >= FEWEST_ROWS and all(map(str.isdigit, inner)):

@@ -46,7 +46,7 @@ class TelegramSource(FileSource):
             if number + 1 == _LOOKED_AT:
                 break
         if not names:
-            raise RecordingError("The file holds no whole telegram <Rob …>…</Rob>.", title=TITLE)
+            raise RecordingError("The file contains no complete telegram <Rob …>…</Rob>.", title=TITLE)
         super().__init__(list(names), {name: unit for name in names if (unit := _UNITS.get(name.rstrip("0123456789")))})
 
     def _batches(self, columns: list[str]) -> Iterator[pa.RecordBatch]:
@@ -87,7 +87,9 @@ def _parse_numbers(telegram: bytes, number: int) -> dict[str, float]:
     try:
         root = ElementTree.fromstring(telegram)
     except ElementTree.ParseError as error:
-        raise RecordingError(f"Telegram {number + 1} is no XML: {error}.", title=TITLE, row=number + 1) from error
+        raise RecordingError(
+            f"Telegram {number + 1} is not valid XML: {error}.", title=TITLE, row=number + 1
+        ) from error
     values: dict[str, float] = {}
     for element in root.iter():
         texts = {f"{element.tag}.{key}": text for key, text in element.attrib.items()}

@@ -69,7 +69,7 @@ def _read_arrays(file: IO[bytes]) -> Iterator[StoredArray]:
     file.seek(_HEADER - 2)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(2))
     if order is None:
-        raise ValueError("its header does not say the order of bytes")
+        raise ValueError("its header does not state the byte order")
     reader = _MatrixReader(file, order, size)
     elements = list(_read_elements(reader, size))
     sizes = {
@@ -157,7 +157,7 @@ class _MatrixReader:
         if element.code != _MATRIX or not element.size:
             return
         if depth > DEEPEST:
-            raise ValueError(f"it holds structures more than {DEEPEST} deep")
+            raise ValueError(f"it contains structures more than {DEEPEST} levels deep")
         flags = self.read_element(element.start)
         shape_at = self.read_element(flags.following)
         own_name = self.read_element(shape_at.following)
@@ -179,7 +179,7 @@ class _MatrixReader:
             return
         # What a header says is checked against the bytes that are there: nothing is allocated by it.
         if min(shape) < 0 or kind.itemsize * math.prod(shape) != numbers.size:
-            raise ValueError(f"{name} has not as many numbers as its size says")
+            raise ValueError(f"the size of {name} does not match how many numbers it has")
         yield ArrayPlace(self._file, numbers.start, kind, shape, by_columns=True).to_array(name)
 
     def _read_fields(self, name: str, at: int, depth: int) -> Iterator[StoredArray]:
@@ -187,7 +187,7 @@ class _MatrixReader:
         names = self.read_element(longest.following)
         width = self._read_numbers(longest.start, "i4", 1)[0]
         if width < 1:
-            raise ValueError(f"the names of the fields of {name} have no length")
+            raise ValueError(f"the field names of {name} have the length 0")
         text = self._read_bytes(names.start, names.size)
         at = names.following
         for first in range(0, names.size, width):

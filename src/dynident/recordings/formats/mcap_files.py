@@ -79,14 +79,14 @@ class _McapFile:
         file.seek(max(file.size - _FOOTER - _MAGIC, 0))
         footer = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
         if not isinstance(footer, Footer):
-            raise ValueError("it does not end with a footer; it was not closed (mcap recover)")
+            raise ValueError("it has no footer, because the recorder did not close it; repair it with mcap recover")
         if footer.summary_start == 0:
             return None
         file.seek(footer.summary_start)
         summary = _Registry()
         for record in StreamReader(file, skip_magic=True, emit_chunks=True).records:
             if isinstance(record, Chunk):
-                raise ValueError("its summary is none (mcap recover)")
+                raise ValueError("its summary cannot be read; repair it with mcap recover")
             summary.add(record)
         return summary
 
@@ -160,7 +160,7 @@ class _McapFile:
         check_chunk(size, "A chunk of the file")
         content = _decompress(chunk.compression, chunk.data, size)
         if len(content) > size:
-            raise ValueError(f"a chunk unpacks to more than the {size} bytes that it is said to hold")
+            raise ValueError(f"a chunk unpacks to more than the {size} bytes that the file declares")
         # Counted as it comes: an index may name one chunk many times.
         self._unpacked.add(len(content))
         return list(breakup_chunk(replace(chunk, compression="", data=content)))

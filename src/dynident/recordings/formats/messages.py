@@ -92,7 +92,7 @@ class _TypeSizes:
 
     def measure_type(self, name: str, within: tuple[str, ...]) -> int:
         if name in within or len(within) > DEEPEST:
-            raise ValueError(f"the type {name} holds itself, or types more than {DEEPEST} deep")
+            raise ValueError(f"the type {name} contains itself, or nests types more than {DEEPEST} levels deep")
         if name not in self._types:
             raise ValueError(f"the type {name} is not defined")
         if name not in self._sizes:
@@ -100,7 +100,7 @@ class _TypeSizes:
             # An array of an empty type costs, too: every type counts as one number at least.
             size = max(1, sum(self._measure_field(kind, (*within, name)) for _, kind in fields))
             if size > MOST_COLUMNS:
-                raise ValueError(f"the type {name} holds {size} numbers; at most {MOST_COLUMNS} are read")
+                raise ValueError(f"the type {name} contains {size} numbers; at most {MOST_COLUMNS} are read")
             self._sizes[name] = size
         return self._sizes[name]
 
@@ -175,8 +175,8 @@ def read_topic_samples(path: Path, name: str) -> Iterator[TopicSamples]:
         raise RecordingError(f"The file cannot be read as {name}: {error}", title=TITLE) from error
     if undefined and not any_read:
         raise RecordingError(
-            f"The bag does not say how its messages of {', '.join(undefined)} are built: record it as MCAP, or convert "
-            "it where that package is installed (ros2 bag convert).",
+            f"The bag does not contain the definition of its messages of the type {', '.join(undefined)}. Record it "
+            "as MCAP, or convert it (ros2 bag convert) on a computer on which the package of that type is installed.",
             title=TITLE,
         )
 
@@ -190,7 +190,7 @@ def _group_messages(messages: Iterator[PackedMessage]) -> Iterator[list[PackedMe
         length = len(message.data)
         if length > LARGEST_MESSAGE:
             raise RecordingError(
-                f"A message of {message.topic} has {length} bytes; signals of joints take at most "
+                f"A message of {message.topic} has {length} bytes; messages with joint signals have at most "
                 f"{LARGEST_MESSAGE >> 20} MB.",
                 pointer=message.topic,
                 title=TITLE,

@@ -82,7 +82,7 @@ class JoinedFiles(FileSource):
             if self._main.time in self._main.source.units:
                 units[self._time] = self._main.source.units[self._main.time]
         super().__init__(names, units)
-        how = "read between their samples at its times" if self._by_time else "joined with it row by row"
+        how = "interpolated at its times" if self._by_time else "joined to it row by row"
         others = ", ".join(part.name for part in self._parts if part is not self._main)
         self.remarks = (f"The rows are those of {self._main.name}; {others} {how}.",)
 
@@ -143,8 +143,8 @@ class JoinedFiles(FileSource):
                 if not all(ended):
                     short, long = parts[ended.index(True)][0].name, parts[ended.index(False)][0].name
                     raise RecordingError(
-                        f"{short} ends after {n_rows} rows, and {long} goes on: files without a time of their own are "
-                        "joined row by row, and need as many rows each.",
+                        f"{short} ends after {n_rows} rows, but {long} has more: files without their own time column "
+                        "are joined row by row and must have equally many rows.",
                         title="Different lengths",
                     )
                 return
@@ -176,7 +176,7 @@ def _make_parts(files: Sequence[Named]) -> list[_FilePart]:
         own_time = None if time is None else names[time]
         twice = next((name for part in parts for name in part.columns if name in columns), None)
         if twice is not None:
-            raise RecordingError(f"Column {twice} stands twice, in files of the same name.", pointer=twice, title=TITLE)
+            raise RecordingError(f"Column {twice} occurs twice, in files of the same name.", pointer=twice, title=TITLE)
         parts.append(_FilePart(file, source, own_time, time or "", columns, _measure_step(source, own_time)))
     check_columns(sum(len(part.columns) for part in parts))
     return parts
@@ -244,7 +244,7 @@ def has_arrays(path: Path) -> bool:
     except _BROKEN:
         return True
     if _WORKBOOK in names:
-        raise RecordingError("The file is a workbook of Excel or the like (.xlsx): save the sheet as CSV.", title=TITLE)
+        raise RecordingError("The file is an Excel workbook (.xlsx): save the sheet as CSV.", title=TITLE)
     return not names or any(name.endswith(".npy") for name in names)
 
 
@@ -258,13 +258,13 @@ def _list_members(path: Path) -> list[str]:
         ]
     if not 1 <= len(members) <= MOST_FILES:
         raise RecordingError(
-            f"The archive holds {len(members)} files; one recording is in one to {MOST_FILES}.", title=TITLE
+            f"The archive contains {len(members)} files; a recording has at most {MOST_FILES}.", title=TITLE
         )
     # Before anything is unpacked: a small archive may claim, and hold, gigabytes.
     check_unpacked(sum(member.file_size for member in members), path.stat().st_size, MOST_TEXT)
     for member in members:
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-            raise ValueError(f"{member.filename} is compressed in a way that is not read")
+            raise ValueError(f"{member.filename} is compressed by a method that is not supported")
     return [member.filename for member in members]
 
 

@@ -74,7 +74,7 @@ def _read_archive(path: Path) -> list[StoredArray]:
         unpacked = UnpackedParts(size) if compressed else None
         for member in members:
             if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                raise ValueError(f"{member.filename} is compressed in a way that NumPy does not write")
+                raise ValueError(f"{member.filename} is compressed by a method that NumPy does not use")
             with archive.open(member) as stream:
                 if member.compress_type == ZIP_STORED or unpacked is None:
                     # The archive was opened at it, and stands where it begins.
@@ -100,10 +100,10 @@ def _locate_array(file: IO[bytes], start: int, end: int) -> ArrayPlace | None:
     bounded: Any = BoundedFile(file)
     version = numpy_format.read_magic(bounded)
     if version not in _HEADERS:
-        raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not known")
+        raise ValueError(f"arrays of the format {version[0]}.{version[1]} are not supported")
     shape, by_columns, kind = _HEADERS[version](bounded)
     if kind.hasobject:
-        raise ValueError("it holds Python objects, which are never unpacked; save arrays of numbers")
+        raise ValueError("it contains Python objects, which are never loaded for safety; save arrays of numbers")
     if not kind.names and kind.kind not in _NUMBERS:
         return None
     if any(size < 0 for size in shape):

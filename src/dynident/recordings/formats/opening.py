@@ -74,8 +74,8 @@ def format_of(path: Path) -> str:
     # What was read is unpacked already: it shows what the compressed file holds.
     if content.compression is not None and (detected or START.search(start)):
         raise RecordingError(
-            f"The file is {detected or 'rsi'}, compressed with {content.compression}; only text is unpacked on the "
-            "way: unpack the file first.",
+            f"The file has the format {detected or 'rsi'} and is compressed with {content.compression}; only "
+            "compressed text can be read directly. Unpack the file first.",
             title="Unreadable file",
         )
     # Both are archives of ZIP: their members tell NumPy's from one with text files.
@@ -120,7 +120,7 @@ def open_source(path: Path, file_format: str | None, rate: float | None = None) 
     """
     if escape_surrogates(str(path)) != str(path):
         raise RecordingError(
-            f"The file's name {escape_surrogates(path.name)!r} is no UTF-8; rename it.", title="Unreadable file"
+            f"The file's name {escape_surrogates(path.name)!r} is not UTF-8; rename the file.", title="Unreadable file"
         )
     # Each wrapper repairs one thing: words in cells first, since times may be among them; then split stamps; then
     # rows of several series; the stated rate last, which replaces any time.
@@ -156,7 +156,8 @@ def _join_files(path: Path, parts: list[Path]) -> FileSource:
         name = format_of(part)
         if len(parts) > 1 and name not in ("csv", "jsonl"):
             raise RecordingError(
-                f"{part.name} is {name}; only files of text, CSV or JSON, are joined.", title="Unreadable file"
+                f"{part.name} has the format {name}; only text files (CSV or JSON) can be joined.",
+                title="Unreadable file",
             )
     return open_joined_files(
         path, parts, lambda content: join_sparse_rows(join_split_stamps(read_word_cells(open_text(content))))
@@ -204,8 +205,8 @@ def _open_foreign(path: Path, name: str) -> FileSource:
         return open_bag(path, name)
     except ModuleNotFoundError as missing:
         raise RecordingError(
-            f"Files of the format {name} are read with the package {missing.name}, which is not installed: "
-            "pip install 'dynident[formats]'. Or export the file as CSV or Parquet.",
+            f"Reading files of the format {name} needs the package {missing.name}, which is not installed: pip "
+            "install 'dynident[formats]'. Or export the file as CSV or Parquet.",
             pointer="/format",
             title="Not installed",
         ) from missing

@@ -168,8 +168,8 @@ class _Bag:
             virtual = kind == "table" and (not root or "virtual" in str(text).casefold().split()[1:2])
             if kind not in ("table", "index") or virtual:
                 raise RecordingError(
-                    f"The bag holds {name}, a {'virtual table' if virtual else kind}; a bag of ROS 2 has tables and "
-                    "indices alone. Convert it where it was recorded (ros2 bag convert).",
+                    f"The bag contains {name}, a {'virtual table' if virtual else kind}; a ROS 2 bag contains only "
+                    "tables and indices. Convert it on the computer that recorded it (ros2 bag convert).",
                     pointer=str(name),
                     title=TITLE,
                 )
@@ -177,12 +177,12 @@ class _Bag:
                 tables.add(str(name))
         for table, columns in _NEEDED.items():
             if table not in tables:
-                raise RecordingError(f"The bag has no table {table}: it is no bag of ROS 2.", title=TITLE)
+                raise RecordingError(f"The bag has no table {table}, so it is not a ROS 2 bag.", title=TITLE)
             # The last value says whether a column is computed from others.
             stored = {row[1]: row[6] for row in self._fetch_rows(f"PRAGMA table_xinfo({table})")}
             for column in columns:
                 if stored.get(column, 1):
-                    detail = f"The table {table} of the bag has no stored column {column}: it is no bag of ROS 2."
+                    detail = f"The table {table} of the bag has no stored column {column}, so it is not a ROS 2 bag."
                     raise RecordingError(detail, title=TITLE)
         return tables
 
@@ -227,10 +227,10 @@ class _Bag:
             try:
                 block = np.array(rows, dtype=np.int64)
             except (TypeError, ValueError, OverflowError):
-                raise ValueError(f"topic, time or data of a message from {rows[0][0]} on are none") from None
+                raise ValueError(f"topic, time or data of a message are empty (first at row {rows[0][0]})") from None
             held += int(block[:, 3].sum())
             if block[0, 0] <= last or (np.diff(block[:, 0]) <= 0).any() or held > self._size:
-                raise ValueError("the data base is damaged: pages of its table of messages stand in it twice")
+                raise ValueError("the database is damaged: pages of its message table occur twice")
             last = int(block[-1, 0])
             parts.append(block[np.isin(block[:, 1], np.array(topics))][:, [2, 0]])
         whole = np.concatenate(parts)

@@ -196,7 +196,7 @@ class RewrittenText(ProducedStream):
         # Only whole lines are rewritten: a pattern must not be cut by the border of a block.
         end = len(text) if self._at_end else _find_whole_lines(text)
         if not end and len(text) > LARGEST_MESSAGE:
-            raise RecordingError("A line of the file does not end, or a list in it is not closed.", title=TITLE)
+            raise RecordingError("A line of the file has no end, or a list in it is not closed.", title=TITLE)
         lines, self._waiting = text[:end], text[end:]
         for rewrite in self._rewrite:
             lines = rewrite(lines)

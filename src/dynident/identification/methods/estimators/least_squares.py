@@ -33,7 +33,9 @@ class Feasible(Estimator):
 
     name = "feasible"
     label = "physically feasible"
-    words = "Only bodies that can exist: for motions that do not determine everything, and for simulators."
+    words = (
+        "Gives only physically possible links: for motions that do not determine all parameters, and for simulators."
+    )
     brief = "physically possible links"
     place = 4
     from_reduced = True
@@ -54,7 +56,7 @@ class Robust(Estimator):
 
     name = "irls"
     label = "robust"
-    words = "Rows that fit badly count less: for recordings with contacts, jumps or other outliers."
+    words = "Rows with large residuals have less weight: for recordings with contacts, jumps or other outliers."
     brief = "robust"
     place = 3
 
@@ -71,8 +73,8 @@ class Ordinary(Estimator):
 
     name = "ols"
     label = "ordinary least squares"
-    words = "All joints alike [12.5]: strong joints dominate."
-    brief = "all joints alike"
+    words = "All joints have the same weight [12.5], so joints with large torques dominate."
+    brief = "all joints with the same weight"
     place = 2
     from_reduced = True
     in_steps = True
@@ -93,7 +95,7 @@ class Weighted(Estimator):
 
     name = "wls"
     label = "weighted least squares"
-    words = "Each joint weighted by its noise. Also where no robot has what comes out."
+    words = "Each joint weighted by its noise. The parameters may be physically impossible."
     brief = "each joint weighted by its noise"
     place = 1
     from_reduced = True
@@ -116,7 +118,7 @@ class Auto(Weighted):
 
     name = "auto"
     label = "weighted least squares, feasible where free"
-    words = "Weighted least squares, moved to bodies that can exist where the fit hardly changes. The usual choice."
-    brief = "wls, made feasible where that costs less than 2 % of the error"
+    words = "Weighted least squares, made physically feasible if the fit hardly changes. The usual choice."
+    brief = "wls, made feasible if the error grows by less than 2 %"
     place = 0
     possible_where_free = True

@@ -28,8 +28,8 @@ class Kalman(Estimator):
 
     name = "ekf"
     label = "extended Kalman filter"
-    words = "Parameters as they emerge, sample by sample."
-    brief = "in the order of time"
+    words = "Updates the parameters sample by sample."
+    brief = "sample by sample in time"
     place = 7
     simulates = True
     tells_convergence = True
@@ -47,8 +47,8 @@ class OutputError(Estimator):
 
     name = "didim"
     label = "output error (DIDIM)"
-    words = "Compares measured with simulated torque; needs positions for the first guess alone."
-    brief = "simulated against measured torque"
+    words = "Compares measured with simulated torque; needs measured positions only for the first guess."
+    brief = "measured compared with simulated torque"
     place = 6
     simulates = True
     tells_convergence = True
@@ -68,7 +68,7 @@ class InstrumentalVariables(Estimator):
 
     name = "iv"
     label = "instrumental variables"
-    words = "Unbiased where noisy encoders pull least squares off; simulates the robot a few times."
+    words = "Unbiased when noisy encoders bias least squares; simulates the robot a few times."
     brief = "instruments from a simulation"
     place = 5
     simulates = True

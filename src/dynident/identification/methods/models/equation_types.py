@@ -14,10 +14,10 @@ class Power(EquationType):
     name = "power"
     label = "power"
     words = (
-        "One row for each instant [12.51]: no interval to choose, no infinite gain for offsets; needs a more exciting "
+        "One row per sample [12.51]: no interval to choose, and offsets do not accumulate; needs a more exciting "
         "motion."
     )
-    brief = "energy's rate"
+    brief = "energy rate"
     place = 4
 
 
@@ -27,7 +27,7 @@ class Filtered(EquationType):
 
     name = "filtered"
     label = "filtered dynamic"
-    words = "As the dynamic model, but without accelerations [12.28]: for noisy encoders."
+    words = "Like the dynamic model, but without accelerations [12.28]: for noisy encoders."
     brief = "without accelerations"
     place = 2
     by_joint = True
@@ -39,7 +39,7 @@ class Energy(EquationType):
 
     name = "energy"
     label = "energy"
-    words = "One row for each interval [12.43]: neither accelerations nor filters matter; needs a more exciting motion."
+    words = "One row per interval [12.43]: needs no accelerations or filters, but a more exciting motion."
     brief = "over intervals"
     place = 3
 
@@ -50,8 +50,8 @@ class BaseWrench(EquationType):
 
     name = "base_wrench"
     label = "base wrench"
-    words = "Six rows from a force-torque sensor under the base: free of joint friction."
-    brief = "a sensor under the base"
+    words = "Six rows per sample from a force-torque sensor under the base: joint friction does not appear in them."
+    brief = "a force-torque sensor under the base"
     place = 5
 
 
@@ -61,7 +61,7 @@ class Dynamic(EquationType):
 
     name = "dynamic"
     label = "dynamic"
-    words = "A row for each joint and instant [12.18]: excites most. The usual choice."
-    brief = "joints' torques"
+    words = "One row per joint and sample [12.18]: shows the parameters best. The usual choice."
+    brief = "joint torques"
     place = 1
     by_joint = True

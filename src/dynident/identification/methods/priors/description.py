@@ -13,8 +13,8 @@ class EntropicDescription(Prior):
 
     name = "description_entropic"
     label = "the description's bodies (entropic)"
-    words = "Believes them as bodies, the same in every frame; goes with the estimator physically feasible."
-    brief = "bodies, the same in every frame; with --estimator feasible"
+    words = "Uses the bodies of the description, independent of the frame; needs the estimator physically feasible."
+    brief = "bodies, independent of the frame; with --estimator feasible"
     place = 2
     called = "description (entropic)"
     of_bodies = True
@@ -26,7 +26,7 @@ class Description(Prior):
 
     name = "description"
     label = "the description's inertias"
-    words = "Believes the robot's description as far as descriptions can usually be believed: for small motions."
+    words = "Uses the inertias of the robot's description with their usual errors: for small motions."
     brief = "its inertias"
     place = 1
     called = "description"

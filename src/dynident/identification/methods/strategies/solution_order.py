@@ -28,7 +28,7 @@ class SeparateFriction(Strategy):
 
     name = "separate_friction"
     label = "friction first"
-    words = "Friction from runs at constant speed (measurements whose role is friction), then the rest."
+    words = "First friction from recordings at constant speed (role friction), then the other parameters."
     brief = "friction first"
     place = 3
     friction_runs = True
@@ -63,7 +63,7 @@ class Sequential(Strategy):
 
     name = "sequential"
     label = "one after another"
-    words = "From the end of the arm to its base, with the errors of earlier steps carried on."
+    words = "From the end of the arm to its base; each step includes the uncertainty of earlier steps."
     brief = "one after another"
     place = 2
     from_reduced = True
