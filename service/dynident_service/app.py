@@ -138,11 +138,11 @@ def _open_key_ring(services: Services) -> KeyRing:
     keys = KeyRing(services.settings, services.database)
     if services.settings.needs_keys and keys.is_empty():
         raise RuntimeError(
-            f"refusing to listen on {services.settings.host} without any API key: make one with "
-            "`python -m dynident_service.new_key NAME`, or listen on 127.0.0.1"
+            f"the service does not listen on {services.settings.host} without an API key: make one with `python "
+            "-m dynident_service.new_key NAME`, or listen on 127.0.0.1"
         )
     if any(astuple(get_quota_limits(services.settings))) and not services.settings.needs_keys:
-        log.warning("quotas count by key, and no key is asked for (DYNIDENT_REQUIRE_KEYS): nobody is limited")
+        log.warning("quotas count per key, but the service requires no keys (DYNIDENT_REQUIRE_KEYS): nobody is limited")
     return keys
 
 

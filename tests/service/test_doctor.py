@@ -134,7 +134,7 @@ def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_
     assert lines.keys() == unreadable.keys()
     for identifier, reason in unreadable.items():
         assert reason in lines[identifier]
-    assert "\n8 unreadable: ask for it again, its request is kept" in text
+    assert "\n8 unreadable: compute it again, its request is stored" in text
     assert told(store, "--quick") == (0, "all is well\n")
 
 

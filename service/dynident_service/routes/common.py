@@ -90,7 +90,7 @@ def require_result(
     resource = require_resource(services, kind, identifier, pointer)
     state = resource.job.state if resource.job is not None else "failed"
     if state != "succeeded":
-        detail = f"the {kind} {identifier!r} is {state}; one that succeeded is needed"
+        detail = f"the {kind} {identifier!r} is {state}; it must have succeeded"
         raise make_unusable(detail, pointer, title=title)
     return resource
 
@@ -123,7 +123,7 @@ def require_measurements(
         item_pointer = f"{pointer}/{index}"
         measurement = require_resource(services, "measurement", identifier, item_pointer)
         if identifier in identifiers[:index]:
-            raise make_unusable(f"the measurement {identifier!r} is named twice", item_pointer)
+            raise make_unusable(f"the measurement {identifier!r} is given twice", item_pointer)
         require_same_drives(services, robot, measurement, item_pointer)
         needs.append(Dependency(identifier, "measurement", role, item_pointer))
     return tuple(needs)
@@ -149,8 +149,8 @@ def refuse_coupled(robot: Resource, reason: str) -> None:
     coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
     if coupled:
         raise make_unusable(
-            f"the motors of {', '.join(coupled)} of this robot act on several joints; "
-            f"{reason} motors of one joint each",
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; {reason} motors that act on "
+            "one joint each",
             "/robot_id",
             title="Coupled drives",
         )
@@ -172,8 +172,8 @@ PATHS: dict[str, str] = {
 }
 """Below which path resources of a kind are, but for those that are below the kind's plural."""
 
-Limit = Annotated[int, Query(ge=1, le=500, description="How many at most")]
-Cursor = Annotated[str | None, Query(max_length=40, description="From the part before")]
+Limit = Annotated[int, Query(ge=1, le=500, description="Largest number of items")]
+Cursor = Annotated[str | None, Query(max_length=40, description="Cursor from the previous page")]
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ async def read_list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery
 async def read_labelled_list_query(
     limit: Limit = 50,
     cursor: Cursor = None,
-    archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
+    archived: Annotated[bool, Query(description="Whether to list archived resources, too")] = False,
 ) -> ListQuery:
     """Take the same of a list of resources that may be archived."""
     return ListQuery(limit, cursor, archived)
@@ -285,7 +285,9 @@ def require_succeeded(resource: Resource) -> Resource:
     """Return a resource that has been computed; raise a problem 409 with its state otherwise."""
     job = resource.job
     if job is not None and job.state != "succeeded":
-        detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
+        detail = (
+            f"The {resource.kind} {resource.id} is {job.state}; this is available when its job {job.id} has succeeded."
+        )
         raise ProblemError(409, detail, title="Not computed")
     return resource
 

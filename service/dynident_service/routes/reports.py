@@ -53,7 +53,7 @@ def _server_address(request: Request) -> str:
     _build_address,
 )
 def create_report(services: Services, body: ReportRequest) -> Sequence[Dependency]:
-    """Write a report of an identified model, with its ladder and a diagnosis if asked."""
+    """Write a report on an identified model, with its ladder and, if requested, a diagnosis."""
     model = require_model(services, body.identification_id)
     robot = services.resources.get("robot", model.get_dependency("robot"))
     needs = [
