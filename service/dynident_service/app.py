@@ -33,9 +33,10 @@ from dynident_service.tracing import RequestTracing
 from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.workbench import mount_workbench as mount_workbench
 
-DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
-model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
-`job_id`; `/v1/jobs/{id}/events` tells how far it is. SI units throughout; errors are `application/problem+json`."""
+DESCRIPTION = """Identification of the dynamic parameters of robots: from a robot and its recordings the service
+identifies a model, names the effects that the model lacks, and writes a report. Long work is a job: the answer 202 has
+its resource and its `job_id`; `/v1/jobs/{id}/events` reports the progress. All units are SI; errors are
+`application/problem+json`."""
 PROBLEM = {
     "description": "A problem (RFC 9457)",
     "content": {MEDIA_TYPE: {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}},

@@ -133,7 +133,11 @@ HOSTILE: dict[str, tuple[str, dict[str, Any], str]] = {
     "a role without an end": ("objects", {"role": "r" * 21}, "as its role"),
     "a file of nobody": ("objects", {"resource_id": "rob_01m8a537spwfmtj6b3tgq6hy3d"}, "does not contain"),
     "a recording without its file": ("objects", {"role": "other"}, "is not valid: ValueError: it has no recording"),
-    "something that rests on nothing": ("dependencies", {"on_id": "rob_01m8a537spwfmtj6b3tgq6hy3d"}, "does not contain"),
+    "something that rests on nothing": (
+        "dependencies",
+        {"on_id": "rob_01m8a537spwfmtj6b3tgq6hy3d"},
+        "does not contain",
+    ),
     "something that rests on a robot twice": ("dependencies", {"role": None}, "has no role"),
     "a job that is to be run": ("jobs", {"state": "queued"}, "is not computed"),
     "a job that is a path": ("jobs", {"id": "/tmp/x"}, "does not contain"),

@@ -26,7 +26,7 @@ class UseView(ViewModel):
 class DriftView(ViewModel):
     """Drift of an open-loop simulation under the measured torque, root mean square over many starts.
 
-    null where it diverged, or where no stretch of the held-out data is that long.
+    null if it diverged, or if no interval of the held-out data is that long.
     """
 
     joint_names: list[str]

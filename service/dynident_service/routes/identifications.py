@@ -205,8 +205,8 @@ def get_lineage(
 ) -> Lineage:
     """Show the ladder of models that led here: what was added or removed, and the errors at each step.
 
-    An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
-    and those above it whose error is larger.
+    An extension by several effects has a step for each. If all steps have validation errors, the best one is marked,
+    and the later ones whose error is larger.
     """
     with hold_import_lock():
         from dynident_service.adapters.identifications import build_steps_of_views, compare_ladders

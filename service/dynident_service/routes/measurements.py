@@ -91,7 +91,7 @@ async def upload_measurement(
 ) -> MeasurementView:
     """Check and store a recording; an unusable one is refused, with the column and the row or time.
 
-    Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
+    Send a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
     """
     # One path for both, since both make a measurement; FastAPI cannot declare a form and a JSON body in one function.
     if request.headers.get("content-type", "").lower().startswith("application/json"):

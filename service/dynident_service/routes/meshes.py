@@ -47,7 +47,7 @@ async def put_meshes(
 ) -> MeshesView:
     """Upload meshes that a robot's description names; earlier ones stay unless they are sent again.
 
-    A file is known by its name and as many of its folders as it is sent with.
+    A file is identified by its name and by the folders that it is sent with.
     """
     robot = await to_thread.run_sync(services.resources.get, "robot", robot_id)
     with services.create_scratch_folder() as folder:
@@ -73,7 +73,7 @@ async def put_meshes(
 def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Response:
     """Show where the robot's links are: the frames of its joints, capsules around its collision geometry, and meshes.
 
-    Meshes are there once their files have been sent to the robot's `meshes`.
+    Meshes are included when their files have been uploaded to the robot's `meshes`.
     """
     robot = services.resources.get("robot", robot_id)
     # With meshes it was computed when they came; without, it follows from the description at once.

@@ -39,9 +39,9 @@ async def health() -> Health:
 async def readiness(services: ServicesDep, response: Response) -> Readiness:
     """Report whether the service works and its stored data are complete; 503 if not.
 
-    The database is read, an object stored, and a child process asked as for any request; the answers are at most a
-    second old. While the engine starts, jobs are accepted already; one that is draining takes none, since the service
-    ends.
+    The check reads the database, stores an object and calls a child process, as for any request; the answers are at
+    most a second old. While the engine starts, it accepts jobs already; while it drains, it accepts none, because the
+    service ends.
     """
     checks = await services.readiness.collect_states()
     checks["engine"] = services.engine.condition

@@ -64,12 +64,12 @@ def doctor(
     repair: Annotated[
         bool, typer.Option("--repair", help="Repair what can be repaired without losing anything that has an owner.")
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Check only the sizes of files, not their content.")] = (False),
+    quick: Annotated[bool, typer.Option("--quick", help="Check only the sizes of files, not their content.")] = False,
 ) -> None:
-    """Look through all that the service has stored: what is missing, damaged, cannot be read, or kept for nobody.
+    """Check everything that the service has stored: what is missing, damaged, unreadable, or has no owner.
 
-    Every robot, recording, model and other result is read as the service reads it. May run beside the service. Ends
-    with 1 where anything is wrong that is not put right.
+    It reads every robot, recording, model and other result as the service does. The service may run at the same time.
+    The exit code is 1 if there is a fault that is not repaired.
     """
     from dynident_service.jobs.stored_file_reader import StoredFilesReader
     from dynident_service.storage import integrity_check as examination
@@ -115,9 +115,9 @@ DataDir = Annotated[
 def backup(
     target: Annotated[Path, typer.Argument(help="A folder, or a file that ends in .zip.")], data_dir: DataDir = None
 ) -> None:
-    """Write all that the service has stored into a folder or a ZIP.
+    """Write everything that the service has stored into a folder or a ZIP.
 
-    May run beside the service. Into a folder that has a backup, only the files are copied that are new.
+    The service may run at the same time. If the folder has a backup already, only new files are copied.
     """
     from dynident_service.storage.backup import back_up
 
@@ -152,7 +152,7 @@ def import_robot(
     source: Annotated[Path, typer.Argument(help="The file that `dynident export-robot` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
+    """Read a robot with all that belongs to it, under the same ids; existing resources do not change."""
     from dynident_service.storage.bundle import import_robot as read
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):

@@ -23,7 +23,7 @@ def demo(
 ) -> None:
     """Hide an effect in a virtual robot, and find it by name.
 
-    Ends with exit code 1 where the effect is not named.
+    The exit code is 1 if the effect is not named.
     """
     from dynident_service.cli import inputs, terminal
     from dynident_service.demo.demonstration import run_demonstration

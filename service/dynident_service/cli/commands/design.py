@@ -151,7 +151,7 @@ def design(
 ) -> None:
     """Design an exciting trajectory within the robot's limits.
 
-    The options about columns, units, windows, checks and drive gains are for the measurements of --earlier.
+    The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
     """
     from dynident.excitation import design_experiment
     from dynident_service.adapters.designs import describe_design

@@ -103,7 +103,7 @@ def series(
 ) -> None:
     """Find what has changed in a robot over many days, and since which day.
 
-    The first day is what the others are compared with; motions may differ from day to day.
+    The other days are compared with the first one; motions may differ from day to day.
     """
     from dynident.diagnosis.monitoring import days_to_bytes
     from dynident.diagnosis.monitoring import monitor_days as series_of
@@ -142,7 +142,7 @@ def changes(
 ) -> None:
     """Find what has changed in a robot between two sets of measurements.
 
-    The motions may differ. --out writes the diagnosis, changes included, as JSON.
+    The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine
@@ -172,7 +172,7 @@ def diagnose(
 ) -> None:
     """Name the physical effects that a model lacks.
 
-    Give the measurements that it was identified from. --out writes the diagnosis as JSON.
+    Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine

@@ -43,7 +43,7 @@ def currents(
 ) -> None:
     """Identify the parameters of every joint's current, without any drive gain.
 
-    The parameters are in units of current; each joint has its own. --out writes them as JSON.
+    The parameters are in units of current, separate for each joint. --out writes them as JSON.
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payload_data import PLAIN_EFFECTS
@@ -144,7 +144,7 @@ def gains(
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
 
-    MEASUREMENT are the runs without the load. With currents and no idea of the gains, say --drive-gains 1,1,….
+    MEASUREMENT are the runs without the load. If they have currents and the gains are unknown, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress

@@ -84,7 +84,7 @@ def essential(
 ) -> None:
     """Find the essential parameters of a model by backward elimination.
 
-    --out writes the model with the essential parameters estimated anew, the others at zero.
+    --out writes the model with the essential parameters estimated again, the others at zero.
     """
     from dynident.identification import to_bytes
     from dynident.identification.study.parameter_identifiability import essential_parameters
@@ -131,7 +131,7 @@ def extend(
 ) -> None:
     """Add effects to a model.
 
-    Give the measurements that it was identified from. Ends with the verdict on the model, as `identify` does.
+    Give the measurements that the model was identified from. Ends with the verdict on the model, as `identify` does.
     """
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model

@@ -41,7 +41,7 @@ def inspect(
 ) -> None:
     """Inspect a file: what its columns most probably are, why, and what you must answer before you can use it.
 
-    --out writes the proposal as JSON; `dynident identify --metadata` takes it.
+    --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
     from dynident.identification.column_inference import inspect_file
     from dynident_service.cli import files, inputs, metadata, output

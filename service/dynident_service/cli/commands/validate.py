@@ -52,7 +52,7 @@ def validate(
 ) -> None:
     """Test whether an identified model can be trusted.
 
-    Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
+    The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail. --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
     from dynident_service.cli import inputs, model_validation, output
