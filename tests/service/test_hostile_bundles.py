@@ -190,7 +190,7 @@ def test_what_rests_on_itself_by_a_detour_is_refused(elsewhere: Elsewhere, conte
 def test_what_is_there_twice_is_refused(elsewhere: Elsewhere, content: Content, table: str) -> None:
     name = f"tables/{table}.jsonl"
     twice = {**content, name: content[name] + content[name].splitlines()[0] + b"\n"}
-    elsewhere.refuses(twice, "twice|does not go with")
+    elsewhere.refuses(twice, "twice|does not fit")
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def gains(
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
 
-    MEASUREMENT are the runs without the load. If they have currents and the gains are unknown, give --drive-gains 1,1,….
+    MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress

@@ -52,7 +52,8 @@ def validate(
 ) -> None:
     """Test whether an identified model can be trusted.
 
-    The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail. --out writes the result as JSON.
+    The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail.
+    --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
     from dynident_service.cli import inputs, model_validation, output
