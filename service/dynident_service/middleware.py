@@ -191,7 +191,7 @@ class AuditLog:
         finally:
             # After the answer: by now the key is known, and what became of the request.
             holder = scope.get(HOLDER)
-            by = holder.name if isinstance(holder, KeyHolder) else "nobody known"
+            by = holder.name if isinstance(holder, KeyHolder) else "an unknown caller"
             owner = f" of {holder.owner!r}" if isinstance(holder, KeyHolder) and holder.owner else ""
             audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], noted.status)
 

@@ -60,7 +60,7 @@ def _manage_keys(database: Database, options: argparse.Namespace) -> int:
         for holder in list_keys(database):
             used = f"used {_format_day(holder.last_used_at)}, ends {_format_day(holder.expires_at)}"
             print(
-                f"{holder.name}: {holder.scope}, owner {holder.owner or 'not said'}, "
+                f"{holder.name}: {holder.scope}, owner {holder.owner or 'not given'}, "
                 f"{used}{_describe_limits(holder.limits)}"
             )
     elif options.revoke:

@@ -127,7 +127,7 @@ def test_who_changed_what_is_written_down_and_no_key_ever_is(
     lines = [record.getMessage() for record in caplog.records if record.name == "dynident.audit"]
     assert len(lines) == 4
     assert lines[0].startswith("'cell 5' of 'Ada': DELETE '/v1/robots/rob_nothing")
-    assert lines[1] == "'nobody known': DELETE '/v1/robots/rob_nothing': 401"
+    assert lines[1] == "'an unknown caller': DELETE '/v1/robots/rob_nothing': 401"
     assert not any("\n" in line for line in lines)
     ours = [record.getMessage() for record in caplog.records if record.name.startswith(("dynident", "uvicorn"))]
     assert not any(key in line or hash_key(key) in line for line in ours)

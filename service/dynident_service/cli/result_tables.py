@@ -164,7 +164,7 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         for stretch in comparison.worst[:5]
     ]
     console.print(
-        build_table("Where it is worst", ("joint", "when", "rms", ("relative to the joint's rms"), "pose"), worst)
+        build_table("Where it is worst", ("joint", "when", "rms", "relative to the joint's rms", "pose"), worst)
     )
     for note in judgement.notes:
         console.print(f"  {note}")

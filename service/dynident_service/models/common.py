@@ -162,7 +162,7 @@ class TableColumn(ViewModel):
     """A column of a table."""
 
     word: str
-    figures: bool = Field(description="Whether it holds figures")
+    figures: bool = Field(description="Whether it contains numbers")
 
 
 class TableCell(ViewModel):

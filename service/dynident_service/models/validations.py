@@ -161,7 +161,7 @@ class DrawnParameterView(ViewModel):
     unit: str
     told: float | None
     drawn: float | None
-    ratio: float | None = Field(description="drawn over told")
+    ratio: float | None = Field(description="drawn divided by told")
     expected: tuple[float, float] = Field(
         description="Range of the ratio that comes only from the small number of blocks"
     )

@@ -129,7 +129,7 @@ def list_identifications(
         bool, Query(description="Without the parameters, which are most of a list: their lists are empty")
     ] = False,
 ) -> Page[IdentificationView]:
-    """List the identifications, newest first; those of one robot if asked."""
+    """List the identifications, newest first; those of one robot if requested."""
     return show_page(services, "identification", query, _show_briefly if brief else show_identification, robot_id)
 
 

@@ -105,6 +105,6 @@ def _require_diagnosis(services: Services, identifier: str, model: Resource) -> 
         parents = ancestor.get_dependencies("parent")
         ancestor = services.resources.get("identification", parents[0]) if parents else None
     if ancestor is None:
-        detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor what it came from"
+        detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor one of its parents"
         raise make_unusable(detail, "/diagnosis_id")
     return Dependency(identifier, "diagnosis", "diagnosis", "/diagnosis_id")

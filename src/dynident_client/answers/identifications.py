@@ -319,7 +319,7 @@ class TableColumn(TypedDict):
     """A column of a table."""
 
     figures: bool
-    """Whether it holds figures"""
+    """Whether it contains numbers"""
     word: str
 
 

@@ -29,7 +29,7 @@ class DrawnParameterView(TypedDict):
     """A parameter, or ln and the name of a shape constant that is searched for in ratios"""
     outside: bool
     ratio: float | None
-    """drawn over told"""
+    """drawn divided by told"""
     told: float | None
     unit: str
 

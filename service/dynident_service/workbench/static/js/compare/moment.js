@@ -38,7 +38,7 @@ export class Moment {
     const found = h("div", {}, h("p", { class: "note" }, "Looking for effects that would explain it …"));
     put(
       this.element,
-      h("div", { class: "card", role: "region", "aria-label": "The stretch" }, h("p", {}, h("strong", {}, words)), poseTable(this.model, lines, line.x[at]), found,
+      h("div", { class: "card", role: "region", "aria-label": "The interval" }, h("p", {}, h("strong", {}, words)), poseTable(this.model, lines, line.x[at]), found,
         h("p", { class: "actions" }, h("button", { type: "button", class: "small", onclick: () => this.clear() }, "Close"))),
     );
     announce(words);

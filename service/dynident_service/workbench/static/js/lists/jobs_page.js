@@ -21,7 +21,7 @@ export async function page(target, _, signal) {
     { id: "progress", name: "progress", value: (one) => one.progress.fraction, text: () => "", cell: (one) => progress(one) },
     plainColumn("message", "last message", wordsOf),
     dateColumn("requested"),
-    figureColumn("took", "took", seconds, (value) => (value === null ? "–" : `${number(value, 2)} s`)),
+    figureColumn("took", "duration", seconds, (value) => (value === null ? "–" : `${number(value, 2)} s`)),
     { id: "acts", name: "", cell: (one) => [h("button", { type: "button", class: "small", "aria-label": `Log of ${one.kind} ${one.id}`, onclick: (event) => log(one, event.target) }, "Log"), " ", ENDED.has(one.state) ? null : h("button", { type: "button", class: "small", "aria-label": `Cancel ${one.kind} ${one.id}`, onclick: (event) => stop(one, event.target) }, "Cancel")] },
   ];
   const list = sortable({ caption: "Jobs", noun: "job", columns, usual: "-date", id: "jobs-table", empty: "No job yet: identifications, diagnoses, designs and reports are listed here when they are requested.", rowOf: (one) => ({ "data-id": one.id }) });
