@@ -112,7 +112,7 @@ def test_jobs_beyond_the_limit_are_refused_with_what_would_help_and_taken_once_o
     refused = mine.post("/v1/designs", json=asked)
     assert (refused.status_code, refused.headers["retry-after"]) == (429, "5")
     assert refused.json()["type"] == "urn:dynident:problem:quota-of-jobs-used-up"
-    for told in ("2 jobs", "may have 2", "DYNIDENT_QUOTA_JOBS", "wait until some have ended, or cancel some"):
+    for told in ("2 jobs", "its limit is 2", "DYNIDENT_QUOTA_JOBS", "wait until some have ended, or cancel some"):
         assert told in refused.json()["detail"]
     assert usage(mine)["jobs"] == {"used": 2, "allowed": 2}
     assert len(mine.get(f"/v1/designs?robot_id={asked['robot_id']}").json()["items"]) == 2
