@@ -120,7 +120,7 @@ def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[
     if solved_methods:
         # The best method is marked by its own error, and not by its place in the list.
         best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
-        columns = ("method", *joint_columns, "distance, σ", "largest for", "torque", "its own ±", "time")
+        columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
         rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
         title = "Relative held-out error by method; distance of parameters and torque from the first method"
         yield ReportedTable(title, columns, rows)

@@ -403,7 +403,8 @@ def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -
         raise DynidentError(detail, title="Unusable archive")
     if fields.get("content") != content:
         does = {"everything": "`dynident restore` reads it", "robot": "`dynident import-robot` reads it"}
-        detail = f"the archive contains {fields.get('content')}; {does.get(str(fields.get('content')), 'no command reads it')}"
+        remedy = does.get(str(fields.get("content")), "no command reads it")
+        detail = f"the archive contains {fields.get('content')}; {remedy}"
         raise DynidentError(detail, title="Unusable archive")
     files.tables = str(fields.get("tables", TABLES))
     # The name comes from outside: a path in it must not lead out of the archive.
