@@ -121,7 +121,7 @@ def check_robot(text: str) -> None:
     """Raise `DynidentError` where a text names neither a file nor a well-known arm."""
     if not Path(text).is_file() and text not in list_known_arms():
         raise DynidentError(
-            f"{text!r} is neither a file nor a well-known arm; the arms are: {', '.join(list_known_arms())}",
+            f"there is neither a file nor a well-known arm {text!r}; the arms are: {', '.join(list_known_arms())}",
             pointer="ROBOT",
             title="Unknown robot",
         )
