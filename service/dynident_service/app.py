@@ -33,9 +33,10 @@ from dynident_service.tracing import RequestTracing
 from dynident_service.upload_quotas import UploadRoom, get_quota_limits
 from dynident_service.workbench import mount_workbench as mount_workbench
 
-DESCRIPTION = """Identification of the dynamic parameters of robots: a robot and its recordings give an identified
-model, what is missing in it by name, and a report. Long work is a job: the answer 202 has its resource and its
-`job_id`; `/v1/jobs/{id}/events` tells how far it is. SI units throughout; errors are `application/problem+json`."""
+DESCRIPTION = """Identification of the dynamic parameters of robots: from a robot and its recordings the service
+identifies a model, names the effects that the model lacks, and writes a report. Long work is a job: the answer 202 has
+its resource and its `job_id`; `/v1/jobs/{id}/events` reports the progress. All units are SI; errors are
+`application/problem+json`."""
 PROBLEM = {
     "description": "A problem (RFC 9457)",
     "content": {MEDIA_TYPE: {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}},
@@ -138,11 +139,11 @@ def _open_key_ring(services: Services) -> KeyRing:
     keys = KeyRing(services.settings, services.database)
     if services.settings.needs_keys and keys.is_empty():
         raise RuntimeError(
-            f"refusing to listen on {services.settings.host} without any API key: make one with "
-            "`python -m dynident_service.new_key NAME`, or listen on 127.0.0.1"
+            f"the service does not listen on {services.settings.host} without an API key: make one with `python "
+            "-m dynident_service.new_key NAME`, or listen on 127.0.0.1"
         )
     if any(astuple(get_quota_limits(services.settings))) and not services.settings.needs_keys:
-        log.warning("quotas count by key, and no key is asked for (DYNIDENT_REQUIRE_KEYS): nobody is limited")
+        log.warning("quotas count per key, but the service requires no keys (DYNIDENT_REQUIRE_KEYS): nobody is limited")
     return keys
 
 

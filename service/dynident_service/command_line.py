@@ -30,8 +30,8 @@ def main() -> None:
         if missing.name not in ("typer", "rich", "click"):
             raise
         sys.exit(
-            f"dynident: the command line needs the package {missing.name}, which the light installation leaves out; "
-            f"{format_install_hint(missing.name)}"
+            f"dynident: the command line needs the package {missing.name}, which the light installation does not "
+            f"contain; {format_install_hint(missing.name)}"
         )
     create_application(sys.argv[1] if sys.argv[1:] else None)(prog_name="dynident")
 

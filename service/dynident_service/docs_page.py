@@ -52,7 +52,7 @@ def render_page(
     title = f"{escape(info['title'])} {escape(info['version'])}"
     body = [
         f"<h1>{title}</h1><p>{escape(info['description'])}</p>",
-        "<p>This is <a href='/openapi.json'>/openapi.json</a>, written out.</p>",
+        "<p>This page shows <a href='/openapi.json'>/openapi.json</a> for people.</p>",
         *_render_operations(paths),
         "<h2>Schemas</h2>",
         *(_render_schema(name, schema) for name, schema in sorted(schemas.items())),

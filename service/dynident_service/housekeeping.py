@@ -64,7 +64,7 @@ class Housekeeping:
         # Swept only after a grace period, since an upload may be about to own a file that looks abandoned.
         swept = sweep_objects(self._database, self._objects, timedelta(seconds=self._settings.deleted_kept_seconds))
         if swept:
-            log.info("%d files that nobody owned were deleted", swept)
+            log.info("%d files without an owner were deleted", swept)
         delete_expired(self._database, timedelta(days=self._settings.history_kept_days))
         if self._examined is None or time.monotonic() - self._examined >= EXAMINED_EVERY:
             self.check_stored_data()
@@ -74,9 +74,9 @@ class Housekeeping:
         counts = Counter(defect.trouble for defect in check_storage(self._database, self._objects, by_hash=False))
         wrong = {trouble: number for trouble, number in counts.items() if trouble not in REPAIRABLE}
         listed = ", ".join(f"{trouble}: {number}" for trouble, number in sorted(wrong.items()))
-        self.condition = f"damaged ({listed}); `dynident doctor` says more" if wrong else "ok"
+        self.condition = f"damaged ({listed}); `dynident doctor` shows details" if wrong else "ok"
         if wrong:
-            log.error("what is stored is %s", self.condition)
+            log.error("the stored data are %s", self.condition)
         self._examined = time.monotonic()
 
     def _remove_what_was_being_written(self) -> None:
@@ -92,7 +92,7 @@ class Housekeeping:
                 self.run_round()
             except Exception:
                 # A database or a store that is away for a moment: the next round does what this one could not.
-                log.exception("a round of housekeeping failed")
+                log.exception("housekeeping failed")
             self._stop.wait(EVERY)
 
 

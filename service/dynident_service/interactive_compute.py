@@ -82,8 +82,8 @@ class InteractiveCompute:
         party = find_request_party(request.scope)
         if not self._waiting.may_take(party):
             detail = (
-                f"{self._waiting.held[party]} of your requests are computed or wait for it, of {MAX_WAITING} that "
-                "may, of which some stay free for others; try again."
+                f"{self._waiting.held[party]} of your requests are being computed or wait. There is room for "
+                f"{MAX_WAITING} requests, and a part is reserved for other callers. Try again soon."
             )
             raise ProblemError(429, detail, title="Too busy")
         # From here on the request waits for a child: its place among those that compute here is free for another.
@@ -104,7 +104,7 @@ class InteractiveCompute:
         finally:
             self._waiting.give_back(party)
         if answer is None:
-            raise ProblemError(408, "The client left before its answer was there.", title="Client left")
+            raise ProblemError(408, "The client left before its answer was ready.", title="Client left")
         if answer.problem is not None:
             raise ProblemError.from_problem(answer.problem)
         value: T = answer.value
@@ -128,10 +128,13 @@ class InteractiveCompute:
                     self._pool.replace(child)
                     return None
                 if time.monotonic() > until:
-                    detail = f"This takes longer than {call.limits.longest:.0f} s, which is more than it may take."
+                    detail = (
+                        f"The computation takes longer than {call.limits.longest:.0f} s, the longest time that a "
+                        "request may take."
+                    )
                     raise ProblemError(503, detail, title="Took too long")
                 if watch.is_stuck():
-                    raise _make_unreadable_problem("kept the program that read it busy without any progress")
+                    raise _make_unreadable_problem("blocked the program that reads it, without any progress")
         except EOFError as error:
             raise _make_death_problem(self._pool.replace(child), call.limits) from error
         except BaseException:
@@ -176,14 +179,14 @@ def _make_death_problem(end: ProcessExit | None, limits: ComputationLimits) -> P
     """Return the problem of a child that died."""
     # The kernel kills with SIGKILL when memory runs out, and with SIGXCPU at the limit of processor time.
     if end is None or end.code == -signal.SIGKILL:
-        detail = "The process that computed this died, most probably for want of memory; send less at a time."
+        detail = "The process that computed this died, most probably because memory ran out; send less at a time."
         return ProblemError(503, detail, title="Process died")
     if end.code == -signal.SIGXCPU:
         seconds = f"{limits.processor_seconds or limits.longest:.0f} s"
         return _make_unreadable_problem(
-            f"took the program that read it more than {seconds}, far more than a file of its size takes"
+            f"occupied the program that reads it for more than {seconds}, far longer than a file of its size needs"
         )
-    return _make_unreadable_problem(f"ended the process that read it ({_describe_exit(end.code)})")
+    return _make_unreadable_problem(f"crashed the process that reads it ({_describe_exit(end.code)})")
 
 
 def _describe_exit(code: int) -> str:
@@ -193,8 +196,8 @@ def _describe_exit(code: int) -> str:
 def _make_unreadable_problem(event: str) -> ProblemError:
     """Return the problem of input that could not be read; `event` continues the sentence "What was sent"."""
     detail = (
-        f"What was sent {event}. If it is a file, it is most probably damaged: have it written anew, and send files "
-        "one by one to find which."
+        f"The data that you sent {event}. If it is a file, it is probably damaged: write it again, and send files "
+        "one by one to find the damaged one."
     )
     return ProblemError(422, detail, title="Unreadable")
 

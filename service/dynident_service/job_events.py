@@ -87,7 +87,7 @@ class JobEventNotifier:
                         self._ledger.find_newest_events, self._seen, job_ids, limiter=thread
                     )
                 except AWAY:
-                    log.warning("the database is away; those who follow jobs wait")
+                    log.warning("the database does not answer; those who follow jobs wait")
                     self._unseen |= set(job_ids)
                     continue
                 if is_due:

@@ -57,9 +57,9 @@ class _JobsCollector(Collector):
             family.add_metric((state,), number)
         yield family
         strain = self._strain()
-        age = "How long the oldest queued job has waited."
+        age = "Waiting time of the oldest queued job."
         yield GaugeMetricFamily("dynident_oldest_queued_job_seconds", age, strain.oldest_queued)
-        deaths = "How often jobs of the ledger were begun again: computations that died, workers that were lost."
+        deaths = "Number of restarts of jobs whose computation died or whose worker was lost."
         again = GaugeMetricFamily("dynident_job_deaths", deaths, labels=("cause",))
         again.add_metric(("computation",), strain.deaths)
         again.add_metric(("infrastructure",), strain.losses)
@@ -72,4 +72,4 @@ class _DiskCollector(Collector):
 
     def collect(self) -> Iterable[Metric]:
         free = shutil.disk_usage(self._folder).free
-        yield GaugeMetricFamily("dynident_free_disk_bytes", "Room left on the disk of the data directory.", free)
+        yield GaugeMetricFamily("dynident_free_disk_bytes", "Free space on the disk of the data directory.", free)

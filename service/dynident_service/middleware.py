@@ -125,10 +125,13 @@ class AccessControl:
             charge_key(scope, holder.name)
             set_account(Account(holder.name, holder.limits.fill_from(self._limits)))
         elif not is_loopback(_parse_host(headers.get("host", ""))):
-            detail = "Without API keys the service answers to localhost alone; set DYNIDENT_REQUIRE_KEYS to open it."
+            detail = (
+                "Without API keys the service answers only to localhost; set DYNIDENT_REQUIRE_KEYS to open it to "
+                "others."
+            )
             return await respond(make_problem(421, detail))(scope, receive, send)
         if not self._may_come_from(headers, scope["method"]):
-            detail = "Pages of this origin may not change anything; DYNIDENT_ALLOWED_ORIGINS lists those that may."
+            detail = "Pages of this origin may not change data; DYNIDENT_ALLOWED_ORIGINS lists the origins that may."
             return await respond(make_problem(403, detail, title="Origin not allowed"))(scope, receive, send)
         return await self._app(scope, receive, send)
 
@@ -144,16 +147,17 @@ class AccessControl:
 def _find_refusal(holder: KeyHolder | None, method: str, path: str) -> Problem | None:
     """Return the problem of a request that may not enter, or None."""
     if holder is None:
-        detail = "This service asks for an API key, as 'Authorization: Bearer …' or 'X-API-Key: …'."
+        detail = "This service needs an API key: send 'Authorization: Bearer …' or 'X-API-Key: …'."
         return make_problem(401, detail, title="API key needed")
     if holder.is_expired:
         detail = (
-            f"The key {holder.name!r} ended on {holder.expires_at:%Y-%m-%d}; ask whoever runs the service for another."
+            f"The key {holder.name!r} expired on {holder.expires_at:%Y-%m-%d}; ask the operator of the service "
+            "for a new one."
         )
         return make_problem(401, detail, title="API key expired")
     if not holder.is_allowed(method, path):
         needed = find_needed_scope(method, path)
-        detail = f"The key {holder.name!r} allows to {holder.scope}; {method} asks for one with {needed}."
+        detail = f"The key {holder.name!r} has the scope {holder.scope}; {method} needs a key with the scope {needed}."
         return make_problem(403, detail, title="Not allowed by this key")
     return None
 
@@ -187,7 +191,7 @@ class AuditLog:
         finally:
             # After the answer: by now the key is known, and what became of the request.
             holder = scope.get(HOLDER)
-            by = holder.name if isinstance(holder, KeyHolder) else "nobody known"
+            by = holder.name if isinstance(holder, KeyHolder) else "an unknown caller"
             owner = f" of {holder.owner!r}" if isinstance(holder, KeyHolder) and holder.owner else ""
             audit.info("%r%s: %s %r: %d", by, owner, scope["method"], scope["path"], noted.status)
 

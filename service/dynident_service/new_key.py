@@ -26,14 +26,16 @@ def main(arguments: list[str]) -> int:
     """Make a key under the name given, or list or revoke keys."""
     parser = argparse.ArgumentParser(prog="python -m dynident_service.new_key", description=__doc__)
     parser.add_argument("name", nargs="?", help="what the key is for")
-    parser.add_argument("--scope", choices=SCOPES, default="admin", help="look; send and change; delete, too (default)")
-    parser.add_argument("--owner", help="who answers for it")
-    parser.add_argument("--days", type=_parse_days, help="after how many days it ends; never by default")
-    parser.add_argument("--quota-bytes", type=_parse_number, help="how many bytes of files it may have; 0: any")
-    parser.add_argument("--quota-recordings", type=_parse_number, help="how many recordings it may have; 0: any")
-    parser.add_argument("--quota-jobs", type=_parse_number, help="how many jobs of it may be under way; 0: any")
-    parser.add_argument("--list", action="store_true", help="list the keys, without what opens")
-    parser.add_argument("--revoke", action="store_true", help="delete the keys of this name")
+    parser.add_argument("--scope", choices=SCOPES, default="admin", help="read; send and change; also delete (default)")
+    parser.add_argument("--owner", help="who is responsible for it")
+    parser.add_argument("--days", type=_parse_days, help="after how many days it expires; never by default")
+    parser.add_argument("--quota-bytes", type=_parse_number, help="how many bytes of files it may store; 0: no limit")
+    parser.add_argument("--quota-recordings", type=_parse_number, help="how many recordings it may store; 0: no limit")
+    parser.add_argument(
+        "--quota-jobs", type=_parse_number, help="how many jobs it may have at the same time; 0: no limit"
+    )
+    parser.add_argument("--list", action="store_true", help="list the keys, without their secrets")
+    parser.add_argument("--revoke", action="store_true", help="delete the keys with this name")
     options = parser.parse_args(arguments)
     if not options.list and options.name is None:
         parser.error("give the key a name")
@@ -58,7 +60,7 @@ def _manage_keys(database: Database, options: argparse.Namespace) -> int:
         for holder in list_keys(database):
             used = f"used {_format_day(holder.last_used_at)}, ends {_format_day(holder.expires_at)}"
             print(
-                f"{holder.name}: {holder.scope}, owner {holder.owner or 'not said'}, "
+                f"{holder.name}: {holder.scope}, owner {holder.owner or 'not given'}, "
                 f"{used}{_describe_limits(holder.limits)}"
             )
     elif options.revoke:
@@ -77,13 +79,13 @@ def _parse_days(text: str) -> float:
     except ValueError:
         days = 0.0
     if not 0 < days <= MOST_DAYS:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of days above 0 and up to {MOST_DAYS}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of days above 0 and up to {MOST_DAYS}")
     return days
 
 
 def _parse_number(text: str) -> int:
     if not text.isdecimal() or int(text) > MOST:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 to {MOST}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to {MOST}")
     return int(text)
 
 

@@ -83,9 +83,9 @@ def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) 
         if error.status_code == 405:
             methods = allowed_methods(path)
             headers["allow"] = ", ".join(methods)
-            detail = f"{path} does not answer to {request.method}; it answers to {', '.join(methods)}."
+            detail = f"{path} does not support {request.method}; it supports {', '.join(methods)}."
         elif error.status_code == 404 and detail == HTTPStatus.NOT_FOUND.phrase:
-            detail = f"There is nothing at {path}; /docs lists what there is."
+            detail = f"There is nothing at {path}; /docs lists all addresses."
         return respond(make_problem(error.status_code, detail), headers)
 
     async def on_infrastructure(request: Request, error: Exception) -> JSONResponse:
@@ -113,5 +113,5 @@ def install_handlers(app: FastAPI, allowed_methods: Callable[[str], list[str]]) 
 
 
 def _make_disk_full_problem() -> Problem:
-    detail = "The disk of the service is full, so nothing was stored; whoever runs it has to make room."
+    detail = "The disk of the service is full, so nothing was stored; ask its operator to free space."
     return make_problem(507, detail, title="Disk full")

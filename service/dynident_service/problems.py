@@ -42,10 +42,12 @@ class Problem(BaseModel):
     status: int
     detail: str
     errors: list[ProblemField] | None = None
-    dependents: list[Dependent] | None = Field(default=None, description="On 409: what has to be deleted first.")
-    dependents_count: int | None = Field(default=None, description="On 409: how many there are; not all are listed.")
-    checks: list[dict[str, Any]] | None = Field(default=None, description="All that was found in a file.")
-    request_id: str | None = Field(default=None, description="Under which the service's log tells of the request.")
+    dependents: list[Dependent] | None = Field(
+        default=None, description="On 409: the resources that must be deleted first."
+    )
+    dependents_count: int | None = Field(default=None, description="On 409: their number; not all are listed.")
+    checks: list[dict[str, Any]] | None = Field(default=None, description="Everything that was found in a file.")
+    request_id: str | None = Field(default=None, description="Id of the request in the log of the service.")
 
 
 class Further(TypedDict, total=False):
@@ -151,7 +153,7 @@ def to_problem_fields(errors: Sequence[ErrorDetails], body: object, prefix: str 
             location = ("body",)
             detail = f"the body is not JSON: {error.get('ctx', {}).get('error', 'it cannot be parsed')}"
         elif error["type"] == "model_attributes_type" and location in (("body",), ["body"]):
-            detail = "the body is no JSON object, or is not said to be one: send content-type: application/json"
+            detail = "the body is not a JSON object, or is not marked as one: send content-type: application/json"
         elif error["type"] == "extra_forbidden":
             detail = f"there is no field {location[-1]!r}"
         else:

@@ -139,7 +139,7 @@ class _Meter:
             # Counting characters is far cheaper than parsing, and happens before the body is in memory as objects.
             self._weight += sum(weight * body.count(sign) for sign, weight in WEIGHTS)
             if self._weight > self._allowed.values:
-                detail = f"The body holds more than {self._allowed.values} values; send less at a time."
+                detail = f"The body contains more than {self._allowed.values} values; send less at a time."
                 raise HTTPException(413, detail, {"connection": "close"})
         took = time.monotonic() - self._began
         # A body that is complete is not refused any more, however slow it was.
@@ -264,11 +264,11 @@ class Admission:
 
     def _find_refusal(self, pace: Pace, party: str) -> str | None:
         if pace == "following":
-            return _describe_refusal(self._followers, party, "jobs are followed", "DYNIDENT_MAX_FOLLOWERS")
-        refusal = _describe_refusal(self._requests, party, "requests are under way", "DYNIDENT_MAX_REQUESTS")
+            return _describe_refusal(self._followers, party, "jobs are being followed", "DYNIDENT_MAX_FOLLOWERS")
+        refusal = _describe_refusal(self._requests, party, "requests are in progress", "DYNIDENT_MAX_REQUESTS")
         if refusal is None and pace == "short":
             each = f"{MOST_A_THREAD} for each of DYNIDENT_REQUEST_THREADS"
-            return _describe_refusal(self._short, party, "requests wait to be answered", each)
+            return _describe_refusal(self._short, party, "requests wait for an answer", each)
         return refusal
 
 
@@ -277,8 +277,8 @@ def _describe_refusal(places: SharedPlaces, party: str, doing: str, setting: str
     if places.may_take(party):
         return None
     return (
-        f"{places.held[party]} of your {doing}, {places.held.total()} of all; there may be {places.total} ({setting}), "
-        "of which some stay free for others. Try again soon."
+        f"{places.held[party]} of your {doing}, {places.held.total()} in total. The limit is {places.total} "
+        f"({setting}), and a part is reserved for other callers. Try again soon."
     )
 
 
@@ -310,9 +310,12 @@ def _classify_request(scope: Scope) -> Pace:
 
 
 def _describe_size_limit(allowed: Allowance) -> str:
-    return f"The body is larger than {allowed.bytes} bytes ({allowed.setting}); send a part, a recording as Parquet."
+    return (
+        f"The body is larger than {allowed.bytes} bytes ({allowed.setting}); send it in parts, and recordings as "
+        "Parquet."
+    )
 
 
 def _make_slow_error(seconds: float) -> HTTPException:
-    detail = f"The body did not come on within {seconds:.0f} s; send it again, on a better connection."
+    detail = f"No more of the body arrived within {seconds:.0f} s; send it again, over a better connection."
     return HTTPException(408, detail, {"connection": "close"})

@@ -103,8 +103,8 @@ def _set_unread_timeout(transport: asyncio.Transport, seconds: float) -> None:
 def _build_refusal(most: int) -> bytes:
     """Return the complete answer for a connection that is one too many."""
     detail = (
-        f"Too many connections are open, of {most} (DYNIDENT_MAX_CONNECTIONS), or of your share of them; "
-        "try again in a moment."
+        f"Too many connections are open: the service allows {most} (DYNIDENT_MAX_CONNECTIONS), and each caller a "
+        "share of them; try again in a moment."
     )
     body = json.dumps(make_problem(503, detail, title="Too busy").model_dump(exclude_none=True)).encode()
     head = (
@@ -159,7 +159,7 @@ class DrainingServer(uvicorn.Server):
             return False
         engine = self._engine()
         if engine.condition != "draining":
-            log.info("draining: no job is taken any more, and those under way have %.0f s", self._seconds)
+            log.info("draining: the service starts no more jobs; running jobs have %.0f s", self._seconds)
             engine.drain()
         if engine.is_busy and time.monotonic() < self._until:
             return False

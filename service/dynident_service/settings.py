@@ -23,8 +23,10 @@ class LogSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="DYNIDENT_", extra="ignore")
 
     log_level: str = "info"
-    traces: bool = Field(default=False, description="Send spans of requests and jobs, as the OTEL_… variables say.")
-    log_format: Literal["text", "json"] = Field(default="text", description="One JSON object a line, for programs.")
+    traces: bool = Field(
+        default=False, description="Send spans of requests and jobs, as the OTEL_… variables configure."
+    )
+    log_format: Literal["text", "json"] = Field(default="text", description="One JSON object per line, for programs.")
 
 
 class Settings(LogSettings):
@@ -36,43 +38,59 @@ class Settings(LogSettings):
     database_url: str = Field(default="", description="Default: an SQLite file in the data directory.")
     object_store_url: str = Field(default="", description="Default: a folder in the data directory; or s3://bucket.")
     dask_scheduler: str = Field(default="", description="tcp://host:port of a running cluster; default: a local one.")
-    workers: int = Field(default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at a time.")
+    workers: int = Field(
+        default_factory=lambda: max(1, os.cpu_count() or 1), ge=1, description="Jobs at the same time."
+    )
     request_workers: int = Field(
-        default=4, ge=1, description="Computations at a time that requests wait for; one of several reads no files."
+        default=4,
+        ge=1,
+        description="Computations at the same time that requests wait for; if there are several, one reads no files.",
     )
     max_upload_bytes: int = Field(default=4_000 * MEGABYTE, ge=1, description="Largest recording.")
     max_body_bytes: int = Field(default=32 * MEGABYTE, ge=1, description="Largest body of any other request.")
-    request_threads: int = Field(default=8, ge=1, description="Requests at a time that read or write the database.")
-    max_connections: int = Field(default=500, ge=1, description="Connections at a time.")
-    max_requests: int = Field(default=100, ge=1, description="Requests at a time, but for those that follow a job.")
-    max_followers: int = Field(default=200, ge=1, description="Requests at a time that follow a job.")
-    max_batch: int = Field(default=1000, ge=1, description="Identifications that one request may ask for.")
-    header_timeout_seconds: float = Field(default=20.0, gt=0, description="How long a request may take to begin.")
-    body_timeout_seconds: float = Field(default=30.0, gt=0, description="How long a body may not come on.")
-    answer_timeout_seconds: float = Field(default=30.0, gt=0, description="How long nothing of an answer may be taken.")
-    slowest_upload_bytes_per_second: float = Field(default=10_000.0, gt=0, description="A body must come as fast.")
-    reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Room on the disk that uploads leave free.")
-    quota_bytes: int = Field(default=0, ge=0, description="Of recordings and meshes that a key may have; 0: any.")
-    quota_recordings: int = Field(default=0, ge=0, description="How many recordings a key may have; 0: any.")
-    quota_jobs: int = Field(default=0, ge=0, description="Jobs of a key queued or running at a time; 0: any.")
-    api_keys: list[SecretStr] = Field(
-        default=[], description="Keys accepted besides those in the database; here only the hash of each is kept."
+    request_threads: int = Field(
+        default=8, ge=1, description="Requests at the same time that read or write the database."
     )
-    require_keys: bool = Field(default=False, description="Ask for a key on the loopback interface too.")
+    max_connections: int = Field(default=500, ge=1, description="Connections at the same time.")
+    max_requests: int = Field(
+        default=100, ge=1, description="Requests at the same time, except those that follow a job."
+    )
+    max_followers: int = Field(default=200, ge=1, description="Requests at the same time that follow a job.")
+    max_batch: int = Field(default=1000, ge=1, description="Identifications in one request at most.")
+    header_timeout_seconds: float = Field(default=20.0, gt=0, description="Longest time until a request begins.")
+    body_timeout_seconds: float = Field(default=30.0, gt=0, description="Longest pause within the body of a request.")
+    answer_timeout_seconds: float = Field(
+        default=30.0, gt=0, description="Longest time in which a client reads nothing of an answer."
+    )
+    slowest_upload_bytes_per_second: float = Field(
+        default=10_000.0, gt=0, description="Lowest rate at which a body must arrive."
+    )
+    reserved_bytes: int = Field(default=100 * MEGABYTE, ge=0, description="Disk space that uploads leave free.")
+    quota_bytes: int = Field(
+        default=0, ge=0, description="Bytes of recordings and meshes that a key may store; 0: no limit."
+    )
+    quota_recordings: int = Field(
+        default=0, ge=0, description="Number of recordings that a key may store; 0: no limit."
+    )
+    quota_jobs: int = Field(
+        default=0, ge=0, description="Jobs of a key, queued or running at the same time; 0: no limit."
+    )
+    api_keys: list[SecretStr] = Field(
+        default=[], description="Keys accepted besides those in the database; only their hashes are kept here."
+    )
+    require_keys: bool = Field(default=False, description="Require a key on the loopback interface, too.")
     public_url: str = Field(
         default="",
         pattern=r"^(https?://[^\s/?#@]+(/[^\s?#]*)?)?$",
-        description="Where users reach the service, https://…: reports lead back there. Default: where it listens.",
+        description="Address for users, https://…: links in reports use it. Default: where the service listens.",
     )
     allowed_origins: list[str] = Field(default=[], description="Web pages of other origins that may call the service.")
-    max_attempts: int = Field(default=3, ge=1, description="How often a job is tried whose worker keeps dying.")
-    job_deadline_seconds: float = Field(
-        default=12 * 3600.0, gt=0, description="How long one attempt at a job may take."
-    )
+    max_attempts: int = Field(default=3, ge=1, description="Number of attempts at a job whose worker keeps dying.")
+    job_deadline_seconds: float = Field(default=12 * 3600.0, gt=0, description="Longest time of one attempt at a job.")
     job_memory: ByteSize = Field(
-        default=ByteSize(4_000 * MEGABYTE), ge=200 * MEGABYTE, description="Most that one job may take, as 4GB."
+        default=ByteSize(4_000 * MEGABYTE), ge=200 * MEGABYTE, description="Largest memory of one job, such as 4GB."
     )
-    drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may go on when the service ends.")
+    drain_seconds: float = Field(default=10.0, ge=0, description="How long jobs may continue when the service ends.")
     history_kept_days: float = Field(default=30.0, gt=0, description="How long events and retry keys are kept.")
     deleted_kept_seconds: float = Field(default=3600.0, ge=60, description="How long deleted files are kept.")
 

@@ -25,7 +25,7 @@ class Drive(TypedDict, total=False):
 
 
 class MeasurementOptions(TypedDict, total=False):
-    """What is said about an uploaded file."""
+    """Metadata of an uploaded file."""
 
     accept: Sequence[str]
     """Names of checks whose errors count as warnings"""
@@ -85,7 +85,7 @@ class MeasurementOptions(TypedDict, total=False):
 
 
 class RevisionOptions(TypedDict, total=False):
-    """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said."""
+    """Changes to the metadata of a measurement's file, which stays as it is. Fields that are not given stay, too."""
 
     columns: Mapping[str, str] | None
     """From the standard name to the name in the file: {"q1": "shoulder_angle"}"""
@@ -116,17 +116,17 @@ class RevisionOptions(TypedDict, total=False):
 
 
 class RobotOptions(TypedDict, total=False):
-    """A robot to be stored."""
+    """A request to store a robot."""
 
     base_parameters_tolerance: float | None
-    """Share of a column that others may leave unexplained."""
+    """Share of a column that other columns may leave unexplained."""
     drives: Mapping[str, Drive]
     """By joint"""
     gravity: tuple[float, float, float] | None
     """m/s² in the base frame"""
     limits: Mapping[str, Limits]
-    """By joint; these win over the description's."""
+    """By joint; these replace the limits of the description."""
     locked_joints: Mapping[str, float]
     """Joint to position, rad or m"""
     meshes_of: str | None
-    """A robot whose uploaded meshes this one has, too, where their names are the same."""
+    """A robot whose uploaded meshes are also used for this one, if their names are the same."""

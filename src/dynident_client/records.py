@@ -80,7 +80,7 @@ class Computed(Record, Generic[ResultT]):
         result: ResultT | None = self.data.get("result")
         # A missing result is a mistake of the caller, who did not wait: say so instead of returning None.
         if result is None:
-            raise LookupError(f"{self.id} is {self.status}: there is no result; wait() for it")
+            raise LookupError(f"{self.id} is {self.status}: it has no result; call wait() first")
         return result
 
     @property

@@ -56,11 +56,11 @@ class Criterion(TypedDict, total=False):
 
 
 class DesignOptions(TypedDict, total=False):
-    """An experiment wanted."""
+    """A request to design an experiment."""
 
     criterion: Criterion
     earlier_ids: Sequence[str]
-    """Measurements that the new experiment is to complement"""
+    """Measurements that the new experiment should complement"""
     effects: Sequence[EffectChoice] | None
     """Effects to identify"""
     home: Sequence[float] | None
@@ -88,7 +88,7 @@ class DesignOptions(TypedDict, total=False):
 
 
 class DiagnosisOptions(TypedDict, total=False):
-    """Which model is questioned, on which measurements."""
+    """The model to diagnose, and the measurements to use."""
 
     candidates: Sequence[str] | None
     """Ids of the effects to try; the whole catalogue if not given"""
@@ -98,7 +98,7 @@ class DiagnosisOptions(TypedDict, total=False):
 
 
 class DriveGainsOptions(TypedDict, total=False):
-    """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
+    """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are uncertain."""
 
     centre: tuple[float, float, float] | None
     """Centre of the known load in the last joint's frame, if known, in m"""
@@ -111,17 +111,17 @@ class EffectChoice(TypedDict, total=False):
     """An effect of the catalogue, on some joints."""
 
     effect: str
-    """An id of GET /v1/effects"""
+    """An id from GET /v1/effects"""
     joints: Sequence[str]
-    """Names; all that the effect may sit on where none is given."""
+    """Names of joints; by default, all joints that the effect can act on."""
     runs: Sequence[str]
-    """Names of the measurements, or labels of their runs, that it is in"""
+    """Names of the measurements, or labels of their runs, in which the effect acts"""
     shape_parameters: Mapping[str, float]
-    """Shape constants; searched where not given."""
+    """Shape constants; searched for if not given."""
 
 
 class IdentificationOptions(TypedDict, total=False):
-    """What is to be identified, from which measurements, and how."""
+    """What to identify, from which measurements, and how."""
 
     covariance: Literal["by_time_and_joints", "by_joint", "independent"]
     """Which residuals count as correlated: those of all joints over blocks of time, those of each joint over time, or
@@ -169,7 +169,7 @@ class Limits(TypedDict, total=False):
 
 
 class MethodRequest(TypedDict, total=False):
-    """One way to identify."""
+    """A method of identification."""
 
     estimator: Literal["auto", "wls", "ols", "irls", "feasible", "iv", "didim", "ekf"]
     model: Literal["dynamic", "filtered", "energy", "power", "base_wrench"]
@@ -195,7 +195,7 @@ class Noise(TypedDict, total=False):
 
 
 class Preprocessing(TypedDict, total=False):
-    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+    """Cut-off frequencies in Hz (null: no filter) and decimation; missing values are chosen from the data."""
 
     decimation: int | Literal["auto"]
     """Every n-th row is kept"""
@@ -208,7 +208,7 @@ class Preprocessing(TypedDict, total=False):
 
 
 class ReportOptions(TypedDict, total=False):
-    """What is to be reported."""
+    """A request for a report."""
 
     format: Literal["html", "pdf", "json"]
     """Format of the report"""
@@ -217,7 +217,7 @@ class ReportOptions(TypedDict, total=False):
 
 
 class SimulationOptions(TypedDict, total=False):
-    """A virtual robot to be measured."""
+    """A request to simulate a measurement of a virtual robot."""
 
     feed_forward: Literal["computed_torque", "gravity", "none"]
     """Torque that the controller predicts"""
@@ -272,7 +272,7 @@ class ToolRange(TypedDict, total=False):
 
 
 class Trajectory(TypedDict, total=False):
-    """The family of motions."""
+    """The family of trajectories."""
 
     amplitudes: Sequence[float] | None
     """For reversals: lengths of the strokes, in rad or m"""
@@ -304,7 +304,7 @@ class Trajectory(TypedDict, total=False):
 
 
 class ValidationOptions(TypedDict, total=False):
-    """Which model is to be tried, and how."""
+    """The model to validate, and how."""
 
     cutoffs: Sequence[float] | None
     """filters: Position cut-offs to try, in Hz"""

@@ -112,7 +112,10 @@ class Robots(LabelledCollection[Robot]):
         # In a fixed order: the same folder gives the same request everywhere.
         mesh_files = [path for path in sorted(below.rglob("*")) if path.is_file() and path.name.casefold() in needed]
         if not mesh_files:
-            raise ValueError(f"no file below {below} has the name of a mesh of the robot: {', '.join(sorted(needed))}")
+            raise ValueError(
+                f"no file below {below} has the name of a mesh of the robot; its meshes are: "
+                f"{', '.join(sorted(needed))}"
+            )
         return self.put_meshes(robot, {path.relative_to(below.parent).as_posix(): path for path in mesh_files})
 
     def put_meshes(self, robot: Robot | str, files: Mapping[str, Path]) -> answers.MeshesView:

@@ -82,7 +82,7 @@ def test_a_proposal_is_written_and_taken_as_metadata(foreign, tmp_path):
         ({"windows": [[1, "noon"]]}, "windows/0/1"),
         ({"signs": {"tau1": 0.5}}, "signs"),
         ({"permutation": {"tau": [1, 1, 3, 4]}}, "permutation"),
-        ({"colums": {}}, "give an object of columns"),
+        ({"colums": {}}, "an object of columns"),
     ):
         target.write_text(json.dumps({**told, "questions": [], **wrong}))
         refused = dynident("identify", "scara", fit, "--metadata", target)

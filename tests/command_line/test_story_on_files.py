@@ -217,7 +217,7 @@ def test_a_diagnosis_that_recommends_nothing_leaves_the_model_as_it_is(
     told.write_text(json.dumps(diagnosed | {"recommended": []}), encoding="utf-8")
     answer = dynident("extend", desk / "model.npz", desk / "run1.csv", "--diagnosis", told, "--out", out)
     assert answer.code == 0, answer.err
-    assert "Nothing is added: the diagnosis recommends nothing." in " ".join(answer.out.split())
+    assert "Nothing was added, because the diagnosis recommends nothing." in " ".join(answer.out.split())
     assert from_bytes(out.read_bytes()).choices == from_bytes((desk / "model.npz").read_bytes()).choices
 
 

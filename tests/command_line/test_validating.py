@@ -52,7 +52,7 @@ def test_deviations_beside_those_of_draws(desk: Path):
     assert drawn["draws"] == 200
     assert answer.code == (0 if answer.document["verdict"] == "pass" else 1)
     shown = dynident("validate", desk / "model.npz", "bootstrap", "--draws", "200", "--seed", "1")
-    assert "Standard deviations as told, and over draws" in shown.out
+    assert "Standard deviations: reported, and over draws" in shown.out
     assert all(one["name"] in shown.out for one in drawn["parameters"])
 
 
@@ -78,7 +78,7 @@ def test_a_report_holds_how_validations_ended(desk: Path):
     assert answer.code == 0, answer.err
     page = (desk / "validated.html").read_text(encoding="utf-8")
     assert json.loads((desk / "cross.json").read_text())["reason"] in page
-    assert "The worst posture that was found" in page
+    assert "Worst of " in page
     refused = dynident("report", desk / "model.npz", desk / "run1.csv", "--validated", desk / "arm.json")
     assert refused.code == 2
     assert "arm.json" in refused.err
@@ -118,7 +118,7 @@ def test_the_simulator_and_the_filters(desk: Path):
         (["methods", "{run}", "--methods", "best"], ["--methods", "best", "irls"]),
         (["methods", "{run}", "--methods", "ols/wls"], ["--methods", "one of each"]),
         (["filters", "{run}", "--cutoffs", "70", "--longest", "2"], ["/cutoffs/0", "below 50"]),
-        (["filters", "{run}", "{run}"], ["give one"]),
+        (["filters", "{run}", "{run}"], ["exactly one measurement"]),
         (["payload", "{run}", "--mass", "2"], ["--unloaded"]),
         (["payload", "{run}", "--unloaded", "{run}", "--mass", "-2"], ["--mass", "1e-06 to 1e+06"]),
         (["payload", "{run}", "--unloaded", "{other}"], ["run2", "payload"]),

@@ -60,7 +60,7 @@ def test_a_model_that_was_tried_on_its_own_samples_is_not_exported(desk: Path, t
     dynident("identify", desk / "arm.urdf", desk / "run1.csv", "-v", desk / "run1.csv", "-o", model)
     refused = dynident("export", model, "-f", "json", "-o", tmp_path / "model.json")
     assert refused.code == 2
-    assert "samples that it was fitted to" in " ".join(refused.err.split())
+    assert "samples of the fit" in " ".join(refused.err.split())
     assert dynident("export", model, "-f", "json", "-o", tmp_path / "model.json", "--anyway").code == 0
 
 

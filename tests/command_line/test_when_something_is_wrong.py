@@ -100,7 +100,7 @@ CASES = {
     "a model that is none": (["compare", "{desk}/run1.csv", "{desk}/run1.csv"], ["run1.csv", "as an identified model"]),
     "a diagnosis that is none": (
         ["report", "{desk}/model.npz", "{desk}/run1.csv", "--diagnosis", "{desk}/arm.json", "-o", "{desk}/x.html"],
-        ["arm.json", "no diagnosis"],
+        ["arm.json", "not a diagnosis"],
     ),
     "nothing to remove": (["remove", "{desk}/model.npz"], ["--effects"]),
     "what is not in the model": (["remove", "{desk}/model.npz", "--effects", "stribeck"], ["has no stribeck"]),

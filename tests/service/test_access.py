@@ -103,7 +103,7 @@ def test_a_key_allows_what_its_scope_says_and_no_more(guarded: TestClient) -> No
         )
         assert tuple(answer.status_code for answer in answers) == expected
     refused = guarded.post("/v1/robots", json={}, headers={"x-api-key": create_key(database, "watcher", "read")})
-    assert "'watcher' allows to read; POST asks for one with submit" in refused.json()["detail"]
+    assert "'watcher' has the scope read; POST needs a key with the scope submit" in refused.json()["detail"]
 
 
 def test_a_key_whose_time_is_over_opens_no_more_and_says_so(guarded: TestClient) -> None:
@@ -127,7 +127,7 @@ def test_who_changed_what_is_written_down_and_no_key_ever_is(
     lines = [record.getMessage() for record in caplog.records if record.name == "dynident.audit"]
     assert len(lines) == 4
     assert lines[0].startswith("'cell 5' of 'Ada': DELETE '/v1/robots/rob_nothing")
-    assert lines[1] == "'nobody known': DELETE '/v1/robots/rob_nothing': 401"
+    assert lines[1] == "'an unknown caller': DELETE '/v1/robots/rob_nothing': 401"
     assert not any("\n" in line for line in lines)
     ours = [record.getMessage() for record in caplog.records if record.name.startswith(("dynident", "uvicorn"))]
     assert not any(key in line or hash_key(key) in line for line in ours)
@@ -172,7 +172,7 @@ def test_a_key_ends_after_a_number_of_days_that_a_calendar_has(days: str, capsys
     with pytest.raises(SystemExit) as ended:
         new_key.main(["cell 7", f"--days={days}"])
     assert ended.value.code == 2
-    assert f"'{days}' is no number of days above 0 and up to 36500" in capsys.readouterr().err
+    assert f"'{days}' is not a number of days above 0 and up to 36500" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", ["-1", "1.5", "9223372036854775808"])
@@ -181,4 +181,4 @@ def test_a_quota_is_a_whole_number_that_the_database_holds(number: str, capsys: 
 
     with pytest.raises(SystemExit):
         new_key.main(["cell 7", f"--quota-jobs={number}"])
-    assert f"'{number}' is no whole number from 0" in capsys.readouterr().err
+    assert f"'{number}' is not a whole number from 0" in capsys.readouterr().err

@@ -107,7 +107,7 @@ def test_what_a_killed_backup_left_is_removed_and_nothing_else(cut: tuple[Store,
 def test_two_processes_do_not_write_one_backup_at_a_time(cut: tuple[Store, Path], tmp_path: Path) -> None:
     store, target = cut
     for archive in (target, tmp_path / "backup.zip"):
-        with open_archive_for_writing(archive), pytest.raises(DynidentError, match="another process writes"):
+        with open_archive_for_writing(archive), pytest.raises(DynidentError, match="another process is writing"):
             back_up(store.database, store.objects, archive)
     assert restored_from(target, tmp_path / "restored") == hashes(store)
 
@@ -116,7 +116,7 @@ def test_tables_are_read_from_nowhere_but_the_archive(cut: tuple[Store, Path], t
     _, target = cut
     manifest = target / "manifest.json"
     manifest.write_text(manifest.read_text().replace('"tables": "tables-', '"tables": "../tables-'))
-    with pytest.raises(DynidentError, match="is no folder of tables"):
+    with pytest.raises(DynidentError, match="is not a folder of tables"):
         restored_from(target, tmp_path / "restored")
 
 

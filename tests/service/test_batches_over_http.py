@@ -82,7 +82,9 @@ def test_one_that_cannot_be_accepted_keeps_all_out_and_every_wrong_one_is_named(
         "/items/3/measurement_ids/1",
         "/items/4/effects/1",
     ]
-    assert problem["detail"].startswith("3 of 5 cannot be accepted, so none was: /items/1/robot_id: there is no robot")
+    assert problem["detail"].startswith(
+        "3 of 5 cannot be accepted, so none was accepted: /items/1/robot_id: there is no robot"
+    )
     assert (number_of(client), number_of(client, "/v1/jobs")) == before
 
 

@@ -59,7 +59,7 @@ def test_a_baseline_that_is_not_there_or_of_another_robot_is_refused_with_its_pl
         with pytest.raises(ProblemError) as refused:
             live.diagnoses.create(model, measurements=measurements, baseline=[run])
         assert refused.value.errors[0]["pointer"] == "/baseline_ids/0"
-        assert "the earlier and the later recordings" in refused.value.detail
+        assert "as an earlier and as a later measurement" in refused.value.detail
     with pytest.raises(ProblemError) as refused:
         live.diagnoses.create(model, measurements=[run], baseline=["nowhere"])
     assert refused.value.status in (404, 422)

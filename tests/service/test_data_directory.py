@@ -127,7 +127,7 @@ def test_a_data_directory_that_cannot_be_written_is_a_sentence(command: list[str
     given = [str(tmp_path / one) if one.endswith(".zip") else one for one in command]
     run = CliRunner().invoke(app, [*given, "--data-dir", str(UNWRITABLE)])
     assert run.exit_code == 2
-    assert f"nothing can be written into the data directory {UNWRITABLE}" in run.output
+    assert f"the data directory {UNWRITABLE} is not writable" in run.output
 
 
 def test_the_programs_say_it_too(
@@ -137,10 +137,10 @@ def test_the_programs_say_it_too(
     occupied.write_text("no folder")
     monkeypatch.setenv("DYNIDENT_DATA_DIR", str(occupied))
     assert new_key.main(["cell 7"]) == 2
-    assert f"nothing can be written into the data directory {occupied}" in capsys.readouterr().err
+    assert f"the data directory {occupied} is not writable" in capsys.readouterr().err
     run = subprocess.run([sys.executable, "-m", "dynident_service"], capture_output=True, text=True, check=False)
     assert (run.returncode, "Traceback" in run.stderr) == (2, False)
-    assert f"nothing can be written into the data directory {occupied}" in run.stderr
+    assert f"the data directory {occupied} is not writable" in run.stderr
 
 
 def test_a_setting_that_cannot_be_used_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

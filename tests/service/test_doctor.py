@@ -47,7 +47,7 @@ def test_a_sound_store_is_well(store: Store) -> None:
     store.put(b"for nobody yet")
     store.objects.ping()
     assert found(store) == []
-    assert told(store) == (0, "all is well\n")
+    assert told(store) == (0, "no faults found\n")
 
 
 def test_what_is_missing_cut_or_changed_is_told_with_what_needs_it(store: Store) -> None:
@@ -134,8 +134,8 @@ def test_every_resource_that_cannot_be_read_is_told_with_the_reason_and_what_to_
     assert lines.keys() == unreadable.keys()
     for identifier, reason in unreadable.items():
         assert reason in lines[identifier]
-    assert "\n8 unreadable: ask for it again, its request is kept" in text
-    assert told(store, "--quick") == (0, "all is well\n")
+    assert "\n8 unreadable: compute it again, its request is stored" in text
+    assert told(store, "--quick") == (0, "no faults found\n")
 
 
 def test_a_file_that_kills_or_blocks_its_reader_is_told_and_the_next_is_read(

@@ -102,7 +102,7 @@ def test_a_computation_that_stands_still_is_given_up_with_the_reason(
 ) -> None:
     job = wait(start("stands_still"), timeout=60)
     assert job.state == "failed"
-    assert "stood still" in job.error["detail"]
+    assert "made no progress" in job.error["detail"]
 
 
 def test_a_solver_that_says_nothing_but_computes_is_left_alone(start: Start, wait: Wait, soon_still: None) -> None:

@@ -177,7 +177,7 @@ def test_a_damaged_file_is_noticed_on_reading_and_mended_by_the_next_upload(stor
     file.write_bytes(damage)
     os.utime(file, ns=(1, 1))  # also one of another time
     for read in (store.objects.get, store.objects.fetch_file, lambda key: list(store.objects.stream(key))):
-        with pytest.raises(ProblemError, match="not what it was"):
+        with pytest.raises(ProblemError, match="is damaged"):
             read(key)
     store.make()
     assert store.objects.get(key) == CONTENT

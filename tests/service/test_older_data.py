@@ -60,4 +60,4 @@ def _ended(view: dict[str, Any]) -> dict[str, Any] | None:
 
 def test_a_data_directory_of_the_first_format_is_well(folder: Path) -> None:
     run = CliRunner().invoke(app, ["doctor", "--data-dir", str(folder)])
-    assert (run.exit_code, run.output) == (0, "all is well\n")
+    assert (run.exit_code, run.output) == (0, "no faults found\n")

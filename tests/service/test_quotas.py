@@ -112,7 +112,7 @@ def test_jobs_beyond_the_limit_are_refused_with_what_would_help_and_taken_once_o
     refused = mine.post("/v1/designs", json=asked)
     assert (refused.status_code, refused.headers["retry-after"]) == (429, "5")
     assert refused.json()["type"] == "urn:dynident:problem:quota-of-jobs-used-up"
-    for told in ("2 jobs", "may have 2", "DYNIDENT_QUOTA_JOBS", "wait until some have ended, or cancel some"):
+    for told in ("2 jobs", "its limit is 2", "DYNIDENT_QUOTA_JOBS", "wait until some have ended, or cancel some"):
         assert told in refused.json()["detail"]
     assert usage(mine)["jobs"] == {"used": 2, "allowed": 2}
     assert len(mine.get(f"/v1/designs?robot_id={asked['robot_id']}").json()["items"]) == 2
@@ -239,7 +239,7 @@ def test_of_a_recording_that_turns_out_too_large_nothing_is_stored(key: Call, se
     before = files_in(folder / "objects")
     content = as_csv(sound(401))[: len(RECORDING)].rsplit(b"\n", 1)[0] + b"\n"
     refused = upload(mine, robot, content)
-    assert (refused.status_code, "this would add" in refused.json()["detail"]) == (507, True), refused.text
+    assert (refused.status_code, "would add" in refused.json()["detail"]) == (507, True), refused.text
     assert files_in(folder / "objects") | files_in(folder / "uploads") == before
     assert usage(mine)["bytes"]["used"] == usage(mine)["recordings"]["used"] == 0
 
@@ -250,7 +250,7 @@ def test_deleting_a_recording_makes_room_at_once_and_a_retry_gets_its_first_answ
     made = upload(mine, robot, RECORDING, "once")
     assert usage(mine)["recordings"] == {"used": 1, "allowed": 1}
     refused = upload(mine, robot, as_csv(sound(420)))
-    assert (refused.status_code, "has 1 recordings and may have 1" in refused.json()["detail"]) == (507, True)
+    assert (refused.status_code, "stores 1 recordings; its limit is 1" in refused.json()["detail"]) == (507, True)
     assert upload(mine, robot, RECORDING, "once").json() == made.json()
     revised = mine.post(f"/v1/measurements/{made.json()['id']}/revisions", json={"name": "again"})
     assert revised.status_code == 507

@@ -114,7 +114,7 @@ def test_a_model_that_was_tried_on_its_own_samples_is_not_exported(client: TestC
     assert client.get(f"/v1/identifications/{model}").json()["result"]["copied"] == ["again"]
     refused = client.get(f"/v1/identifications/{model}/export")
     assert refused.status_code == 409
-    assert "samples that it was fitted to" in refused.json()["detail"]
+    assert "samples of the fit" in refused.json()["detail"]
     assert client.get(f"/v1/identifications/{model}/export", params={"anyway": True}).status_code == 200
 
 

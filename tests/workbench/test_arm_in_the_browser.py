@@ -71,7 +71,7 @@ def test_a_folder_of_meshes_is_dropped_with_all_that_is_below_it(page: Any, hear
     page.click("#robot-picture > summary")
     page.locator("canvas.arm").wait_for()
     drop(page, "#mesh-files", tmp_path / "bare")
-    expect(page.locator("#robot-picture")).to_contain_text("There is no STL, OBJ, DAE or PLY file in it.")
+    expect(page.locator("#robot-picture")).to_contain_text("It contains no STL, OBJ, DAE or PLY file.")
     with page.expect_request(lambda one: one.method == "PUT") as sent:
         drop(page, "#mesh-files", tmp_path / "arm")
     content = sent.value.post_data_buffer

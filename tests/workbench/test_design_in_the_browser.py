@@ -76,7 +76,7 @@ def test_an_experiment_is_designed_taken_along_and_made_by_a_virtual_robot(
 def test_an_experiment_that_cannot_be_says_where_and_keeps_what_was_filled_in(page: Any) -> None:
     robot = heavy_arm(page)
     page.goto(f"/?view=design&robot={robot}")
-    page.get_by_label("Tell these two apart").check()
+    page.get_by_label("Distinguish two effects").check()
     page.get_by_label("First effect", exact=True).select_option("coulomb")
     page.fill("#design-duration", "-1")
     page.click("#run-design")
@@ -98,8 +98,8 @@ def test_the_arm_moves_with_its_clearances_to_what_stands_around_it(page: Any, h
     along = client.designs.clearances(design)
     page.goto(f"/?view=design&robot={robot.id}&design={design.id}")
     said = page.locator("#nearest-now")
-    expect(said).to_contain_text("Nearest here: ")
-    said.get_by_role("button", name="Nearest of all").click()
+    expect(said).to_contain_text("Closest here: ")
+    said.get_by_role("button", name="Closest approach").click()
     rooms = [[far - kept for far, kept in zip(one["distance"], one["wanted"], strict=True)] for one in along["links"]]
     k = min(range(len(along["t"])), key=lambda k: min(room[k] for room in rooms))
     worst = along["links"][min(range(len(rooms)), key=lambda place: rooms[place][k])]

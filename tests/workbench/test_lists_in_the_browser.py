@@ -86,7 +86,7 @@ def test_a_model_is_renamed_tagged_archived_and_brought_back(page: Any, two_mode
     row.get_by_role("button", name="Change").click()
     page.get_by_role("button", name="Archive", exact=True).click()
     expect(row).to_have_count(0)
-    page.get_by_label("Show what is archived").check()
+    page.get_by_label("Show archived ones").check()
     expect(row).to_contain_text("archived")
     row.get_by_role("button", name="Change").click()
     page.locator("dialog input[name=name]").fill("plain")
@@ -134,7 +134,7 @@ def test_a_robot_that_models_rest_on_is_not_deleted_and_the_page_says_what_to_do
     page.get_by_role("button", name="Delete", exact=True).click()
     page.get_by_role("button", name="Delete for good?").click()
     expect(page.locator("dialog")).to_contain_text("archive this one")
-    page.get_by_role("button", name="Leave as it is").click()
+    page.get_by_role("button", name="Close without saving").click()
     page.goto("/?view=recordings")
     expect(page.locator("#recordings-table tbody tr[data-id]")).to_have_count(2)
 

@@ -108,8 +108,8 @@ def test_a_file_that_was_looked_at_and_left_is_gone_on_with(page: Any, short: Pa
     page.set_input_files("#recordings", short)
     expect(page.get_by_role("button", name="Confirm and store")).to_be_enabled()
     page.reload()
-    page.locator("summary", has_text="1 file looked at before").click()
-    page.get_by_role("button", name="Go on with it").click()
+    page.locator("summary", has_text="1 file inspected before").click()
+    page.get_by_role("button", name="Continue").click()
     page.get_by_role("button", name="Confirm and store").click()
     expect(page.locator(".stored").get_by_role("link", name="short")).to_be_visible()
 
@@ -160,8 +160,8 @@ def test_a_check_is_applied_and_undone(page: Any, short: Path, tmp_path: Path) -
         writer.writerows({**line, "tau_elbow": -float(line["tau_elbow"])} for line in lines)
     measurement = stored(page, robot_of(page), turned, accept=["torque_sign", "torque_order"])
     page.goto(f"/?view=recording&measurement={measurement}")
-    page.get_by_role("button", name="Apply: torque of elbow turned over").first.click()
-    expect(page.locator(".box.good")).to_contain_text("torque of elbow turned over")
+    page.get_by_role("button", name="Apply: torque of elbow with the opposite sign").first.click()
+    expect(page.locator(".box.good")).to_contain_text("torque of elbow with the opposite sign")
     revision = page.evaluate("new URLSearchParams(location.search).get('measurement')")
     assert ask(page, f"/measurements/{revision}")["request"]["signs"] == {"tau2": -1}
     page.click("#undo-revision")
@@ -221,7 +221,7 @@ def test_the_wheel_zooms_all_joints_and_the_zoom_survives_a_reload(
     page.locator("#torque-chart .u-over").click(position={"x": 80, "y": 60})
     expect(page.locator("#moment")).to_contain_text("the residual is largest at")
     expect(page.locator("#pose tbody tr")).to_have_count(2)
-    expect(page.locator("#moment")).to_contain_text("has not been diagnosed")
+    expect(page.locator("#moment")).to_contain_text("has no diagnosis yet")
     page.locator(".joint-row").get_by_role("button", name="shoulder").click()
     assert "joint=shoulder" in page.url
     assert f"from={query['from']}" in page.url

@@ -88,7 +88,7 @@ def test_a_view_that_is_asked_for_while_the_service_is_restarted_says_so_and_com
         page.get_by_role("heading", name="Robots").wait_for()
         running.close()
         page.locator("#views").get_by_text("Models", exact=True).click()
-        away = page.get_by_text("The service does not answer; it is asked again")
+        away = page.get_by_text("The service does not answer; trying again")
         away.wait_for()
         running.enter_context(started(tmp_path, port, science=False))
         nothing.wait_for()

@@ -177,7 +177,7 @@ def test_spectra_and_memory_of_the_residual_follow_the_joint(page: Any, model: s
     spectra = page.locator("#spectra")
     expect(spectra.locator("canvas")).to_have_count(3)
     page.locator(".choices").get_by_role("button", name="shoulder").first.click()
-    expect(spectra).to_contain_text("How long the residual of shoulder remembers")
+    expect(spectra).to_contain_text("Autocorrelation of the residual of shoulder")
     expect(spectra.locator("canvas")).to_have_count(3)
     expect(spectra).to_contain_text("per turn")
     expect(page.locator("#comparison-notes")).to_contain_text("noise floor")

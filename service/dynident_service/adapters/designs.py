@@ -56,7 +56,7 @@ def samples_to_reference(samples: wire.Samples) -> Reference:
         return Reference(t, q, _to_matrix(samples.dq, "dq"), _to_matrix(samples.ddq, "ddq"))
     # A cubic spline needs four points and increasing times.
     if len(t) != len(q) or not np.all(np.diff(t) > 0) or len(t) < 4:
-        detail = "t has to increase, with one row of q for each, four at least, for dq and ddq to follow from q"
+        detail = "t must increase and have one row of q each, at least four, so that dq and ddq can be computed from q"
         raise DynidentError(detail, pointer="/trajectory/t", title="Unusable trajectory")
     # A cubic has a continuous acceleration, which the torque needs.
     spline = CubicSpline(t, q)
@@ -71,7 +71,7 @@ def describe_simulation(measurement: SimulatedRecording, rate: float) -> wire.Si
 
 def _to_matrix(rows: list[list[float]], name: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     if len({len(row) for row in rows}) != 1:
-        detail = f"the rows of {name} have different lengths; each has a value for every joint"
+        detail = f"the rows of {name} have different lengths; each row needs one value per joint"
         raise DynidentError(detail, pointer=f"/trajectory/{name}", title="Unusable trajectory")
     return np.array(rows, dtype=np.float64)
 

@@ -118,7 +118,9 @@ def read_evidence(content: bytes, rank: int, joint: str | None) -> wire.Evidence
     joints: list[str] = figures[0]["joints"]
     joint_name = joints[0] if joint is None else joint
     if joint_name not in joints:
-        raise make_unusable(f"there is no figure for {joint_name!r}; there are some for: {', '.join(joints)}", "joint")
+        raise make_unusable(
+            f"there is no figure for {joint_name!r}; there are figures for: {', '.join(joints)}", "joint"
+        )
     return wire.Evidence.model_validate(next(figure for figure in figures if figure["joint"] == joint_name))
 
 

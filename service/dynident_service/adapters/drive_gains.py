@@ -71,7 +71,7 @@ def build_gain_tables(result: wire.DriveGainsResult) -> Iterator[ReportedTable]:
             )
             for load in result.loads
         )
-        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "shows at all")
+        columns = ("measurement", "mass", "± 95 %", "95 % interval", "σ from the gains", "not zero")
         yield ReportedTable("Loads weighed with these gains, kg", columns, loads)
 
 

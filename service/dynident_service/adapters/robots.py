@@ -69,14 +69,15 @@ def assign_mesh_files(robot: Robot, sent: Mapping[str, Path]) -> dict[str, str]:
     needed = list_collision_meshes(robot)
     if not needed:
         raise DynidentError(
-            "the robot's description names no meshes in its <collision> elements, so none can be sent for it",
+            "the robot's description names no meshes in its <collision> elements, so the service accepts none for it",
             pointer="/files",
             title="No meshes named",
         )
     files_by_mesh = match_mesh_files(needed, list(sent))
     if not files_by_mesh:
         raise DynidentError(
-            f"none of the {len(sent)} files has the name of a mesh of the description: {', '.join(list(needed)[:8])}",
+            f"none of the {len(sent)} files has the name of a mesh of the description; it names: "
+            f"{', '.join(list(needed)[:8])}",
             pointer="/files",
             title="Unknown mesh",
         )

@@ -50,7 +50,7 @@ TITLES = {
     "methods": "Different methods on the same data",
     "simulation": "A simulator with the identified parameters",
     "filters": "Filters, by simulating the identification",
-    "bootstrap": "Standard deviations, with stretches of time drawn anew",
+    "bootstrap": "Standard deviations, from resampled blocks of time",
 }
 
 
@@ -84,9 +84,7 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
     if result.worst_posture is not None:
         # The posture is told so that the user can try it.
         posture = tuple((Cell(joint), make_number_cell(value)) for joint, value in result.worst_posture.items())
-        yield ReportedTable(
-            f"The worst posture that was found, of {result.postures_tried}", ("joint", "rad or m"), posture
-        )
+        yield ReportedTable(f"Worst of {result.postures_tried} postures", ("joint", "rad or m"), posture)
     yield from _build_method_tables(result.methods, joint_columns)
     if any(simulation.torque is not None for simulation in result.simulations):
         torque_rows = tuple(
@@ -106,7 +104,7 @@ def build_validation_tables(result: ValidationResult, joints: Sequence[str]) -> 
             if simulation.position_share is not None
         )
         if position_rows:
-            title = "How far the simulated positions are from the measured ones, of each joint's range"
+            title = "Distance of the simulated from the measured positions, relative to each joint's range"
             yield ReportedTable(title, ("measurement", *joints), position_rows)
     if result.filters is not None:
         yield _build_filter_table(result.filters)
@@ -122,13 +120,13 @@ def _build_method_tables(methods: Sequence[MethodView], joint_columns: Sequence[
     if solved_methods:
         # The best method is marked by its own error, and not by its place in the list.
         best = min(errors.relative_total or 0.0 for _, errors in solved_methods)
-        columns = ("method", *joint_columns, "σ apart", "most in", "torque", "± of it", "time")
+        columns = ("method", *joint_columns, "σ apart", "farthest", "torque", "own ±", "time")
         rows = tuple(_build_method_row(method, errors, best) for method, errors in solved_methods)
-        title = "Relative held-out error by method; distance of parameters and torque from the first"
+        title = "Relative held-out error by method; distance of parameters and torque from the first method"
         yield ReportedTable(title, columns, rows)
     failed_rows = tuple((Cell(method.method), Cell(method.problem)) for method in methods if method.problem)
     if failed_rows:
-        title = f"Methods that this data does not allow: {len(failed_rows)}"
+        title = f"Methods that cannot use this data: {len(failed_rows)}"
         yield ReportedTable(title, ("method", "why"), failed_rows, numbers_from=2)
 
 
@@ -160,7 +158,7 @@ def _build_filter_table(filters: FiltersView) -> ReportedTable:
             (*cells, *make_percent_cells([trial.error, trial.bias]), Cell(", ".join(notes) or trial.problem or ""))
         )
     columns = ("position cut-off", "torque cut-off", "decimation", "parameter error", "bias", "which")
-    title = "What each choice of filters leaves in the parameters, as a share of the torque"
+    title = "Parameter error that each choice of filters causes, as a share of the torque"
     return ReportedTable(title, columns, tuple(rows), numbers_from=2)
 
 
@@ -176,8 +174,8 @@ def _build_bootstrap_table(bootstrap: BootstrapView) -> ReportedTable:
         )
         for parameter in bootstrap.parameters
     )
-    columns = ("parameter", "unit", "told", "drawn", "ratio", "expected", "as expected")
-    return ReportedTable("Standard deviations as told, and over draws", columns, rows, numbers_from=2)
+    columns = ("parameter", "unit", "reported", "drawn", "ratio", "expected", "as expected")
+    return ReportedTable("Standard deviations: reported, and over draws", columns, rows, numbers_from=2)
 
 
 def _build_payload_table(payloads: Sequence[PayloadView]) -> ReportedTable:
@@ -207,8 +205,8 @@ def _build_gain_table(payload: PayloadView) -> ReportedTable:
         )
         for gain in payload.gains
     )
-    columns = ("joint", "drive gain", "95 % interval", "times what was stated", "identifiable")
-    return ReportedTable(f"Drive gains, if the load in {payload.name} is what it is said to be", columns, rows)
+    columns = ("joint", "drive gain", "95 % interval", "factor on the stated", "identifiable")
+    return ReportedTable(f"Drive gains, if the load in {payload.name} has the stated mass", columns, rows)
 
 
 def _relative_error_cells(errors: ErrorsView | None, n: int) -> list[Cell]:

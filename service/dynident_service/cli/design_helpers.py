@@ -129,7 +129,7 @@ def show_design(console: Console, design: Design) -> None:
         console.print(
             build_table(
                 "Runs",
-                ("segment", "what for", "joints that move", "from (s)", "to (s)"),
+                ("segment", "purpose", "joints that move", "from (s)", "to (s)"),
                 [
                     [str(k), run.label, ", ".join(run.joints), format_number(run.start, 4), format_number(run.end, 4)]
                     for k, run in enumerate(design.runs, start=1)

@@ -65,7 +65,9 @@ def check_readable(path: Path) -> None:
         if not part.is_file():
             raise DynidentError(f"there is no file {part}", pointer=str(path), title="No such file")
         if not os.access(part, os.R_OK):
-            raise DynidentError(f"{part} may not be read", pointer=str(path), title="Unreadable file")
+            raise DynidentError(
+                f"{part} cannot be read; check its permissions", pointer=str(path), title="Unreadable file"
+            )
 
 
 def read_json_object(path: Path) -> Mapping[str, object]:
@@ -73,9 +75,9 @@ def read_json_object(path: Path) -> Mapping[str, object]:
     try:
         document = json.loads(read_text(path))
     except json.JSONDecodeError as error:
-        raise DynidentError(f"{path.name} is no JSON: {error}", pointer=str(path)) from error
+        raise DynidentError(f"{path.name} is not valid JSON: {error}", pointer=str(path)) from error
     if not isinstance(document, dict):
-        raise DynidentError(f"{path.name} holds no JSON object", pointer=str(path))
+        raise DynidentError(f"{path.name} does not contain a JSON object", pointer=str(path))
     return document
 
 
@@ -85,7 +87,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise DynidentError(f"{path.name} is no text: {error}", pointer=str(path)) from error
+        raise DynidentError(f"{path.name} is not a text file: {error}", pointer=str(path)) from error
 
 
 def write_atomically(path: Path, content: bytes) -> None:

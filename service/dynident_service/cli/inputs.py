@@ -166,7 +166,7 @@ def load_recordings(
             except RecordingError as error:
                 # Only where columns can still be proposed: neither stated in a file nor proposed already.
                 if error.title == "Missing column" and name not in metadata_by_name and not reading.as_proposed:
-                    error.detail += " Or have the columns told by names and content: --as-proposed."
+                    error.detail += " Or let dynident propose the columns from names and content: --as-proposed."
                 raise
         yield measurements[: len(paths)], measurements[len(paths) :]
 
@@ -194,7 +194,7 @@ def _load_recording(
         imported = import_cured(robot, path, destination, metadata, progress, most=MOST_CURES if cure else 0)
     except RecordingError as error:
         if not cure and any(check.status == "error" and check.apply is not None for check in error.checks):
-            error.detail += " Or have it put right: --cure."
+            error.detail += " Or let dynident correct it: --cure."
         # The library knows columns, rows and times, but not which of the files it is.
         error.detail = f"{path.name}: {_reword_for_options(error.detail, metadata.name)}"
         error.checks = tuple(
@@ -317,5 +317,5 @@ def load_diagnosis(path: Path) -> AdvisedDiagnosis:
     except ValidationError as error:
         first = error.errors()[0]
         raise DynidentError(
-            f"{path.name} is no diagnosis: {first['msg']} at {'/'.join(map(str, first['loc']))}", pointer=str(path)
+            f"{path.name} is not a diagnosis: {first['msg']} at {'/'.join(map(str, first['loc']))}", pointer=str(path)
         ) from error

@@ -106,11 +106,10 @@ def accept_proposal(
     if open_questions:
         question_list = "".join(f"\n  {question.field}: {question.detail}" for question in open_questions)
         raise DynidentError(
-            f"{path.name} cannot be taken as proposed; to be answered:{question_list}\n"
-            "Answer beside it by --columns, --units or --gravity, by --accept CHECK where the recording is right all "
-            "the same, or by --cure. Or write the proposal with "
-            f"`dynident inspect {path} --robot ROBOT --out {path.stem}.json`, answer there (and empty "
-            "its questions), and give it as --metadata.",
+            f"{path.name} cannot be used as proposed; these questions are open:{question_list}\nAnswer them with "
+            "--columns, --units or --gravity, with --accept CHECK if the recording is right as it is, or with "
+            f"--cure. Or write the proposal with `dynident inspect {path} --robot ROBOT --out {path.stem}.json`, "
+            "answer there (and empty its questions), and give it as --metadata.",
             pointer=str(path),
             title="Open questions",
         )
@@ -166,21 +165,23 @@ def _read_metadata_file(path: Path) -> RecordingMetadata:
     ]
     if not set(document) <= {*field_names, *_IGNORED_KEYS}:
         allowed = ", ".join((*field_names, *_IGNORED_KEYS))
-        raise DynidentError(f"{path.name} is no metadata: give an object of {allowed}", pointer=str(path))
+        raise DynidentError(
+            f"{path.name} does not contain metadata; it needs an object of {allowed}", pointer=str(path)
+        )
     questions: Any = document.get("questions") or ()
     # Drive gains belong to the robot: whether they are missing is found when the currents are read.
     open_questions = [question for question in questions if question.get("field") != NEEDED_FOR_GAINS]
     if open_questions:
         raise DynidentError(
-            f"{path.name} holds an open question: {open_questions[0].get('detail', '')} "
-            "Answer it and empty its questions.",
+            f"{path.name} has an open question: {open_questions[0].get('detail', '')} Answer it and empty its "
+            "questions.",
             pointer=str(path),
             title="Open questions",
         )
     effort_kind = document.get("effort_kind")
     if effort_kind is not None and effort_kind not in get_args(EffortKind):
         raise DynidentError(
-            f"{path.name}: effort_kind is {effort_kind!r}; there are {', '.join(get_args(EffortKind))}",
+            f"{path.name}: effort_kind is {effort_kind!r}; allowed are {', '.join(get_args(EffortKind))}",
             pointer=str(path),
         )
     try:

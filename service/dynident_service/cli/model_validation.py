@@ -67,7 +67,7 @@ def load_validation(path: Path) -> ValidationResult:
     try:
         return ValidationResult.model_validate_json(read_text(path))
     except ValidationError as error:
-        detail = f"{path.name} holds no validation; give what `dynident validate --out` wrote"
+        detail = f"{path.name} does not contain a validation; give a file that `dynident validate --out` wrote"
         raise DynidentError(detail, pointer="--validated", title="Unusable file") from error
 
 
@@ -79,9 +79,11 @@ def check_recording_counts(trial: Trial, n_measurements: int, n_held_out: int) -
     if not trial.of_model_alone and not n_measurements:
         raise DynidentError(f"{kind} needs a measurement", pointer="MEASUREMENT", title=_TITLE)
     if kind == "filters" and n_measurements > 1:
-        raise DynidentError("filters are chosen on one measurement; give one", pointer="MEASUREMENT", title=_TITLE)
+        raise DynidentError("filters needs exactly one measurement", pointer="MEASUREMENT", title=_TITLE)
     if kind == "payload" and not n_held_out:
-        raise DynidentError("payload needs the runs without it, too", pointer="--unloaded", title=_TITLE)
+        raise DynidentError(
+            "payload also needs the runs without the load: --unloaded", pointer="--unloaded", title=_TITLE
+        )
     if n_held_out and kind not in ("methods", "payload"):
         raise DynidentError(f"{kind} takes no --validation", pointer="--validation", title=_TITLE)
 
@@ -120,8 +122,8 @@ def _parse_method(text: str) -> Method:
         if kind is None or kind in words_by_kind:
             choices = "; ".join(f"{name}: {', '.join(words.names)}" for name, words in _KINDS.items())
             raise DynidentError(
-                f"cannot read {word!r} in {text!r}; write words of these kinds with / between, one of each at most "
-                f"({choices})",
+                f"cannot read {word!r} in {text!r}; write words of these kinds, separated by /, at most one of "
+                f"each ({choices})",
                 pointer="--methods",
                 title=_TITLE,
             )

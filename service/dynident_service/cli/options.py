@@ -36,9 +36,9 @@ RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT",
-        help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a JSON "
-        "file (a modified table, or a robot as the service takes it), or "
-        f"a well-known arm: {', '.join(list_known_arms())}.",
+        help="A URDF, xacro or MJCF file, a text file with a classical or modified Denavit-Hartenberg table, a "
+        "JSON file (a modified table, or a robot in the format of the service), or a well-known arm: "
+        f"{', '.join(list_known_arms())}.",
         show_default=False,
     ),
     KNOWN_ROBOT,
@@ -52,15 +52,17 @@ Measurements = Annotated[
     list[Path],
     typer.Argument(
         metavar="MEASUREMENT",
-        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, JSON, Parquet, NumPy, MAT, "
-        "HDF5, bags, MCAP. Files that are one recording are given together: q.csv+dq.csv+tau.csv.",
+        help="Files with the columns t, q1… and tau1… or current1… (or q_<joint>…): CSV, JSON, Parquet, NumPy, "
+        "MAT, HDF5, bags, MCAP. Join the files of one recording with +: q.csv+dq.csv+tau.csv.",
         show_default=False,
     ),
     READABLE_FILE,
 ]
 Validation = Annotated[
     list[Path],
-    repeatable_file_option("--validation", "-v", help="Measurement that no parameter sees; may be repeated."),
+    repeatable_file_option(
+        "--validation", "-v", help="Held-out measurement, which no parameter is fitted to; may be repeated."
+    ),
     READABLE_FILE,
 ]
 
@@ -74,7 +76,7 @@ class RobotAdditions:
         typer.Option(
             "--drive-gains",
             metavar="G1,G2,…",
-            help="Drive gains [12.17] in N m per unit of current, one a joint, or joint=gain pairs.",
+            help="Drive gains [12.17] in N m per unit of current: one per joint, or joint=gain pairs.",
         ),
     ] = ""
     lock: Annotated[
@@ -82,8 +84,8 @@ class RobotAdditions:
         typer.Option(
             "--lock",
             metavar="JOINT[=POSITION],…",
-            help="Joints that do not move, or are in no recording (a gripper's), at these positions in rad (m); 0 "
-            "where none is said.",
+            help="Joints that do not move or that no recording contains (such as a gripper's), with their "
+            "positions in rad (m); 0 by default.",
         ),
     ] = ""
     gravity: Annotated[
@@ -91,14 +93,14 @@ class RobotAdditions:
         typer.Option(
             "--gravity",
             metavar="X,Y,Z",
-            help="Gravity in the base frame in m/s², where the base does not stand upright: 0,0,9.81 for a ceiling.",
+            help="Gravity in the base frame in m/s², if the base is not upright: 0,0,9.81 for a ceiling.",
         ),
     ] = ""
 
 
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Rows a second, where files have no time.", min=1e-3, max=1e6),
+    typer.Option("--rate", metavar="HZ", help="Sampling rate in Hz, for files without time.", min=1e-3, max=1e6),
 ]
 
 
@@ -116,14 +118,14 @@ class TimedReading:
     ] = field(default_factory=list)
     units: Annotated[
         list[str],
-        repeatable_option("--units", metavar="KIND=UNIT,…", help="Units other than SI: q=deg,tau=mN m."),
+        repeatable_option("--units", metavar="KIND=UNIT,…", help="Units that are not SI: q=deg,tau=mN m."),
     ] = field(default_factory=list)
     windows: Annotated[
         list[str],
         repeatable_option(
             "--windows",
             metavar="[NAME=]FROM:TO,…",
-            help="Seconds of t to use, of all files or of the one with that name (its file's, without the ending).",
+            help="Seconds of t to use, of all files or of the file with that name (without its ending).",
         ),
     ] = field(default_factory=list)
     accept: Annotated[
@@ -137,7 +139,8 @@ class TimedReading:
         repeatable_option(
             "--skip",
             metavar="STEP",
-            help=f"Do not put right what looks wrong: {', '.join(get_args(ConditioningStep))}; may be repeated.",
+            help=f"Do not correct this, even if it looks wrong: {', '.join(get_args(ConditioningStep))}; may be "
+            "repeated.",
         ),
     ] = field(default_factory=list)
     metadata: Annotated[
@@ -145,20 +148,20 @@ class TimedReading:
         repeatable_option(
             "--metadata",
             metavar="[NAME=]FILE",
-            help="What is said of all files, or of the one with that name, as `dynident inspect --out` or a report "
-            "writes it; may be repeated.",
+            help="Metadata of all files, or of the file with that name, as `dynident inspect --out` or a report "
+            "writes them; may be repeated.",
         ),
     ] = field(default_factory=list)
     as_proposed: Annotated[
         bool,
-        typer.Option(
-            "--as-proposed", help="Take the columns as `dynident inspect` proposes them, where nothing is asked."
-        ),
+        typer.Option("--as-proposed", help="Use the columns that `dynident inspect` proposes, if it asks no question."),
     ] = False
     cure: Annotated[
         bool,
         typer.Option(
-            "--cure", help="Read what would be refused as its checks propose, and say so: order, sign, unit, …."
+            "--cure",
+            help="Correct what a check refuses as the check proposes (order, sign, unit, …), and report the "
+            "correction.",
         ),
     ] = False
 
@@ -185,7 +188,7 @@ class RobotTimedReading(RobotAdditions, TimedReading):
     """The same for commands whose `--rate` means something else, such as the rate of a design."""
 
 
-Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Where to write the result.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="File to write the result to.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, with the fields of the HTTP contract.")]
 Effects = Annotated[
     list[str],

@@ -83,8 +83,8 @@ def parse_drive_gains(text: str, joint_names: Sequence[str]) -> dict[str, float]
         values = parse_numbers(text, "--drive-gains")
         if len(values) != len(joint_names):
             raise DynidentError(
-                f"{len(values)} drive gains for {len(joint_names)} joints ({', '.join(joint_names)}); give one each "
-                "or joint=gain pairs",
+                f"{len(values)} drive gains for {len(joint_names)} joints ({', '.join(joint_names)}); give one "
+                "per joint, or joint=gain pairs",
                 pointer="--drive-gains",
             )
         return dict(zip(joint_names, values, strict=True))
@@ -166,8 +166,8 @@ def _check_no_overlap(name: str, windows: Sequence[Window]) -> None:
     for first, second in pairwise(in_time):
         if second[0] < first[1]:
             raise DynidentError(
-                f"the windows {first[0]:g}:{first[1]:g} and {second[0]:g}:{second[1]:g} of {name} overlap; a window "
-                f"for one measurement alone is written {name}={first[0]:g}:{first[1]:g}",
+                f"the windows {first[0]:g}:{first[1]:g} and {second[0]:g}:{second[1]:g} of {name} overlap; to use "
+                f"a window for one measurement only, write {name}={first[0]:g}:{first[1]:g}",
                 pointer="--windows",
             )
 
@@ -199,7 +199,7 @@ def _parse_json_pairs(text: str, option: str) -> dict[str, str]:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
-        raise DynidentError(f"this is no JSON object: {error}", pointer=option) from error
+        raise DynidentError(f"this is not a JSON object: {error}", pointer=option) from error
     if not isinstance(document, dict):
         raise _unreadable_error(option, text, "a JSON object")
     return {str(key): str(value) for key, value in document.items()}

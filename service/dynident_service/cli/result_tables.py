@@ -78,7 +78,7 @@ def show_measurements(
                     format_standstill_shares(phase_shares(recording).standing),
                 ]
             )
-    columns = ("measurement", "used for", "samples", "rate", "each joint stands")
+    columns = ("measurement", "used for", "samples", "rate", "standstill per joint")
     console.print(build_table("", columns, rows, right_from=2))
     # Passed checks are not printed: the table says already that the file was read.
     for item in [*measurements, *held_out]:
@@ -150,8 +150,8 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
     console.print(build_table(f"Measured against predicted: {name}", columns, rows))
     if (comparison.phase == Phase.STANDING).any():
         console.print(
-            "  Where a joint stands, static friction may hold the torque; held against the predicted torque itself the "
-            f"error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
+            "  While a joint stands still, static friction may balance the torque. Compared with the predicted "
+            f"torque itself, the error on all rows is {format_percent(comparison.raw_errors.relative_total)}."
         )
     worst = [
         [
@@ -163,7 +163,9 @@ def show_comparison(console: Console, name: str, comparison: Comparison, judgeme
         ]
         for stretch in comparison.worst[:5]
     ]
-    console.print(build_table("Where it is worst", ("joint", "when", "rms", "of the joint's own", "pose"), worst))
+    console.print(
+        build_table("Where it is worst", ("joint", "when", "rms", "relative to the joint's rms", "pose"), worst)
+    )
     for note in judgement.notes:
         console.print(f"  {note}")
 
@@ -184,7 +186,7 @@ def show_diagnosis(console: Console, diagnosis: AdvisedDiagnosis, robot: Robot) 
             f"({format_percent(pattern.share, 2)})"
         )
     if diagnosis.not_visible:
-        console.print(f"  This data could not have shown: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  This data could not show: {format_hidden_effects(diagnosis, robot)}")
     if diagnosis.next_experiment is not None:
         console.print(f"  Next experiment: {diagnosis.next_experiment.reason}")
         for step in diagnosis.next_experiment.instructions:
@@ -206,11 +208,11 @@ def show_changes(console: Console, diagnosis: Diagnosis, robot: Robot) -> None:
         both = "; ".join(format_choice(choice, robot) for choice in diagnosis.recommended)
         console.print(f"  Missing in the model before and after: {both}")
     if diagnosis.not_visible:
-        console.print(f"  These motions could not have shown: {format_hidden_effects(diagnosis, robot)}")
+        console.print(f"  These motions could not show: {format_hidden_effects(diagnosis, robot)}")
 
 
 def _show_evidence(console: Console, change: Change) -> None:
-    doubt = f" This data cannot tell it from: {', '.join(change.equivalent)}." if change.equivalent else ""
+    doubt = f" This data cannot distinguish it from: {', '.join(change.equivalent)}." if change.equivalent else ""
     console.print(f"  {change.evidence}{doubt}")
 
 
@@ -287,7 +289,9 @@ def _show_drift(console: Console, drift: Drift) -> None:
     ]
     columns = ("joint", *(f"after {after:g} s" for after in drift.after))
     console.print(
-        build_table("A simulation left alone under the measured torque is off by, of the joint's way", columns, rows)
+        build_table(
+            "Drift of an open-loop simulation under the measured torque, relative to the joint's travel", columns, rows
+        )
     )
 
 

@@ -35,7 +35,7 @@ def check_ending(path: Path, endings: tuple[str, ...] = ENDINGS) -> None:
     """
     if path.suffix not in endings:
         allowed = f"{', '.join(endings[:-1])} or {endings[-1]}"
-        raise DynidentError(f"cannot write {path.name}; the file's ending has to be {allowed}", pointer="--out")
+        raise DynidentError(f"cannot write {path.name}; the ending of the name must be {allowed}", pointer="--out")
     if not path.parent.is_dir():
         raise DynidentError(f"there is no folder {path.parent}", pointer="--out", title="No such folder")
 

@@ -54,7 +54,7 @@ def load_reference(path: Path | None, robot: Robot, seed: int, progress: Progres
     table = _read_table(path)
     t, q = _read_column(table, "t", path), _read_signal(table, "q", robot, path)
     if len(t) < 4 or not np.all(np.diff(t) > 0):
-        raise DynidentError("t has to increase, over four rows at least", pointer=f"{path}: t", title=_TITLE)
+        raise DynidentError("t must increase and have at least four rows", pointer=f"{path}: t", title=_TITLE)
     spline = CubicSpline(t, q)
     derivatives = []
     for order, kind in enumerate(("dq", "ddq"), start=1):

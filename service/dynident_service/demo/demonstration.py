@@ -41,12 +41,12 @@ def print_introduction(console: Console, scenario: Scenario) -> None:
     _print_heading(console, "The robot")
     console.print(
         f"A virtual {robot.name} with {robot.n} joints. Its links are up to 10 % lighter or heavier than its "
-        "description says, its friction and rotor inertias are drawn by lot"
+        "description says, its friction and rotor inertias are random"
         + (", and one more effect is hidden in it." if scenario.hidden is not None else "."),
     )
     console.print(
-        "What is hidden is written to hidden.json and not read again before the end: identification and diagnosis "
-        "are given the description and the recorded files alone.",
+        "The hidden effect is written to hidden.json and is not read again before the end: identification and "
+        "diagnosis use only the description and the recorded files.",
     )
 
 
@@ -63,9 +63,9 @@ def print_experiment(console: Console, runs: Sequence[MeasuredRun], seconds: flo
     columns = ("recording", "trajectory", "length", "samples", "condition number", "best random one")
     console.print(build_table("", columns, rows, right_from=2))
     console.print(
-        f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and measure. "
-        "run2.csv is slow; validation.csv, which is never fitted to, goes from point to point and dwells in each. "
-        "All of every recording is used, standstill and all.",
+        f"Encoders of 2^19 counts, torque noise of 0.5 % of each joint's limit; {seconds:.1f} s to design and "
+        "measure. run2.csv is slow. validation.csv, which no fit uses, moves from point to point and stops at "
+        "each. The whole of every recording is used, including standstill.",
     )
 
 
@@ -83,21 +83,20 @@ def print_findings(console: Console, robot: Robot, analysis: Analysis) -> None:
     over = analysis.compute_floor_ratio(first)
     worst = int(over.argmax())
     console.print(
-        f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times what the "
-        "torque sensor's noise explains.",
+        f"On held-out data {robot.joint_names[worst]} is worst: its residual is {over[worst]:.1f} times the noise "
+        "of the torque sensor.",
     )
     spot = next(
         (failure for failure in analysis.diagnosis.failure_map if failure.joint == robot.joint_names[worst]), None
     )
     if spot is not None:
         console.print(
-            f"It is largest over {spot.variable}, between {format_number(spot.low)} and "
-            f"{format_number(spot.high)} {spot.unit}: "
-            f"{spot.ratio:.1f} times the joint's own.",
+            f"The residual is largest over {spot.variable}, between {format_number(spot.low)} and "
+            f"{format_number(spot.high)} {spot.unit}: {spot.ratio:.1f} times the joint's rms.",
         )
     _print_heading(console, "Diagnose")
     _print_candidates(console, robot, analysis)
-    _print_heading(console, "Add, and see the error fall")
+    _print_heading(console, "Add the effects; the error falls")
     _print_ladder(console, robot, analysis)
 
 
@@ -105,7 +104,7 @@ def print_hidden_effect(
     console: Console, scenario: Scenario, analysis: Analysis, named_right: bool, joints: Sequence[int]
 ) -> None:
     """Print what was hidden beside what was named."""
-    _print_heading(console, "The envelope is opened")
+    _print_heading(console, "What was hidden")
     hidden = scenario.hidden
     if hidden is None:
         answer = "and nothing was found" if named_right else "but something was found: a false alarm"
@@ -153,7 +152,7 @@ def print_hidden_effect(
     # Where the first model already reaches the noise, nothing was visible: that is no failure of the diagnosis.
     before = max(float(analysis.compute_floor_ratio(analysis.first)[j]) for j in joints)
     if not named_right and before < _VISIBLE_RATIO:
-        console.print("On these motions it leaves nothing above the sensors' noise, so nobody could have seen it.")
+        console.print("On these motions its torque is below the sensors' noise, so no diagnosis could find it.")
     after = max(float(analysis.compute_floor_ratio(analysis.last)[j]) for j in joints)
     console.print(f"Held-out residual there: {before:.2f} times the noise floor before, {after:.2f} times after.")
 
@@ -161,9 +160,9 @@ def print_hidden_effect(
 def print_files(console: Console, robot: Robot, runs: Sequence[MeasuredRun], folder: Path, seconds: float) -> None:
     """Print where the files are, and how to repeat the analysis by hand."""
     _print_heading(console, "Files")
-    console.print(f"{folder}/report.html tells all of this with figures; model.npz is the last model.")
+    console.print(f"{folder}/report.html shows all of this with figures; model.npz is the last model.")
     training = " ".join(str(run.path) for run in runs[:-1])
-    console.print("The same by hand, on the files alone:")
+    console.print("The same by hand, from the files only:")
     for line in (
         f"dynident identify {robot.name} {training} -v {runs[-1].path} -o my_model.npz",
         f"dynident diagnose my_model.npz {training} -o my_diagnosis.json",
@@ -178,7 +177,7 @@ def _print_candidates(console: Console, robot: Robot, analysis: Analysis) -> Non
     console.print(analysis.diagnosis.summary, style="bold")
     for item in analysis.diagnosis.candidates:
         if item.significant and item.equivalent:
-            console.print(f"This data cannot tell {item.effect} from {', '.join(item.equivalent)}.")
+            console.print(f"This data cannot distinguish {item.effect} from {', '.join(item.equivalent)}.")
 
 
 def _print_ladder(console: Console, robot: Robot, analysis: Analysis) -> None:

@@ -47,7 +47,7 @@ def find_hideable_effects(robot: Robot, effect: str, joint: str) -> list[TrueEff
     effect_class = get_effect(effect, "--effect")
     names = [robot.joint_names[index] for index in effect_class.applicable(robot)]
     if joint and joint not in names:
-        raise DynidentError(f"{effect} cannot sit on {joint!r}; it can on: {', '.join(names)}", pointer="--joint")
+        raise DynidentError(f"{effect} cannot act on {joint!r}; it can act on: {', '.join(names)}", pointer="--joint")
     anywhere = effect_class.scope == "robot" or len(effect_class.get_default_joints(robot)) == 1
     joint_names = [joint] if joint else [""] if anywhere else names
     try:

@@ -60,16 +60,19 @@ def _run_call(call: Call, peak_memory: int) -> Answer:
         return Answer(peak_memory, problem=to_problem(error))
     except Exception as error:
         if is_out_of_memory(error):
-            detail = "What was sent needs more memory than a request may take; send less at a time."
+            detail = "The data need more memory than one request may use; send less at a time."
             return Answer(peak_memory, problem=make_problem(422, detail, title="Out of memory"))
         # The process is confined to the files of the request, so a file of the user pointed elsewhere.
         if isinstance(error, PermissionError):
-            log.exception("the call of %s went where it may not", call.function)
-            detail = "What was sent points to something outside of it, which is not read; send it whole, in one file."
+            log.exception("the call of %s tried an access that is not allowed", call.function)
+            detail = (
+                "The data refer to something outside themselves, which the service does not read; send everything "
+                "in one file."
+            )
             return Answer(peak_memory, problem=make_problem(422, detail, title="Points elsewhere"))
         # RLIMIT_FSIZE stopped a write; see Limits.
         if isinstance(error, OSError) and error.errno == errno.EFBIG:
-            detail = "What would be written of this is larger than a request may write; ask for less at a time."
+            detail = "The answer is larger than one request may write; ask for less at a time."
             return Answer(peak_memory, problem=make_problem(413, detail, title="Answer too large"))
         if is_disk_full(error):
             return Answer(peak_memory, problem=make_problem(507, "The disk of the service is full.", title="Disk full"))

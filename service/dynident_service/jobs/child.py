@@ -147,7 +147,7 @@ class Reporter:
 
 
 def _make_disk_full_problem() -> Problem:
-    detail = "A disk was full, so the result could not be stored; whoever runs the service has to make room."
+    detail = "A disk is full, so the result could not be stored; ask the operator of the service to free space."
     return make_problem(507, detail, title="Disk full")
 
 

@@ -55,7 +55,7 @@ def supervise_part(part: JobPart, pool: ChildPool, ledger: JobQueue) -> bytes:
         child.send(_make_call(part))
         while (answer := child.receive(LOOK)) is None:
             if pool.closed or not _is_job_running(part.claim, ledger):
-                raise PartFailed(f"job {part.claim.job_id} has ended meanwhile")
+                raise PartFailed(f"job {part.claim.job_id} has ended in the meantime")
     except EOFError as error:
         pool.replace(child)
         raise PartFailed("its process died") from error
@@ -110,7 +110,9 @@ class ChildPoolPlugin(WorkerPlugin):
     def setup(self, worker: Worker) -> None:
         """Start the child processes when the worker starts."""
         if self.version != __version__:
-            raise RuntimeError(f"this worker has dynident {__version__}, the service {self.version}; install the same")
+            raise RuntimeError(
+                f"this worker has dynident {__version__}, the service has {self.version}; install the same version"
+            )
         self.nursery = ForkServer()
         self.pool = ChildPool(worker.state.nthreads, self.nursery, Confinement(self.place.memory))
         self.ledger = JobQueue(Database(self.place.database_url), self.place.max_attempts)

@@ -121,7 +121,7 @@ class Engine:
                 self._serve_executor()
             except Exception as error:
                 # A scheduler that is away, or was restarted; or a machine that starts no process just now.
-                log.exception("the job engine lost those who do the jobs, and begins anew")
+                log.exception("the job engine lost its executor and starts again")
                 self.trouble, self.state = f"{type(error).__name__}: {error}"[:300], "failed"
                 if time.monotonic() - began > STEADY:
                     pause = FIRST_PAUSE

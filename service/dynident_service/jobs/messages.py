@@ -48,7 +48,7 @@ class Receipt:
 def make_memory_problem(memory: int) -> Problem:
     """Return the problem of a job that took more memory than it may; it is final, as the job would do so again."""
     detail = (
-        f"The computation needs more than the {memory // 1_000_000} MB that a job may take (DYNIDENT_JOB_MEMORY); "
-        "use less data, a stronger decimation or fewer effects. It is not tried again."
+        f"The computation needs more than the {memory // 1000000} MB that a job may use (DYNIDENT_JOB_MEMORY); "
+        "use less data, a stronger decimation or fewer effects. The job is not repeated."
     )
     return make_problem(500, detail, title="Out of memory")

@@ -137,12 +137,12 @@ def _find_trouble(
         problem = make_problem(500, detail, title="Deadline passed")
         return lambda ledger: ledger.record_failure(claim, problem)
     if child.pid is None:
-        return None if took < START_UP else lambda ledger: ledger.record_loss(claim, "its process never began")
+        return None if took < START_UP else lambda ledger: ledger.record_loss(claim, "its process did not start")
     match vitals.check_activity(child.pid, child.heartbeats):
         case "stopped":
             return lambda ledger: ledger.record_loss(claim, "its process was stopped from outside")
         case "still":
-            return lambda ledger: ledger.record_death(claim, f"its process stood still for {STILL_FOR:.0f} s")
+            return lambda ledger: ledger.record_death(claim, f"its process made no progress for {STILL_FOR:.0f} s")
     return None
 
 

@@ -83,14 +83,14 @@ class ViewModel(BaseModel):
 
 
 class Page(ViewModel, Generic[T]):
-    """A part of a list, newest first."""
+    """A page of a list, newest first."""
 
     items: list[T]
-    cursor: str | None = Field(default=None, description="Give it as `cursor` to get the next part; null at the end.")
+    cursor: str | None = Field(default=None, description="Give it as `cursor` to get the next page; null at the end.")
 
 
 class Progress(ViewModel):
-    """How far a job is."""
+    """Progress of a job."""
 
     fraction: float = Field(description="0 to 1")
     message: str
@@ -106,17 +106,21 @@ class Computed(ViewModel, Generic[RequestT, ResultT]):
     status: State
     progress: Progress
     request: RequestT
-    result: ResultT | None = Field(default=None, description="There once the status is succeeded.")
-    error: Problem | None = Field(default=None, description="There if the status is failed.")
+    result: ResultT | None = Field(default=None, description="Present if the status is succeeded.")
+    error: Problem | None = Field(default=None, description="Present if the status is failed.")
 
 
 class EffectChoice(RequestModel):
     """An effect of the catalogue, on some joints."""
 
-    effect: str = Field(description="An id of GET /v1/effects")
-    joints: list[str] = Field(default=[], description="Names; all that the effect may sit on where none is given.")
-    shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched where not given.")
-    runs: list[str] = Field(default=[], description="Names of the measurements, or labels of their runs, that it is in")
+    effect: str = Field(description="An id from GET /v1/effects")
+    joints: list[str] = Field(
+        default=[], description="Names of joints; by default, all joints that the effect can act on."
+    )
+    shape_parameters: dict[str, float] = Field(default={}, description="Shape constants; searched for if not given.")
+    runs: list[str] = Field(
+        default=[], description="Names of the measurements, or labels of their runs, in which the effect acts"
+    )
 
 
 Effects = Annotated[list[EffectChoice], Field(max_length=MOST_EFFECTS)]
@@ -136,14 +140,14 @@ def _remove_duplicates(tags: list[str]) -> list[str]:
 
 
 class LabelsRequest(RequestModel):
-    """What is to change of a resource's labels; what is not given stays."""
+    """Changes to a resource's labels; fields that are not given keep their values."""
 
     name: Name | None = None
     tags: Annotated[list[Tag], Field(max_length=50), AfterValidator(_remove_duplicates)] | None = Field(
-        default=None, description="All of them: they replace those that there are"
+        default=None, description="All tags: they replace the existing ones"
     )
     archived: bool | None = Field(
-        default=None, description="Lists leave out what is archived; all else works as before"
+        default=None, description="Lists leave out archived resources; everything else works as before"
     )
 
 
@@ -158,25 +162,25 @@ class TableColumn(ViewModel):
     """A column of a table."""
 
     word: str
-    figures: bool = Field(description="Whether it holds figures")
+    figures: bool = Field(description="Whether it contains numbers")
 
 
 class TableCell(ViewModel):
-    """What stands in one place of a table."""
+    """The content of one cell."""
 
     text: str
-    value: float | None = Field(description="Of a figure, exactly")
-    mark: Literal["ok", "warning", "error", "plain"] | None = Field(description="How good the news is")
-    note: str = Field(description="What more there is to say to who asks")
+    value: float | None = Field(description="The exact value, if the cell is a number")
+    mark: Literal["ok", "warning", "error", "plain"] | None = Field(description="Rating of the value")
+    note: str = Field(description="Further explanation")
 
 
 class Table(ViewModel):
-    """A table in words: the same on the command line and in reports."""
+    """A table for people: the same on the command line and in reports."""
 
     title: str
     columns: list[TableColumn]
     rows: list[list[TableCell]]
-    groups: list[str] = Field(description="The heading that each row stands under; [] where there are none")
+    groups: list[str] = Field(description="Heading above each row; [] if there are none")
 
 
 class Tables(ViewModel):
@@ -186,10 +190,10 @@ class Tables(ViewModel):
 
 
 class WithTables(ViewModel):
-    """What may be shown as tables."""
+    """A resource that can be shown as tables."""
 
     tables: list[Table] = Field(
         default=[],
-        description="The figures of the result as tables for people, as on the command line and in reports; only where "
-        "it is asked for by itself, not in lists",
+        description="The figures of the result as tables for people, as on the command line and in reports; only in "
+        "the answer for one resource, not in lists",
     )

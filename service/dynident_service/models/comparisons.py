@@ -12,14 +12,14 @@ from dynident_service.models.measurements import PhasesView
 
 
 class ComparisonRequest(NamedRequest):
-    """Which model is held against which measurement."""
+    """The model and the measurement to compare."""
 
     identification_id: Identifier
     measurement_id: Identifier
 
 
 class WorstStretch(ViewModel):
-    """A stretch of time where a joint's residual is large."""
+    """An interval of time in which a joint's residual is large."""
 
     model_config = ConfigDict(serialize_by_alias=True)
 
@@ -27,58 +27,58 @@ class WorstStretch(ViewModel):
     start: float = Field(alias="from", description="s")
     end: float = Field(alias="to", description="s")
     rms: float = Field(description="N m or N")
-    ratio: float = Field(description="Over the joint's own rms")
-    time: float | None = Field(default=None, description="When it is largest, s")
+    ratio: float = Field(description="Relative to the joint's own rms")
+    time: float | None = Field(default=None, description="Time of the largest residual, s")
     pose: list[float] = Field(default=[], description="Positions of all joints at that moment, rad or m")
     speed: list[float] = Field(default=[], description="Velocities of all joints at that moment, rad/s or m/s")
 
 
 class Repetition(ViewModel):
-    """That a recording's motion repeats itself."""
+    """How often a recording's motion repeats itself."""
 
     period: float = Field(description="s")
-    repetitions: float = Field(description="How often the motion comes")
+    repetitions: float = Field(description="Number of periods")
 
 
 class LackOfFit(ViewModel):
-    """F test of the residual against the noise of repeated periods: near 1 where nothing is missing in the model."""
+    """F test of the residual against the noise of repeated periods: near 1 if the model lacks nothing."""
 
     f: list[float | None] = Field(description="Per joint")
     p_value: list[float | None] = Field(description="Per joint")
 
 
 class RepeatedMotion(ViewModel):
-    """An identification motion that a held-out run repeats: it tests noise, not generalisation."""
+    """A motion of the identification that a held-out run repeats: it tests noise, not generalisation."""
 
     measurement: Annotated[str, SourcePath("name")] = Field(
         description="Name of the measurement that the model was identified from"
     )
-    share: float = Field(description="Of the time that the robot moves, 0 to 1")
+    share: float = Field(description="Share of the time in which the robot moves, 0 to 1")
 
 
 class Judgement(ViewModel):
-    """What a residual is worth beside the noise."""
+    """The residual compared with the noise."""
 
     noise_floor: Annotated[list[float | None], SourcePath("noise.values")] = Field(
-        default=[], description="rms of the noise behind the filter, N m or N"
+        default=[], description="rms of the noise after filtering, N m or N"
     )
     noise_source: Annotated[Literal["repeated_periods", "high_frequency"] | None, SourcePath("noise.source")] = Field(
-        default=None, description="What the noise floor is from"
+        default=None, description="Source of the noise floor"
     )
-    over_noise: list[float | None] = Field(default=[], description="rms of the residual over the noise floor")
+    over_noise: list[float | None] = Field(default=[], description="rms of the residual divided by the noise floor")
     effective_samples: list[float | None] = Field(
-        default=[], description="Independent samples that each joint's residual is worth"
+        default=[], description="Effective number of independent samples of each joint's residual"
     )
-    repetition: Repetition | None = Field(default=None, description="null where the motion does not come twice")
+    repetition: Repetition | None = Field(default=None, description="null if the motion is not repeated")
     lack_of_fit: Annotated[LackOfFit | None, SourcePath("noise.lack_of_fit")] = Field(
-        default=None, description="There where periods are repeated"
+        default=None, description="Present if periods are repeated"
     )
     repeated_motion: Annotated[RepeatedMotion | None, SourcePath("repeated")] = None
-    notes: list[str] = Field(default=[], description="What to know of these figures")
+    notes: list[str] = Field(default=[], description="Notes on these figures")
 
 
 class ComparisonResult(Judgement):
-    """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
+    """Difference of measured and predicted torque; at standstill, the distance to the range of static friction."""
 
     joints: Annotated[list[str], SourcePath("joint_names")]
     effort_units: Annotated[list[str], SourcePath("units")]
@@ -92,11 +92,12 @@ class ComparisonResult(Judgement):
         default=None, description="On the rows where each joint moves"
     )
     raw: Annotated[ErrorFigures | None, SourcePath("raw_errors")] = Field(
-        default=None, description="On all rows, at rest against the predicted torque itself, which has no sign there"
+        default=None,
+        description="On all rows; at standstill against the predicted torque itself, where static friction is unknown",
     )
-    phases: PhasesView | None = Field(default=None, description="Of the rows behind the filters")
+    phases: PhasesView | None = Field(default=None, description="Shares of the filtered rows")
     worst: list[WorstStretch]
-    held_out: bool | None = Field(default=None, description="Whether the model was identified without it")
+    held_out: bool | None = Field(default=None, description="Whether the model was identified without this measurement")
 
 
 class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
@@ -104,22 +105,24 @@ class ComparisonView(Computed[ComparisonRequest, ComparisonResult]):
 
 
 class Series(ViewModel):
-    """One joint's signals over time, thinned for plotting so that extremes survive."""
+    """Signals of one joint over time, thinned for plots; extremes are kept."""
 
     joint: str
     effort_unit: str
-    n_samples: int = Field(description="How many there are in the stretch, of which these are shown")
+    n_samples: int = Field(description="Number of samples in the interval, of which these are shown")
     t: list[float]
     segment: list[int]
     measured: list[float]
     predicted: list[float]
     lower: list[float] = Field(
-        default=[], description="Of the predicted torque; where the joint stands, what static friction may hold"
+        default=[], description="Lower end of the predicted torque; at standstill, static friction gives it a range"
     )
-    upper: list[float] = Field(default=[], description="As lower; both are `predicted` where the joint does not stand")
-    standing: list[bool] = Field(default=[], description="Where the joint stands")
+    upper: list[float] = Field(
+        default=[], description="Upper end, like lower; both are `predicted` while the joint moves"
+    )
+    standing: list[bool] = Field(default=[], description="Whether the joint stands still")
     residual: list[float] = Field(
-        description="Measured minus predicted; where the joint stands, the distance to lower or upper, zero between"
+        description="Measured minus predicted; at standstill, the distance to lower or upper, zero between them"
     )
     band: list[float] = Field(description="Half-width of the 95 % band of the residual")
     q: list[float]
@@ -129,7 +132,7 @@ class Series(ViewModel):
 
 
 class ResidualMap(ViewModel):
-    """A joint's residual over one or two signals, in bins; where it stands, the distance to what friction may hold."""
+    """Residual of a joint over one or two signals, in bins; at standstill, distance to the range of static friction."""
 
     joint: str
     effort_unit: str
@@ -137,17 +140,19 @@ class ResidualMap(ViewModel):
     y: str | None
     x_edges: list[float]
     y_edges: list[float] | None
-    mean: list[list[float | None]] = Field(description="[x bin][y bin]; null where a bin is empty")
+    mean: list[list[float | None]] = Field(description="[x bin][y bin]; null if a bin is empty")
     spread: list[list[float | None]] = Field(description="Standard deviation in the bin")
     count: list[list[int]]
 
 
 class SpectralPeak(ViewModel):
-    """A line in a spectrum."""
+    """A peak of a spectrum."""
 
     frequency: float
     amplitude: float
-    per_turn: float | None = Field(description="Cycles in a turn of the joint; null over time and for a linear joint")
+    per_turn: float | None = Field(
+        description="Cycles per revolution of the joint; null over time and for a linear joint"
+    )
 
 
 class Spectrum(ViewModel):
@@ -162,7 +167,7 @@ class Spectrum(ViewModel):
     resolution: Annotated[float, SourcePath("spectrum.resolution")] = Field(
         description="Width of a peak, in the unit of the frequency"
     )
-    peaks: list[SpectralPeak] = Field(description="The highest, highest first")
+    peaks: list[SpectralPeak] = Field(description="The highest peaks, highest first")
 
 
 class AutocorrelationView(ViewModel):
@@ -173,4 +178,4 @@ class AutocorrelationView(ViewModel):
     value: list[float] = Field(description="1 at lag 0")
     limit: float = Field(description="Half-width of the 95 % band of independent samples")
     n_samples: int
-    effective_samples: float = Field(description="Independent samples that the residual is worth")
+    effective_samples: float = Field(description="Effective number of independent samples of the residual")

@@ -35,18 +35,18 @@ class Criterion(RequestModel):
 
 @derive_body(TrajectoryRequest)
 class Trajectory(RequestModel):
-    """The family of motions."""
+    """The family of trajectories."""
 
 
 @derive_body(Designed, or_null=("model",))
 class DesignRequest(NamedRequest):
-    """An experiment wanted."""
+    """A request to design an experiment."""
 
     robot_id: Identifier
     effects: Effects | None = None
     limits: dict[str, Limits] = Field(default={})
     earlier_ids: list[Identifier] = Field(
-        default=[], max_length=100, description="Measurements that the new experiment is to complement"
+        default=[], max_length=100, description="Measurements that the new experiment should complement"
     )
 
 
@@ -54,9 +54,9 @@ _OrInfinite = Annotated[float | None, SourcePath(null=inf)]
 
 
 class CriterionValues(ViewModel):
-    """What a motion is worth; singular values are those of W / √N."""
+    """How well a motion excites the parameters; singular values are those of W / √N."""
 
-    condition_number: _OrInfinite = Field(description="[12.12]; null where W has no full rank")
+    condition_number: _OrInfinite = Field(description="[12.12]; null if W does not have full rank")
     criterion: _OrInfinite
     smallest_singular_value: _OrInfinite
     largest_singular_value: _OrInfinite
@@ -72,35 +72,37 @@ class BaselineValues(CriterionValues):
 
 
 class Margin(ViewModel):
-    """How near the motion comes to a limit, on a fine grid."""
+    """How close the motion comes to a limit, on a fine grid."""
 
     joint: str = Field(
-        description="The joint; of a clearance, the two that come near each other; of a condition: loops"
+        description="The joint; for a clearance, the two bodies that come close to each other; for a condition: loops"
     )
     limit: str = Field(
         description="position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max or condition"
     )
-    value: float = Field(description="The extreme one")
+    value: float = Field(description="The extreme value")
     bound: float
-    share: _OrInfinite = Field(description="Of the room that is used: 1 touches the limit")
+    share: _OrInfinite = Field(description="Share of the available range that is used: 1 reaches the limit")
 
 
 class ExpectedParameter(ViewModel):
-    """How well one parameter will come out."""
+    """Expected accuracy of one parameter."""
 
     name: str
     effect: str
     link: str
     unit: str
-    share: float = Field(description="What is left of its column beside all others; 0: not determined")
-    standard_deviation: float | None = Field(description="null where no noise is stated or it is not determined")
+    share: float = Field(description="Share of its column that the other columns do not explain; 0: not determined")
+    standard_deviation: float | None = Field(
+        description="null if no noise is stated or the parameter is not determined"
+    )
 
 
 class Run(ViewModel):
     """One test motion of a set."""
 
     label: str
-    joints: list[str] = Field(description="Those that move; the others are locked")
+    joints: list[str] = Field(description="Joints that move; the others are locked")
     start: float = Field(description="s")
     end: float = Field(description="s")
 
@@ -113,17 +115,19 @@ class DesignResult(ViewModel):
     margins: list[Margin]
     n_samples: int
     sampling_rate: float
-    duration: float = Field(description="s, from home to home")
-    exciting: tuple[float, float] = Field(description="Seconds between which the exciting part lies")
+    duration: float = Field(description="Duration in s, from home to home")
+    exciting: tuple[float, float] = Field(description="Start and end of the exciting part, s")
     period: float | None
     parameter_names: list[str]
     expected_parameters: Annotated[list[ExpectedParameter], SourcePath("expected")] = Field(
-        default=[], description="How well they will come out"
+        default=[], description="Expected accuracy of the parameters"
     )
     joints: Annotated[list[str], SourcePath("joint_names")]
-    runs: list[Run] = Field(default=[], description="Of a set of test motions; numbered in the trajectory's segment")
+    runs: list[Run] = Field(
+        default=[], description="Runs of a set of test motions; the column segment of the trajectory has their numbers"
+    )
     notes: list[str]
-    warnings: list[str] = Field(default=[], description="The notes without which nobody should run the motion")
+    warnings: list[str] = Field(default=[], description="Notes that everybody must read before running the motion")
 
 
 class TrajectorySamples(ViewModel):
@@ -137,39 +141,39 @@ class TrajectorySamples(ViewModel):
 
 
 class Other(ViewModel):
-    """What a link may be near to: another link, or a part of the surroundings."""
+    """What a link may come close to: another link, or a part of the surroundings."""
 
     name: str
-    frame: int | None = Field(description="Place in the frames of the robot's geometry; null on the base")
+    frame: int | None = Field(description="Index of the frame in the robot's geometry; null for the base")
 
 
 class LinkClearances(ViewModel):
-    """What a link is nearest to, sample by sample: what leaves least over the distance that is wanted."""
+    """What a link is closest to, sample by sample: the body with the least clearance beyond the required distance."""
 
     name: str
-    frame: int = Field(description="Place in the frames of the robot's geometry")
+    frame: int = Field(description="Index of the frame in the robot's geometry")
     others: list[Other]
-    to: list[int] = Field(description="Place in the others")
-    distance: list[float] = Field(description="m; negative where they overlap")
+    to: list[int] = Field(description="Index in the others")
+    distance: list[float] = Field(description="m; negative if they overlap")
     wanted: list[float] = Field(description="m")
-    here: list[Point] = Field(description="Nearest point of the link in its frame, m")
-    there: list[Point] = Field(description="Nearest point of the other in its own frame, m")
+    here: list[Point] = Field(description="Nearest point on the link, in its frame, m")
+    there: list[Point] = Field(description="Nearest point on the other body, in its own frame, m")
 
 
 class WallPlane(ViewModel):
     """The plane of a wall."""
 
     point: Point = Field(description="m, in the base frame")
-    along: tuple[Point, Point] = Field(description="Unit vectors in it, at right angles")
+    along: tuple[Point, Point] = Field(description="Orthogonal unit vectors in the plane")
 
 
 class DesignClearances(ViewModel):
-    """How near each link is to others and to the surroundings along a motion, and what these look like."""
+    """Clearances of each link along a motion, to other links and to the surroundings, with their shapes."""
 
     t: list[float] = Field(description="s")
-    links: list[LinkClearances] = Field(description="Those that are kept clear of anything")
+    links: list[LinkClearances] = Field(description="The links whose clearance is checked")
     edges: list[tuple[Point, Point]] = Field(
-        description="Of the boxes around the robot: their ends, m, in the base frame"
+        description="Edges of the boxes around the robot: their end points, m, in the base frame"
     )
     walls: list[WallPlane]
 
@@ -180,7 +184,7 @@ class DesignView(Computed[DesignRequest, DesignResult]):
 
 @derive_body(ActingEffect)
 class TrueEffect(RequestModel):
-    """An effect of the virtual robot; of a size as found on real arms where no parameters are given."""
+    """An effect of the virtual robot; without parameters, of a size as found on real arms."""
 
 
 @derive_body(Sensing, "sampling_rate")
@@ -195,7 +199,7 @@ Rows = Annotated[list[Row], Field(fail_fast=True, max_length=MOST_ROWS)]
 
 
 class Samples(RequestModel):
-    """A trajectory sample by sample: [sample][joint]; derivatives follow from q where they are not given."""
+    """A trajectory sample by sample: [sample][joint]; derivatives that are not given follow from q."""
 
     t: list[float] = Field(min_length=2, max_length=MOST_ROWS, fail_fast=True)
     q: Rows = Field(min_length=2)
@@ -205,7 +209,7 @@ class Samples(RequestModel):
 
 @derive_body(Simulated)
 class SimulationRequest(NamedRequest):
-    """A virtual robot to be measured."""
+    """A request to simulate a measurement of a virtual robot."""
 
     robot_id: Identifier
     effects: list[TrueEffect] = Field(
@@ -213,7 +217,7 @@ class SimulationRequest(NamedRequest):
         default=[TrueEffect.model_validate({"effect": effect.effect}) for effect in list_usual_effects()],
     )
     trajectory: Samples | Trajectory | None = Field(
-        default=None, description="Samples; or a family, of which a random motion within the limits is taken."
+        default=None, description="Samples; or a family, from which a random motion within the limits is drawn."
     )
     design_id: Identifier | None = None
     role: Role | None = None
@@ -226,13 +230,15 @@ class SimulationRequest(NamedRequest):
 
 
 class SimulationResult(ViewModel):
-    """What the virtual robot's measurement is."""
+    """The measurement of the virtual robot."""
 
     measurement_id: str = ""
     n_samples: int
     sampling_rate: float
-    noise: list[float] = Field(description="Standard deviation of the torque noise per joint: no model does better.")
-    tracking_error: list[float] = Field(description="Largest distance from the reference per joint")
+    noise: list[float] = Field(
+        description="Standard deviation of the torque noise per joint: no model can predict better."
+    )
+    tracking_error: list[float] = Field(description="Largest deviation from the reference per joint")
 
 
 class SimulationView(Computed[SimulationRequest, SimulationResult]):

@@ -22,43 +22,44 @@ from dynident_service.models.validations import DriveGainView
 
 
 class CurrentModelsRequest(NamedRequest):
-    """Measurements whose currents are to be explained, of a robot whose drive gains nobody knows."""
+    """Measurements with currents of a robot whose drive gains are unknown."""
 
     robot_id: Identifier = Field(
-        description="It states a drive gain for every joint: whatever the measurements were read with, 1 for example"
+        description="The robot must state a drive gain for every joint: the gains that the measurements were read "
+        "with, for example 1"
     )
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
     validation_ids: list[Identifier] = Field(default=[], max_length=100)
     effects: Annotated[list[EffectChoice], Field(min_length=1, max_length=200)] | None = Field(
         default=None,
-        description="None that rests on the predicted torque, or has a constant to be searched for; links, rotors, dry "
-        "and viscous friction and offsets where not given",
+        description="Only effects that do not depend on the predicted torque and have no shape constant to search for; "
+        "by default links, rotors, dry and viscous friction and offsets",
     )
 
 
 class CurrentParameterView(ViewModel):
-    """One parameter of a joint's current: a sum of base parameters over the joint's gain."""
+    """One parameter of a joint's current: a sum of base parameters divided by the joint's gain."""
 
     name: str
     value: float
-    unit: str = Field(description="That of the parameter, times A/(N m), or A/(N)")
+    unit: str = Field(description="Unit of the parameter, times A/(N m) or A/N")
     standard_deviation: float | None
     interval: tuple[float | None, float | None] = Field(description="Holds the true value in 95 of 100 cases")
     judgement: JUDGEMENTS
-    grouping: str = Field(description="Written out in base parameters")
+    grouping: str = Field(description="As a sum of base parameters")
 
 
 class CurrentModelView(ViewModel):
-    """What the current of one joint is made of."""
+    """The parameters of one joint's current."""
 
     joint: str
     parameters: list[CurrentParameterView]
     rms: Annotated[float, SourcePath("fit.rms_total")] = Field(
-        description="Of the residual of the current in the fit, A"
+        description="rms of the residual of the current in the fit, A"
     )
     relative: Annotated[float, SourcePath("fit.relative_total")] = Field(description="||i − î|| / ||i|| in the fit")
     held_out_rms: Annotated[float | None, SourcePath("held_out.rms_total")] = Field(
-        description="The same where no parameter saw the data, A; null where there are none"
+        description="The same on held-out data, A; null if there are none"
     )
     held_out_relative: Annotated[float | None, SourcePath("held_out.relative_total")] = Field(
         description="The same as a fraction"
@@ -80,25 +81,26 @@ Measurements = Annotated[list[Identifier], Field(min_length=1, max_length=100)]
 
 @derive_body(KnownLoad)
 class DriveGainsRequest(NamedRequest):
-    """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are in question."""
+    """Runs of the same motion without and with a load of known mass, of a robot whose drive gains are uncertain."""
 
     robot_id: Identifier
     unloaded: Measurements = Field(description="Measurements without the load")
     loaded: Measurements = Field(description="Measurements of the same motion with the load")
     weigh: Measurements | None = Field(
-        default=None, description="Measurements of other loads, to be weighed with the gains that are found"
+        default=None, description="Measurements with other loads, whose mass is computed with the identified gains"
     )
     weigh_unloaded: Measurements | None = Field(
-        default=None, description="Of the motions of weigh, without their loads; those of unloaded where not given"
+        default=None,
+        description="Measurements of the motions of weigh without their loads; by default those of unloaded",
     )
 
 
 class IdentifiedGain(DriveGainView):
-    """The drive gain [12.17] of one joint, beside the one that its torque was computed with."""
+    """The drive gain [12.17] of one joint, and the gain that its torque was computed with."""
 
-    stated: float = Field(description="The robot's own; 1 where it states none")
+    stated: float = Field(description="Gain of the robot; 1 if it states none")
     standard_deviation: float | None
-    unit: str = Field(description="N m/A or N/A; - where the robot states no gain: a factor on the recorded torque")
+    unit: str = Field(description="N m/A or N/A; - if the robot states no gain: a factor on the recorded torque")
 
 
 class WeighedLoad(ViewModel):
@@ -108,9 +110,9 @@ class WeighedLoad(ViewModel):
     name: str
     mass: float = Field(description="kg")
     standard_deviation: float | None = Field(description="kg")
-    from_gains: float | None = Field(description="The part of it that the uncertainty of the gains makes, kg")
+    from_gains: float | None = Field(description="The part of it that comes from the uncertainty of the gains, kg")
     interval: tuple[float | None, float | None] = Field(description="95 %, kg")
-    identifiable: bool = Field(description="Whether the interval leaves out zero: whether a load shows at all")
+    identifiable: bool = Field(description="Whether the interval excludes zero: then the load is visible")
 
 
 class DriveGainsResult(ViewModel):

@@ -19,20 +19,20 @@ class EffectParameter(ViewModel):
 
 
 class ShapeWord(ViewModel):
-    """What a value of a constant means that is a choice between kinds."""
+    """The meaning of a value of a constant that selects a kind."""
 
     value: float
     word: str
 
 
 class ShapeParameter(ViewModel):
-    """A constant inside an effect's columns, searched for rather than solved for."""
+    """A constant inside an effect's columns; it is searched for, because the torque is not linear in it."""
 
     name: str
     unit: str
     description: str
     default: float
-    words: list[ShapeWord] = Field(description="Empty where the constant is a number")
+    words: list[ShapeWord] = Field(description="Empty if the constant is a number")
 
 
 class EffectView(ViewModel):
@@ -43,7 +43,7 @@ class EffectView(ViewModel):
     formula: str = Field(description="LaTeX")
     parameters: list[EffectParameter]
     shape_parameters: list[ShapeParameter]
-    signature: str = Field(description="What it leaves in the residual")
+    signature: str = Field(description="What the effect leaves in the residual if a model lacks it")
     sources: list[str]
     confused_with: list[str]
     scope: Literal["joint", "robot"]

@@ -42,12 +42,12 @@ else:
 
 @derive_body(PreprocessingChoices)
 class Preprocessing(RequestModel):
-    """Cut-off frequencies in Hz (null: no filter) and decimation; what is not given is chosen from the data."""
+    """Cut-off frequencies in Hz (null: no filter) and decimation; missing values are chosen from the data."""
 
 
 @derive_body(IdentificationChoices, "tolerance")
 class IdentificationRequest(NamedRequest):
-    """What is to be identified, from which measurements, and how."""
+    """What to identify, from which measurements, and how."""
 
     robot_id: Identifier
     measurement_ids: Annotated[list[Identifier], Field(min_length=1, max_length=100)]
@@ -59,21 +59,21 @@ class IdentificationRequest(NamedRequest):
 
 
 class ExtensionRequest(NamedRequest):
-    """Effects to be added to an identified model."""
+    """Effects to add to an identified model."""
 
     effects: list[EffectChoice] = Field(min_length=1, max_length=200)
 
 
 class RemovalRequest(NamedRequest):
-    """Effects to be taken out of an identified model."""
+    """Effects to remove from an identified model."""
 
     effects: list[EffectChoice] = Field(
-        min_length=1, max_length=200, description="Off the joints named, off all where none is"
+        min_length=1, max_length=200, description="Removed from the given joints; without joints, from all"
     )
 
 
 class StoredIdentification(IdentificationRequest):
-    """A request as it is stored: with what was added to the parent, or taken out of it."""
+    """A request as it is stored, with the changes to the parent."""
 
     added: list[EffectChoice] = Field(default=[])
     removed: list[EffectChoice] = Field(default=[])
@@ -87,46 +87,47 @@ class ParameterView(ViewModel):
     unit: str
     standard_deviation: float | None
     relative_standard_deviation: float | None = Field(description="A fraction")
-    well_identified: bool = Field(description="Whether the data determine it: its judgement")
+    well_identified: bool = Field(description="Whether the data determine it, by its judgement")
     judgement: JUDGEMENTS | None = Field(
         default=None,
-        description="By its 95 % interval: determined (standard deviation within a tenth of the value, and owed to the "
-        "data), uncertain, or not told from zero",
+        description="From its 95 % interval: determined (standard deviation at most a tenth of the value, and mainly "
+        "from the data), uncertain, or not distinguishable from zero",
     )
     times_smallest: float | None = Field(
         default=None,
-        description="Relative standard deviation over the smallest of all: above ten, poorly identified by §12.7",
+        description="Relative standard deviation divided by the smallest of all: above ten, poorly identified by §12.7",
     )
     effect: str
     link: str
-    grouping: str = Field(description="Written out in standard parameters")
+    grouping: str = Field(description="As a sum of standard parameters")
     shape_parameters: Annotated[dict[str, float], SourcePath("shape")]
     interval: tuple[float | None, float | None] = Field(
         default=(None, None), description="Holds the true value in 95 of 100 cases"
     )
-    essential: bool = Field(default=True, description="False: set to zero as not essential")
+    essential: bool = Field(default=True, description="False: set to zero because it is not essential")
 
 
 class ShapeConstantView(ViewModel):
     """A constant inside an effect's columns: a Stribeck velocity, a slip distance, the frequency of a ripple."""
 
     effect: str
-    joints: list[str] = Field(description="Empty where the effect is of the whole robot")
+    joints: list[str] = Field(description="Empty if the effect acts on the whole robot")
     name: str
     unit: str
     description: str
     value: float
-    standard_deviation: float | None = Field(description="null where no number says how sure it is")
+    standard_deviation: float | None = Field(description="null if the uncertainty is unknown")
     interval: tuple[float, float] | None = Field(description="Holds the true value in 95 of 100 cases")
     judgement: SHAPE_JUDGEMENTS = Field(
-        description="determined, uncertain; the interval covers all that is searched (not_determined); at the edge of "
-        "that; the data would have it elsewhere; chosen among a few kinds; not looked at, without a recording"
+        description="determined; uncertain; not_determined: the interval covers the whole search range; at the edge of "
+        "that range; the data prefer a value outside it; chosen among a few kinds; not examined, without a "
+        "recording"
     )
-    note: str = Field(description="Why there is no interval, or what is odd about it; empty where nothing is")
+    note: str = Field(description="Why there is no interval, or what is unusual about it; otherwise empty")
 
 
 class ErrorFigures(ViewModel):
-    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
+    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null if a joint has no such row."""
 
     rms: list[float | None] = Field(description="Per joint")
     relative: list[float | None] = Field(description="Per joint")
@@ -134,10 +135,10 @@ class ErrorFigures(ViewModel):
 
 
 class ErrorsView(ErrorFigures):
-    """Errors of a model on data: on all rows, at rest the distance to what static friction may hold."""
+    """Errors of a model on data: on all rows; at standstill, the distance to the range of static friction."""
 
     moving: ErrorFigures | None = Field(
-        default=None, description="On the rows where each joint moves; null where that was not looked at"
+        default=None, description="On the rows where each joint moves; null if not computed"
     )
     sigma: list[float | None] | None = Field(default=None, description="Standard deviation of the residual per joint")
 
@@ -153,7 +154,7 @@ class UsedPreprocessing(ViewModel):
 
 
 class StepView(ViewModel):
-    """A model on the way from the parent to this one, with one effect more than the one before."""
+    """A model between the parent and this one; it has one effect more than the model before it."""
 
     added: Annotated[list[EffectChoice], SourcePath("step.added")]
     n_parameters: Annotated[int, SourcePath("model.n_parameters")]
@@ -166,23 +167,24 @@ class IdentificationResult(ViewModel):
 
     parameters: list[ParameterView]
     shape_constants: list[ShapeConstantView] = Field(
-        default=[], description="How sure the effects' shape constants are, the other parameters accounted for"
+        default=[],
+        description="Uncertainty of the effects' shape constants, including the uncertainty of the other parameters",
     )
     residual: Annotated[ErrorsView, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
     copied: Annotated[list[str], SourcePath("data.copied")] = Field(
-        default=[], description="Held-out measurements, by name, with samples that the model was fitted to"
+        default=[], description="Held-out measurements, by name, that contain samples of the fit"
     )
-    converged: bool = Field(default=True, description="Whether the rounds that the estimator takes have settled")
+    converged: bool = Field(default=True, description="Whether the iterations of the estimator have converged")
     condition_number: float | None
     n_equations: int
     equations_per_parameter: float
-    effective_rows: list[float] = Field(description="Independent samples that each joint's rows are worth")
+    effective_rows: list[float] = Field(description="Effective number of independent samples of each joint's rows")
     inertia_matrix_positive_definite: bool
     effects: Annotated[list[EffectChoice], SourcePath("choices.effects")]
     preprocessing: UsedPreprocessing
     warnings: list[str]
-    dependence: list[str] = Field(default=[], description="Parameters that the motion determines only together")
+    dependence: list[str] = Field(default=[], description="Parameters of which the motion determines only combinations")
     parent_id: str | None
     rungs: list[StepView] = Field(
         default=[], description="Models between the parent and this one: an extension makes one for every effect"
@@ -190,7 +192,7 @@ class IdentificationResult(ViewModel):
     joints: Annotated[list[str], SourcePath("model.robot.joint_names")]
     effort_units: list[str]
     measurements: list[SeenMeasurement] = Field(
-        default=[], description="Which revision of which file the model saw; [] in models that an older version stored"
+        default=[], description="Which revision of which file the model used; [] in models that an older version stored"
     )
 
 
@@ -200,18 +202,18 @@ class IdentificationView(Computed[IdentificationRequest, IdentificationResult], 
     robot_id: str
     parent_id: str | None
     added: list[EffectChoice] = Field(description="What was added to the parent.")
-    removed: list[EffectChoice] = Field(description="What was taken out of the parent.")
+    removed: list[EffectChoice] = Field(description="What was removed from the parent.")
 
 
 class EssentialStepView(ViewModel):
-    """One parameter less."""
+    """One step of the elimination: one parameter is removed."""
 
     name: str
     relative_standard_deviation: Annotated[float | None, SourcePath("relative_deviation")] = Field(
-        description="Before it went, a fraction"
+        description="Before it was removed, a fraction"
     )
-    ratio: float | None = Field(description="Of the largest to the smallest relative standard deviation")
-    p_value: float = Field(description="How often noise alone would be as large as all that is taken out so far")
+    ratio: float | None = Field(description="The largest relative standard deviation divided by the smallest")
+    p_value: float = Field(description="Probability that noise alone is as large as everything that is removed so far")
     residual: Annotated[ErrorsView, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
 
@@ -219,10 +221,10 @@ class EssentialStepView(ViewModel):
 class EssentialView(ViewModel):
     """The essential parameters of a model: those left by backward elimination."""
 
-    reason: str = Field(description="Why the elimination ended")
+    reason: str = Field(description="Why the elimination stopped")
     essential: list[str]
     steps: list[EssentialStepView]
-    parameters: list[ParameterView] = Field(description="Estimated anew with the others at zero")
+    parameters: list[ParameterView] = Field(description="Estimated again with the others at zero")
     residual: Annotated[ErrorsView, SourcePath("identification.fit")]
     validation: Annotated[ErrorsView | None, SourcePath("identification.held_out")]
     tables: list[Table] = Field(description="The steps and the parameters as tables for people")
@@ -233,15 +235,17 @@ class CorrelationView(ViewModel):
 
     parameters: Annotated[list[str], SourcePath("names")]
     correlation: list[list[float | None]] = Field(description="Row by row, in the order of `parameters`")
-    sentences: list[str] = Field(description="What the motion determines only together, worst first")
+    sentences: list[str] = Field(description="Parameters of which the motion determines only combinations, worst first")
 
 
 class Rung(ViewModel):
-    """One model of the ladder."""
+    """One step of the ladder."""
 
     id: str
     part_of: str | None = Field(
-        default=None, description="The identification that made it on its way; null for one that is a resource itself"
+        default=None,
+        description="The identification that made this model as an intermediate step; null if the model is a resource "
+        "itself",
     )
     name: str | None
     parent_id: str | None
@@ -252,18 +256,19 @@ class Rung(ViewModel):
     n_parameters: Annotated[int | None, SourcePath("model.n_parameters")]
     residual: Annotated[ErrorsView | None, SourcePath("fit")]
     validation: Annotated[ErrorsView | None, SourcePath("held_out")]
-    best: bool = Field(default=False, description="The smallest validation error of the ladder")
+    best: bool = Field(default=False, description="Whether it has the smallest validation error of the ladder")
     rises: bool = Field(
-        default=False, description="Above the best rung, with a larger validation error: what was added does harm"
+        default=False,
+        description="After the best step, with a larger validation error: the added effect makes the model worse",
     )
 
 
 class RungDifference(ViewModel):
-    """The same rung of two ladders: this ladder's error minus the other's, negative where this one is better."""
+    """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
 
-    rung: int = Field(description="From 1, the first model")
-    id: str | None = Field(description="null where this ladder has ended")
-    against_id: str | None = Field(description="null where the other ladder has ended")
+    rung: int = Field(description="Number of the step, from 1 for the first model")
+    id: str | None = Field(description="null if this ladder has ended")
+    against_id: str | None = Field(description="null if the other ladder has ended")
     n_parameters: int | None
     residual: list[float | None] | None = Field(description="Relative error per joint")
     residual_total: float | None
@@ -272,22 +277,22 @@ class RungDifference(ViewModel):
 
 
 class Lineage(ViewModel):
-    """The models that led to one, the first one first; beside those that led to another, where asked."""
+    """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
     items: list[Rung]
     against: list[Rung] | None = None
-    common_ancestor: str | None = Field(default=None, description="The last model that is on both ladders")
+    common_ancestor: str | None = Field(default=None, description="The last model that both ladders contain")
     differences: list[RungDifference] | None = None
     same_data: bool | None = Field(
-        default=None, description="Whether all models of both ladders rest on the same measurements"
+        default=None, description="Whether all models of both ladders use the same measurements"
     )
 
 
 class BatchRequest(RequestModel):
-    """Many identifications, each as `POST /v1/identifications` takes it: all of them are accepted, or none."""
+    """Many identifications, each as in `POST /v1/identifications`: either all of them are accepted, or none."""
 
     items: list[IdentificationRequest] = Field(
-        min_length=1, max_length=LARGEST_BATCH, description="As many as DYNIDENT_MAX_BATCH, or fewer"
+        min_length=1, max_length=LARGEST_BATCH, description="At most DYNIDENT_MAX_BATCH"
     )
 
 
@@ -300,9 +305,13 @@ class BatchItem(ViewModel):
 
 
 class BatchView(ViewModel):
-    """Identifications that were asked for together."""
+    """Identifications that were requested together."""
 
     id: str
     created_at: datetime
-    states: dict[State, int] = Field(description="How many there are in each state; those with none are left out.")
-    items: list[BatchItem] = Field(description="In the order of the request, without those that were deleted since.")
+    states: dict[State, int] = Field(
+        description="Number of identifications in each state; states without any are left out."
+    )
+    items: list[BatchItem] = Field(
+        description="In the order of the request, without those that have been deleted since."
+    )

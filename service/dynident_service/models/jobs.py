@@ -12,18 +12,20 @@ from dynident_service.storage.records import JobKind, State
 
 
 class Quota(ViewModel):
-    """How much there is of one thing, and how much there may be."""
+    """An amount in use, and its limit."""
 
     used: int
-    allowed: int | None = Field(description="`null` where there is no limit")
+    allowed: int | None = Field(description="`null` if there is no limit")
 
 
 class KeyUsage(ViewModel):
-    """What one key has."""
+    """What one key uses."""
 
-    key: str | None = Field(description="Its name; `null` has what no key sent, and what was there before keys counted")
-    bytes: Quota = Field(description="Of its recordings, imports and meshes; each file once, however often it is used")
-    recordings: Quota = Field(description="Measurements, with those that simulations under way will give")
+    key: str | None = Field(
+        description="Name of the key; `null` for resources without a key, or from before keys were counted"
+    )
+    bytes: Quota = Field(description="Of its recordings, imports and meshes; each file counts once")
+    recordings: Quota = Field(description="Measurements, including those that unfinished simulations will make")
     jobs: Quota = Field(description="Queued or running")
 
 
@@ -42,7 +44,7 @@ class JobResource(ViewModel):
 
 
 class JobView(ViewModel):
-    """A computation: where it stands."""
+    """A computation and its state."""
 
     id: str
     kind: JobKind
@@ -50,7 +52,7 @@ class JobView(ViewModel):
     progress: Progress
     resource: JobResource | None
     error: Problem | None = None
-    attempt: int = Field(description="How often it was begun; more than once where a worker was lost.")
+    attempt: int = Field(description="How often it was started; more than once if a worker was lost.")
     created_at: datetime
     started_at: datetime | None = None
     finished_at: datetime | None = None

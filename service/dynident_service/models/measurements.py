@@ -14,10 +14,10 @@ from dynident_service.models.request_bodies import derive_body
 
 @derive_body(Revision, or_null=("columns", "units", "permutation", "signs", "scale"))
 class RevisionRequest(RequestModel):
-    """What is to be said of a measurement's file; the file stays as it is. What is not given stays as it was said.
+    """Changes to the metadata of a measurement's file, which stays as it is. Fields that are not given stay, too.
 
-    `columns`, `units`, `permutation`, `signs` and `scale` are merged with what was said, key by key. All fields but
-    `role` and `name` are also fields of an upload's metadata.
+    `columns`, `units`, `permutation`, `signs` and `scale` are merged with the earlier values, key by key. All fields
+    but `role` and `name` are also fields of an upload's metadata.
     """
 
     name: Name | None = None
@@ -28,46 +28,46 @@ class RevisionRequest(RequestModel):
 
 
 class SeenMeasurement(ViewModel):
-    """A measurement as a model saw it."""
+    """A measurement as a model used it."""
 
     id: str
     name: str | None
     role: Literal["identification", "validation"]
-    sha256: str = Field(description="Of the file as it was uploaded")
+    sha256: str = Field(description="Hash of the file as it was uploaded")
     revision: int = Field(description="0: as it was uploaded")
     parent_id: str | None = None
-    edits: list[RevisionRequest] = Field(default=[], description="What was said of the file since, in order")
+    edits: list[RevisionRequest] = Field(default=[], description="Changes to the metadata since the upload, in order")
 
 
 @derive_body(RecordingMetadata)
 class MeasurementMetadata(RequestModel):
-    """What is said about an uploaded file."""
+    """Metadata of an uploaded file."""
 
     robot_id: Identifier
     name: Name
 
 
 class CheckView(ViewModel):
-    """One thing that was looked at, what was found, and what to do about it."""
+    """One check, what it found, and what to do about it."""
 
     name: str
     status: Literal["ok", "warning", "error"]
     detail: str
-    column: str = Field(default="", description="Of the file")
+    column: str = Field(default="", description="Column of the file")
     row: int | None = Field(default=None, description="Data row of the file, from 1")
     time: float | None = Field(default=None, description="Seconds of t")
     rows: dict[str, list[int]] = Field(
-        default_factory=dict, description="By column of the file, its data rows, from 1; the first thousand of each"
+        default_factory=dict, description="By column of the file, its data rows, from 1; at most a thousand per column"
     )
     apply: RevisionRequest | None = Field(
         default=None,
-        description="What cures it, where that is known: a body for POST /v1/measurements/{id}/revisions; of a file "
-        "that was refused, fields for the metadata of another try",
+        description="The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that "
+        "was refused, fields for the metadata of the next upload",
     )
 
 
 class SegmentView(ViewModel):
-    """A stretch of uniformly sampled rows that nothing is filtered across."""
+    """An interval of uniformly sampled rows; filters do not cross its ends."""
 
     start_time: float
     end_time: float
@@ -76,14 +76,18 @@ class SegmentView(ViewModel):
 
 
 class PhasesView(ViewModel):
-    """Shares, 0 to 1, of what each joint does: it stands (or sticks), turns round, or else moves."""
+    """Shares of time, 0 to 1, in which each joint stands still (or sticks) or reverses; otherwise it moves."""
 
-    standing: list[float] = Field(description="Per joint: no rows of its friction, which may hold any torque there")
-    reversing: list[float] = Field(description="Per joint: rows of friction that remembers the path alone")
+    standing: list[float] = Field(
+        description="Per joint: standstill, where friction may have any value, so its friction rows are not used"
+    )
+    reversing: list[float] = Field(
+        description="Per joint: near reversals, where only rows of friction with memory of the path are used"
+    )
 
 
 class MeasurementResult(ViewModel):
-    """What is in a recording."""
+    """The content of a recording."""
 
     sha256: str
     n_samples: int
@@ -93,14 +97,15 @@ class MeasurementResult(ViewModel):
     has_temperature: bool
     has_wrench: bool = Field(default=False, description="Whether the wrench of the base was recorded")
     has_command: bool = Field(
-        default=False, description="Whether the commanded positions of all joints were recorded, for iv and didim"
+        default=False,
+        description="Whether the commanded positions of all joints were recorded, for the estimators iv and didim",
     )
     phases: PhasesView | None = Field(
         default=None, description="Shares of each joint's time; null in measurements that an older version stored"
     )
     checks: list[CheckView]
     edits: list[RevisionRequest] = Field(
-        default=[], description="What was said of the file since it was uploaded, in order; [] if nothing"
+        default=[], description="Changes to the metadata since the upload, in order; [] if there are none"
     )
 
 
@@ -113,30 +118,32 @@ class MeasurementView(MeasurementResult, Labelled):
     robot_id: str
     role: Role | None
     windows: list[tuple[float, float]]
-    parent_id: str | None = Field(default=None, description="The measurement that this one is a revision of")
-    revision: int = Field(default=0, description="How many edits lie between the upload and this measurement")
-    effort_kind: EffortKind = Field(default="unknown", description="What its torque or current was said to be")
+    parent_id: str | None = Field(default=None, description="The measurement that this one revises")
+    revision: int = Field(default=0, description="Number of revisions between the upload and this measurement")
+    effort_kind: EffortKind = Field(
+        default="unknown", description="What its torque or current is, according to the metadata"
+    )
     request: MeasurementMetadata
 
 
 class RawSignals(ViewModel):
-    """Signals of a measurement's file; nothing is filtered, mended or resampled."""
+    """Signals of a measurement's file, without filtering, repair or resampling."""
 
-    units: dict[str, str] = Field(description="By signal; empty for a column of the file that is given as it stands")
+    units: dict[str, str] = Field(description="By signal; empty for a column that is given as it is in the file")
     t: list[float | None] = Field(description="s")
-    signals: dict[str, list[float | None]] = Field(description="As long as t; null where there is no number")
-    n_samples: int = Field(description="How many there are from `from` to `to`, of which these are shown")
+    signals: dict[str, list[float | None]] = Field(description="As long as t; null if there is no number")
+    n_samples: int = Field(description="Number of samples from `from` to `to`, of which these are shown")
 
 
 class StandstillsOfJoint(ViewModel):
-    """When one joint stands."""
+    """Standstills of one joint."""
 
     joint: str
-    standing: list[tuple[float, float]] = Field(description="Seconds of t, [from, to], one after another")
+    standing: list[tuple[float, float]] = Field(description="Seconds of t, [from, to], in order")
 
 
 class Standstills(ViewModel):
-    """When every joint of a measurement stands: there friction may hold any torque."""
+    """Standstills of every joint of a measurement: friction may have any value there."""
 
     joints: list[StandstillsOfJoint]
 
@@ -146,14 +153,14 @@ _KNOWN_BEFOREHAND = ("columns", "units", "role", "windows", "rate")
 
 @derive_body(RecordingMetadata, only=_KNOWN_BEFOREHAND)
 class ImportMetadata(RequestModel):
-    """What is known of a file beforehand; whatever is said here is not guessed."""
+    """What is known about a file; the service does not guess these values."""
 
     robot_id: Identifier
-    name: Name | None = Field(default=None, description="What to call it; else as the file is called")
+    name: Name | None = Field(default=None, description="Name of the measurement; by default, the name of the file")
 
 
 class GuessView(ViewModel):
-    """One thing that was guessed."""
+    """A guess about the file."""
 
     field: str
     value: str
@@ -162,7 +169,7 @@ class GuessView(ViewModel):
 
 
 class QuestionView(ViewModel):
-    """What has to be answered before the file can be used."""
+    """A question that must be answered before the file can be used."""
 
     field: str
     detail: str
@@ -177,7 +184,7 @@ class PreviewView(ViewModel):
 
 
 class InspectionView(ViewModel):
-    """What was found in a file."""
+    """What the inspection of a file found."""
 
     sha256: str
     format: str
@@ -188,13 +195,13 @@ class InspectionView(ViewModel):
 
 
 class ImportResult(InspectionView):
-    """The same with the metadata that are proposed, for `POST /v1/measurements`."""
+    """The same with proposed metadata, for `POST /v1/measurements`."""
 
     proposed: dict[str, Any] = Field(description="See MeasurementMetadata")
 
 
 class ImportView(ImportResult):
-    """A file that was looked at, and is kept for a day."""
+    """A file that was inspected; it is stored for a day."""
 
     id: str
     created_at: datetime
@@ -202,7 +209,7 @@ class ImportView(ImportResult):
 
 
 class MeasurementOfImport(RequestModel):
-    """A measurement of a file that was imported; nothing is uploaded twice."""
+    """A measurement from an imported file, without a second upload."""
 
     import_id: Identifier
     metadata: MeasurementMetadata

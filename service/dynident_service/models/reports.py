@@ -11,23 +11,29 @@ from dynident_service.models.request_bodies import derive_body
 
 @derive_body(ReportChoices)
 class ReportRequest(NamedRequest):
-    """What is to be reported."""
+    """A request for a report."""
 
     identification_id: Identifier
-    diagnosis_id: Identifier | None = Field(default=None, description="Of this model or of one it came from")
+    diagnosis_id: Identifier | None = Field(
+        default=None, description="Diagnosis of this model or of one of its parents"
+    )
     design_id: Identifier | None = Field(
-        default=None, description="The experiment: its promises are shown beside what was achieved"
+        default=None,
+        description="The design of the experiment: its expected accuracy is shown next to the achieved one",
     )
     validation_ids: list[Identifier] = Field(
-        default=[], max_length=100, description="Validations of this model: how each of them ended"
+        default=[], max_length=100, description="Validations of this model; the report shows their results"
     )
     measurement_ids: list[Identifier] | None = Field(
-        default=None, min_length=1, max_length=100, description="Shown beside the prediction; else all it knows"
+        default=None,
+        min_length=1,
+        max_length=100,
+        description="Shown next to the prediction; by default, all measurements of the model",
     )
 
 
 class ReportResult(ViewModel):
-    """The document that was made."""
+    """The report document."""
 
     media_type: str
     size: int = Field(description="Bytes")

@@ -20,12 +20,12 @@ class FrameView(ViewModel):
 
     name: str
     type: Literal["revolute", "prismatic"]
-    parent: int | None = Field(description="Place of the frame before it in the list; null on the base")
-    placement: list[list[float]] = Field(description="4 x 4: from this frame at zero position to the one before it")
-    axis: Point = Field(description="Unit vector in this frame that the joint turns about or slides along")
+    parent: int | None = Field(description="Index of the preceding frame in the list; null on the base")
+    placement: list[list[float]] = Field(description="4 x 4: from this frame at zero position to the preceding one")
+    axis: Point = Field(description="Unit vector in this frame: the axis of rotation or the direction of translation")
     ratios: list[float] = Field(
-        description="Its position is the sum of ratio x position of the robot's joints, plus offset; behind those of "
-        "the joints stand the ratios of the passive positions that closed loops determine, if there are any"
+        description="Its position is the sum of ratio x position of the robot's joints, plus offset; after the ratios "
+        "of the joints come those of the passive positions that closed loops determine, if there are any"
     )
     offset: float = Field(description="rad or m")
 
@@ -33,7 +33,7 @@ class FrameView(ViewModel):
 class CapsuleView(ViewModel):
     """All points within a radius of a segment, fixed to a frame: encloses a part of the link's collision geometry."""
 
-    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    frame: int | None = Field(description="Index of the frame that it moves with; null on the base")
     start: Point = Field(description="m")
     end: Point = Field(description="m")
     radius: float = Field(description="m")
@@ -42,20 +42,20 @@ class CapsuleView(ViewModel):
 class SurfaceView(ViewModel):
     """The surface of a link's meshes as triangles, fixed to a frame; thinned, for pictures."""
 
-    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    frame: int | None = Field(description="Index of the frame that it moves with; null on the base")
     points: list[Point] = Field(description="m")
-    triangles: list[tuple[int, int, int]] = Field(description="Places in the list of points")
+    triangles: list[tuple[int, int, int]] = Field(description="Indices in the list of points")
 
 
 class LoopEndView(ViewModel):
     """One side of a cut joint: a frame fixed to a link."""
 
-    frame: int | None = Field(description="Place of the frame that it moves with; null on the base")
+    frame: int | None = Field(description="Index of the frame that it moves with; null on the base")
     placement: list[list[float]] = Field(description="4 x 4: from this side to that frame")
 
 
 class LoopView(ViewModel):
-    """A closed loop: the two sides coincide, wholly, in their origins, or in the xy plane of the first."""
+    """A closed loop: its two sides coincide completely, in their origins, or in the xy plane of the first side."""
 
     name: str
     kind: Literal["planar", "point", "full"]
@@ -63,17 +63,17 @@ class LoopView(ViewModel):
 
 
 class GeometryView(ViewModel):
-    """What a picture of the robot needs; lengths in m, angles in rad."""
+    """Geometry for a picture of the robot; lengths in m, angles in rad."""
 
     joints: list[str] = Field(description="The robot's joints, in the order of ratios")
-    frames: list[FrameView] = Field(description="Each behind the one that it stands on")
+    frames: list[FrameView] = Field(description="Each frame after the one that it is attached to")
     capsules: list[CapsuleView]
-    surfaces: list[SurfaceView] = Field(default=[], description="Drawn instead of their frame's capsules")
-    loops: list[LoopView] = Field(default=[], description="What determines the passive positions")
+    surfaces: list[SurfaceView] = Field(default=[], description="Drawn instead of the capsules of their frame")
+    loops: list[LoopView] = Field(default=[], description="The closed loops, which determine the passive positions")
     closed: list[float] = Field(
         default=[], description="Positions of the robot's joints, then the passive ones, at which all loops are closed"
     )
-    notes: list[str] = Field(description="What of the geometry could not be read")
+    notes: list[str] = Field(description="Parts of the geometry that could not be read")
 
 
 Posture = Annotated[list[float], Field(min_length=1, max_length=200)]
@@ -83,7 +83,7 @@ class PosturesRequest(RequestModel):
     """Postures of a robot."""
 
     positions: list[Posture] = Field(
-        min_length=1, max_length=5000, description="Of its joints in their order, rad or m, [posture][joint]"
+        min_length=1, max_length=5000, description="Positions of the joints in order, rad or m, [posture][joint]"
     )
 
 
@@ -91,18 +91,18 @@ class PosesView(ViewModel):
     """Where the frames of a robot's geometry are."""
 
     poses: list[list[list[float] | None]] = Field(
-        description="[posture][frame]: 12 numbers, the rotation beside the origin (m) in the base frame, row by row; "
-        "null for what moves in a loop that cannot be closed there"
+        description="[posture][frame]: the 12 numbers of the 3 x 4 matrix [rotation, origin (m)] in the base frame, "
+        "row by row; null for frames in a loop that cannot be closed there"
     )
 
 
 class Description(RequestModel):
-    """What the robot is made from."""
+    """The description of the robot."""
 
     format: DescriptionFormat = Field(json_schema_extra=describe_choices(FORMATS))
     content: str | dict[str, Any] = Field(
-        description="The URDF or MJCF; the modified Denavit-Hartenberg table, as JSON; or, as dh, a classical or "
-        "modified table as text, whose first line says which."
+        description="The URDF or MJCF; a modified Denavit-Hartenberg table as JSON; or, for dh, a classical or "
+        "modified table as text, whose first line names the kind."
     )
 
 
@@ -117,35 +117,36 @@ class Drive(RequestModel):
 
 
 class MeshView(ViewModel):
-    """A mesh that the description names for collisions."""
+    """A mesh that the description uses for collisions."""
 
     name: str = Field(description="As in the description: package://…, or a path")
-    links: list[str] = Field(description="The links that it is of")
-    sha256: str | None = Field(default=None, description="Of the file that was sent for it; null where none was.")
+    links: list[str] = Field(description="The links that use it")
+    sha256: str | None = Field(default=None, description="Hash of the uploaded file; null if none was uploaded.")
     size: int | None = Field(default=None, description="Bytes")
 
 
 class MeshesView(ViewModel):
-    """What came of the meshes that were sent."""
+    """The result of an upload of meshes."""
 
-    meshes: list[MeshView] = Field(description="All that the description names, in its order")
-    unused: list[str] = Field(description="Files that were sent and that no mesh of the description means")
+    meshes: list[MeshView] = Field(description="All meshes that the description names, in its order")
+    unused: list[str] = Field(description="Uploaded files that match no mesh of the description")
 
 
 class RobotRequest(RequestModel):
-    """A robot to be stored."""
+    """A request to store a robot."""
 
     name: Name
     description: Description
-    limits: dict[str, Limits] = Field(default={}, description="By joint; these win over the description's.")
+    limits: dict[str, Limits] = Field(default={}, description="By joint; these replace the limits of the description.")
     drives: dict[str, Drive] = Field(default={}, description="By joint")
     locked_joints: dict[str, float] = Field(default={}, description="Joint to position, rad or m")
     gravity: tuple[float, float, float] | None = Field(default=None, description="m/s² in the base frame")
     meshes_of: str | None = Field(
-        default=None, description="A robot whose uploaded meshes this one has, too, where their names are the same."
+        default=None,
+        description="A robot whose uploaded meshes are also used for this one, if their names are the same.",
     )
     base_parameters_tolerance: float | None = Field(
-        default=None, gt=0, lt=0.1, description="Share of a column that others may leave unexplained."
+        default=None, gt=0, lt=0.1, description="Share of a column that other columns may leave unexplained."
     )
 
 
@@ -155,7 +156,7 @@ class JointView(ViewModel):
     name: str
     type: Literal["revolute", "prismatic"]
     limits: Limits
-    antecedent: str | None = Field(description="The joint before it; null on the base.")
+    antecedent: str | None = Field(description="The preceding joint; null on the base.")
     link: str
     drive_gain: float | None = None
     coupling: dict[str, float] = Field(default={}, description="Other joints that its motor acts on.")
@@ -165,19 +166,19 @@ class BaseParametersView(ViewModel):
     """The smallest set of inertial parameters that determines the model."""
 
     count: int
-    rank: int = Field(description="Numerical rank of the observation matrix: a second opinion on the count.")
+    rank: int = Field(description="Numerical rank of the observation matrix: an independent check of the number.")
     names: list[str]
-    groupings: list[str] = Field(description="Each written out in standard parameters.")
+    groupings: list[str] = Field(description="Each as a sum of standard parameters.")
 
 
 class RobotResult(ViewModel):
-    """What follows from the description."""
+    """The result for a robot."""
 
     joints: list[JointView]
     base_parameters: BaseParametersView
     has_inertias: bool = Field(description="Whether the description gives inertial parameters.")
     meshes: list[MeshView] = Field(
-        default=[], description="For collisions and pictures; their files are sent to /v1/robots/{id}/meshes."
+        default=[], description="For collisions and pictures; upload their files to /v1/robots/{id}/meshes."
     )
 
 

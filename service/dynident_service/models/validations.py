@@ -20,12 +20,12 @@ VerdictWord = Literal["pass", "fail", "not_evaluated"]
 
 @derive_body(Method)
 class MethodRequest(RequestModel):
-    """One way to identify."""
+    """A method of identification."""
 
 
 @derive_body(Stated)
 class ValidationRequest(RequestModel):
-    """Which model is to be tried, and how."""
+    """The model to validate, and how."""
 
     identification_id: Identifier
     kind: ValidationKind = Field(
@@ -36,8 +36,9 @@ class ValidationRequest(RequestModel):
         default=None,
         min_length=1,
         max_length=100,
-        description="cross, methods: data that the model has not seen, else its validation data; simulation, filters: "
-        "the motion to simulate, else a measurement of the identification; payload: the runs with the load",
+        description="cross, methods: data that the model has not seen, by default its validation data; simulation, "
+        "filters: the motion to simulate, by default a measurement of the identification; payload: the runs "
+        "with the load",
     )
     name: Name | None = None
 
@@ -51,9 +52,9 @@ class MeasurementErrors(ViewModel):
 
 
 class MethodView(ViewModel):
-    """What one method gave on the data that all of them share."""
+    """Result of one method on the data that all methods share."""
 
-    method: Annotated[str, SourcePath("method.words")] = Field(description="In words")
+    method: Annotated[str, SourcePath("method.words")] = Field(description="Description in words")
     model: Annotated[str, SourcePath("method.model")]
     strategy: Annotated[str, SourcePath("method.strategy")]
     estimator: str | dict[str, Any] = Field(description="Its name, or an object with its options")
@@ -63,38 +64,44 @@ class MethodView(ViewModel):
     values: list[float | None] | None = Field(description="Parameters in the order of `parameters`")
     standard_deviations: list[float | None] | None
     fit: ErrorsView | None
-    held_out: ErrorsView | None = Field(description="On validation data; on the identification's own without any")
+    held_out: ErrorsView | None = Field(
+        description="On validation data; without any, on the data of the identification"
+    )
     distance: list[float | None] | None = Field(
-        description="Of every parameter from the first method's, in units of their joint standard deviation"
+        description="Distance of each parameter from the first method's, in units of their joint standard deviation"
     )
     distance_rms: float | None
     farthest: str | None = Field(description="The parameter that is farthest from the first method's")
     torque_distance: float | None = Field(
-        description="How far the predicted torque is from the first method's, as a share of the measured"
+        description="Distance of the predicted torque from that of the first method, as a share of the measured torque"
     )
-    torque_deviation: float | None = Field(description="What the uncertainty of its own parameters makes of that")
-    seconds: float = Field(description="That the solution took")
+    torque_deviation: float | None = Field(
+        description="The part of it that the uncertainty of its own parameters explains"
+    )
+    seconds: float = Field(description="Time of the solution")
     warnings: list[str]
 
 
 class SimulationOnMeasurement(ViewModel):
-    """A simulated robot that followed a recorded motion."""
+    """A simulated robot that follows a recorded motion."""
 
     measurement_id: str
     name: str
-    duration: float = Field(description="Seconds that were simulated")
+    duration: float = Field(description="Seconds that are simulated")
     torque: ErrorsView | None = Field(description="Simulated against measured torque")
     position: list[float | None] | None = Field(description="rad or m, root mean square, per joint")
-    position_share: list[float | None] | None = Field(description="The same over the range the joint moved through")
+    position_share: list[float | None] | None = Field(
+        description="The same, divided by the range that the joint moved through"
+    )
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]
 
 
 class FilterTrialView(ViewModel):
-    """What one choice of filters leaves in the parameters of the simulated identification."""
+    """Effect of one choice of filters on the parameters of the simulated identification."""
 
     preprocessing: UsedPreprocessing
-    error: float | None = Field(description="Share of the torque that wrong parameters cost")
+    error: float | None = Field(description="Torque error because of wrong parameters, as a share of the torque")
     bias: float | None = Field(description="The part of it that is the same in every draw of the noise")
     worst: str | None = Field(description="The parameter with the largest bias, in its standard deviations")
     worst_bias: float | None
@@ -119,7 +126,7 @@ class DriveGainView(ViewModel):
     joint: str
     drive_gain: float = Field(description="N m or N per unit of the recorded torque or current")
     interval: tuple[float | None, float | None] = Field(description="95 %")
-    factor: float = Field(description="What the recorded torque is to be multiplied by")
+    factor: float = Field(description="Factor for the recorded torque")
     identifiable: bool
 
 
@@ -130,11 +137,9 @@ class PayloadView(ViewModel):
     name: str
     stated_mass: Annotated[float, SourcePath("stated")] = Field(description="kg")
     identifiable: Annotated[bool, SourcePath("weighed.identifiable")] = Field(
-        description="Whether the motion tells the load from friction"
+        description="Whether the motion distinguishes the load from friction"
     )
-    mass: Annotated[float | None, SourcePath("weighed.mass")] = Field(
-        description="kg; null where it is not identifiable"
-    )
+    mass: Annotated[float | None, SourcePath("weighed.mass")] = Field(description="kg; null if it is not identifiable")
     interval: Annotated[tuple[float, float] | None, SourcePath("weighed.interval")] = Field(
         description="Holds the true mass in 95 of 100 cases, kg"
     )
@@ -144,28 +149,30 @@ class PayloadView(ViewModel):
     friction_apart: Annotated[float | None, SourcePath("weighed.apart.mass")] = Field(
         description="kg, if every run has friction of its own"
     )
-    gains: list[DriveGainView] = Field(default=[], description="What they would have to be for the stated mass")
+    gains: list[DriveGainView] = Field(default=[], description="Gains that would give the stated mass")
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]
 
 
 class DrawnParameterView(ViewModel):
-    """The standard deviation of one parameter, as told and over draws of stretches of time."""
+    """The standard deviation of one parameter: reported, and over draws of blocks of time."""
 
-    name: str = Field(description="A parameter, or ln and name of a shape constant that is searched for in ratios")
+    name: str = Field(description="A parameter, or ln and the name of a shape constant that is searched for in ratios")
     unit: str
     told: float | None
     drawn: float | None
-    ratio: float | None = Field(description="drawn over told")
-    expected: tuple[float, float] = Field(description="Where the ratio is by the randomness of so few stretches alone")
+    ratio: float | None = Field(description="drawn divided by told")
+    expected: tuple[float, float] = Field(
+        description="Range of the ratio that comes only from the small number of blocks"
+    )
     outside: bool
 
 
 class BootstrapView(ViewModel):
-    """Standard deviations over draws of the reduced data's stretches of time, beside those that are told."""
+    """Standard deviations over draws of blocks of the reduced data, and the reported ones."""
 
     kind: Literal["wild", "pairs"] | None = Field(
-        description="wild: residuals of each stretch weighted at random; pairs: stretches drawn with replacement"
+        description="wild: residuals of each block weighted at random; pairs: blocks drawn with replacement"
     )
     stretches: int
     draws: int
@@ -174,12 +181,12 @@ class BootstrapView(ViewModel):
 
 
 class ValidationResult(ViewModel):
-    """What the model is worth by one test, with the verdict and its reason in a sentence."""
+    """Result of one validation, with the verdict and its reason in a sentence."""
 
     kind: ValidationKind
     verdict: Annotated[VerdictWord, SourcePath("judged.verdict")]
     reason: Annotated[str, SourcePath("judged.reason")]
-    limit: float | None = Field(default=None, description="The relative error that was the limit")
+    limit: float | None = Field(default=None, description="Limit of the relative error")
     measurements: list[MeasurementErrors] = Field(default=[])
     total: ErrorsView | None = Field(default=None, description="Over all measurements")
     inertia_matrix_positive_definite: bool | None = None

@@ -41,7 +41,7 @@ FIELDS_IN_SENTENCE = 3
 def create_identifications(
     body: BatchRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> BatchView:
-    """Identify many models, each by a job of its own; where one cannot be accepted, none is."""
+    """Identify many models, each by its own job; if one of them cannot be accepted, none is."""
     key = retry.bind_to_body(body)
     existing = services.resources.find_retried(key)
     if existing is not None:
@@ -64,13 +64,13 @@ def create_identifications(
 
 @router.get("/{batch_id}")
 def get_batch(batch_id: str, services: ServicesDep) -> BatchView:
-    """Show the identifications of a batch, and how many are in which state."""
+    """Show the identifications of a batch, and how many are in each state."""
     return _show_batch(services, services.resources.get("batch", batch_id))
 
 
 @router.post("/{batch_id}/cancel")
 def cancel_batch(batch_id: str, services: ServicesDep) -> BatchView:
-    """Stop all jobs of a batch that have not ended; asking twice does no harm."""
+    """Cancel all jobs of a batch that have not ended; a second request does no harm."""
     batch = services.resources.get("batch", batch_id)
     services.job_queue.cancel_jobs_of_resources(member_ids(batch))
     return _show_batch(services, batch)
@@ -78,7 +78,7 @@ def cancel_batch(batch_id: str, services: ServicesDep) -> BatchView:
 
 @router.delete("/{batch_id}", status_code=204)
 def delete_batch(batch_id: str, services: ServicesDep) -> None:
-    """Forget what was asked for together; the identifications stay."""
+    """Delete a batch; its identifications stay."""
     services.resources.delete("batch", batch_id)
 
 
@@ -127,7 +127,7 @@ def _prefix_fields(problem: Problem, place: str) -> list[ProblemField]:
 def _build_refusal(wrong: list[Problem], number: int) -> Problem:
     fields = [field for problem in wrong for field in problem.errors or []]
     first = "; ".join(f"{field.pointer}: {field.detail}" for field in fields[:FIELDS_IN_SENTENCE])
-    detail = f"{len(wrong)} of {number} cannot be accepted, so none was: {first}"
+    detail = f"{len(wrong)} of {number} cannot be accepted, so none was accepted: {first}"
     more = f"; and {len(fields) - FIELDS_IN_SENTENCE} more" if len(fields) > FIELDS_IN_SENTENCE else ""
     return make_problem(422, detail + more, title=wrong[0].title, errors=fields[:MOST_FIELDS])
 

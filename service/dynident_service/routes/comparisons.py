@@ -37,7 +37,7 @@ router = APIRouter(prefix="/v1/comparisons", tags=["comparisons"])
     NewJob("comparison", "dynident_service.work.comparisons:compare_model"),
 )
 def create_comparison(services: Services, body: ComparisonRequest) -> Sequence[Dependency]:
-    """Hold a model against a measurement."""
+    """Compare a model with a measurement."""
     model = require_model(services, body.identification_id)
     # A measurement fits if it is of the model's robot, or of one with the same drives.
     robot = services.resources.get("robot", model.get_dependency("robot"))
@@ -52,9 +52,9 @@ def get_series(
     joint: Annotated[str, Query(description="Name")],
     start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
     end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
-    points: Annotated[int, Query(ge=12, le=100_000, description="About how many")] = 2000,
+    points: Annotated[int, Query(ge=12, le=100_000, description="Approximate number of points")] = 2000,
 ) -> Series:
-    """Give a joint's measured and predicted torque and residual over time, thinned so that extremes survive."""
+    """Give a joint's measured and predicted torque and residual over time, thinned; extremes are kept."""
     with hold_import_lock():
         from dynident_service.adapters.comparisons import thin_signals
 
@@ -70,10 +70,10 @@ def get_residual_map(
     services: ServicesDep,
     joint: Annotated[str, Query(description="Name")],
     x: Annotated[str, Query(description="t, or q_, dq_, ddq_, load_, tau_ or temperature_ and a joint's name")],
-    y: Annotated[str | None, Query(description="As x; one dimension where not given")] = None,
-    bins: Annotated[int, Query(ge=2, le=200, description="In each direction")] = 30,
+    y: Annotated[str | None, Query(description="Like x; without it, the map has one dimension")] = None,
+    bins: Annotated[int, Query(ge=2, le=200, description="Number of bins in each direction")] = 30,
 ) -> ResidualMap:
-    """Give mean, spread and count of a joint's residual over any two signals."""
+    """Give mean, standard deviation and count of a joint's residual over one or two signals."""
     comparison = _open_comparison(services, comparison_id)
     residual_map = comparison.compute_residual_map(joint, x, y, bins)
     return _to_view(ResidualMap, residual_map, joint=joint, effort_unit=comparison.get_unit(joint), x=x, y=y)
@@ -86,7 +86,7 @@ def get_spectrum(
     joint: Annotated[str, Query(description="Name")],
     over: Annotated[Literal["angle", "time"], Query(description="The joint's own position, or time")] = "time",
 ) -> Spectrum:
-    """Give the amplitude spectrum of a joint's residual: gears show over the angle, vibration over time."""
+    """Give the amplitude spectrum of a joint's residual: gears appear over the angle, vibration over time."""
     comparison = _open_comparison(services, comparison_id)
     return _to_view(
         Spectrum,
@@ -104,7 +104,7 @@ def get_autocorrelation(
     joint: Annotated[str, Query(description="Name")],
     longest: Annotated[float, Query(gt=0, le=60, description="Longest lag, s")] = 5.0,
 ) -> AutocorrelationView:
-    """Give the autocorrelation of a joint's residual, and how many independent samples it is worth."""
+    """Give the autocorrelation of a joint's residual, and its effective number of independent samples."""
     return _to_view(
         AutocorrelationView,
         _open_comparison(services, comparison_id).compute_autocorrelation(joint, longest),

@@ -168,7 +168,7 @@ def _add_list_route(router: APIRouter, routes: ResourceRoutes, show: Show) -> No
         route.__annotations__["query"] = LabelledQueryDep
     route.__annotations__["return"] = Page.__class_getitem__(routes.view)
     several = routes.plural or f"{routes.kind}s"
-    of_one = f"; those of one {routes.parent_kind} if asked" if routes.parent_kind else ""
+    of_one = f"; those of one {routes.parent_kind} if requested" if routes.parent_kind else ""
     to_list = routes.list_description or f"List the {routes.words or several}, newest first{of_one}."
     router.get("", name=f"list_{several}", description=to_list)(route)
 

@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1/current_models", tags=["current models"])
     NewJob("current_models", "dynident_service.work.current_models:find_currents"),
 )
 def create_current_models(services: Services, body: CurrentModelsRequest) -> Sequence[Dependency]:
-    """Identify every joint's parameters in units of its current: no drive gain has to be known."""
+    """Identify every joint's parameters in units of its current; no drive gain is needed."""
     with hold_import_lock():
         from dynident.identification.loads.current_units import check_current_effects
         from dynident.identification.shapes.shape_search import check_choices
@@ -41,7 +41,7 @@ def create_current_models(services: Services, body: CurrentModelsRequest) -> Seq
 
     robot = require_robot(services, body.robot_id)
     _check_gains(robot)
-    refuse_coupled(robot, "current units are identified joint by joint for")
+    refuse_coupled(robot, "currents are identified only for")
     effects = from_wire_choices(body.effects or [])
     check_choices(effects, restore_robot(robot.request))
     check_current_effects(effects)
@@ -59,8 +59,8 @@ def _check_gains(robot: Resource) -> None:
     ]
     if joints_without_gain:
         raise make_unusable(
-            f"{', '.join(joints_without_gain)} of this robot state no drive gain, so that its measurements "
-            'hold torques; make one with "drives": {"…": {"drive_gain": 1}} for each of them, and upload the '
+            f"{', '.join(joints_without_gain)} of this robot state no drive gain, so its measurements contain "
+            f'torques; make a robot with "drives": {{"…": {{"drive_gain": 1}}}} for each of them, and upload the '
             "currents for it",
             "/robot_id",
             title="No currents",

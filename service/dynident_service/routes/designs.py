@@ -29,12 +29,15 @@ YAML = "application/yaml"
 @add_create_route(
     router,
     ResourceRoutes(
-        "design", DesignView, parent_kind="robot", delete_description="Delete a design; 409 while others rest on it."
+        "design",
+        DesignView,
+        parent_kind="robot",
+        delete_description="Delete a design; 409 while other resources need it.",
     ),
     NewJob("design", "dynident_service.work.designs:design"),
 )
 def create_design(services: Services, body: DesignRequest) -> Sequence[Dependency]:
-    """Design an experiment: a motion within the limits that tells the parameters apart."""
+    """Design an experiment: a motion within the limits that determines the parameters."""
     with hold_import_lock():
         from dynident_service.adapters.designs import to_checked_request
         from dynident_service.adapters.robots import restore_robot
@@ -63,7 +66,7 @@ def get_trajectory(
         ),
     ] = "csv",
 ) -> Response:
-    """Give t, q…, dq…, ddq… at the sampling rate, with the moves from and to rest."""
+    """Give t, q…, dq…, ddq… at the sampling rate, including the moves from and to standstill."""
     with hold_import_lock():
         from dynident_service.adapters.designs import trajectory_as_csv, trajectory_as_samples, trajectory_for_ros2
 
@@ -87,9 +90,9 @@ async def get_clearances(
     design_id: str,
     request: Request,
     services: ServicesDep,
-    points: Annotated[int, Query(ge=2, le=2000, description="About how many samples")] = 200,
+    points: Annotated[int, Query(ge=2, le=2000, description="Approximate number of samples")] = 200,
 ) -> DesignClearances:
-    """Show what every link is nearest to along the motion, with the points between which that distance lies."""
+    """Show what every link is nearest to along the motion, with the two nearest points."""
 
     def collect_arguments() -> dict[str, Any]:
         design = require_succeeded(services.resources.get("design", design_id))

@@ -26,12 +26,12 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
         DiagnosisView,
         parent_kind="identification",
         plural="diagnoses",
-        delete_description="Delete a diagnosis; 409 while others rest on it.",
+        delete_description="Delete a diagnosis; 409 while other resources need it.",
     ),
     NewJob("diagnosis", "dynident_service.work.diagnoses:diagnose_model"),
 )
 def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dependency]:
-    """Find what is missing in an identified model, by name, and what to add."""
+    """Find the effects that an identified model lacks, by name, and what to add."""
     with hold_import_lock():
         from dynident.diagnosis import DiagnosisChoices
         from dynident_service.adapters.conversion import to_request
@@ -43,7 +43,10 @@ def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dep
     later = body.measurement_ids or model.request["measurement_ids"]
     for index, identifier in enumerate(body.baseline_ids):
         if identifier in later:
-            detail = f"{identifier} is on both sides; give earlier measurements here, later ones as measurement_ids."
+            detail = (
+                f"{identifier} is given as an earlier and as a later measurement; give earlier ones here, later "
+                "ones as measurement_ids."
+            )
             raise make_unusable(detail, f"/baseline_ids/{index}")
     return (
         depend_on(model),
@@ -56,10 +59,12 @@ def create_diagnosis(services: Services, body: DiagnosisRequest) -> Sequence[Dep
 def get_evidence(
     diagnosis_id: str,
     services: ServicesDep,
-    rank: Annotated[int, Query(ge=1, description="Of the candidate")],
-    joint: Annotated[str | None, Query(description="Name; that on which it explains most where not given")] = None,
+    rank: Annotated[int, Query(ge=1, description="Rank of the candidate")],
+    joint: Annotated[
+        str | None, Query(description="Name of the joint; by default, the one that the effect explains most")
+    ] = None,
 ) -> Evidence:
-    """Give the figure behind a ranked effect: the residual over what it depends on, and the fitted effect with it."""
+    """Give the figure for a ranked effect: the residual over its variable, with the fitted effect."""
     with hold_import_lock():
         from dynident_service.adapters.diagnoses import read_evidence
 

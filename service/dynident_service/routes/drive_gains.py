@@ -44,7 +44,7 @@ def _build_tables(_: Services, resource: Resource) -> list[Table]:
 def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[Dependency]:
     """Identify the drive gains from the same motion without and with a load of known mass."""
     robot = require_robot(services, body.robot_id)
-    refuse_coupled(robot, "gains are identified for")
+    refuse_coupled(robot, "gains are identified only for")
     needs = (depend_on(robot), *_require_measurements(services, body, robot))
     _check_loads(services, body)
     return needs
@@ -53,12 +53,12 @@ def create_drive_gains(services: Services, body: DriveGainsRequest) -> Sequence[
 def _require_measurements(services: Services, body: DriveGainsRequest, robot: Resource) -> tuple[Dependency, ...]:
     """Find the runs, each without or with its load and not both."""
     if body.weigh is None and body.weigh_unloaded is not None:
-        raise make_unusable("nothing is to be weighed: give weigh, or leave weigh_unloaded out", "/weigh_unloaded")
+        raise make_unusable("there is no load to weigh; give weigh, or leave weigh_unloaded out", "/weigh_unloaded")
     runs_without = body.unloaded if body.weigh_unloaded is None else body.weigh_unloaded
     for field, loaded, unloaded in (("loaded", body.loaded, body.unloaded), ("weigh", body.weigh or [], runs_without)):
         for index, identifier in enumerate(loaded):
             if identifier in unloaded:
-                detail = f"the measurement {identifier!r} is named as a run without the load too"
+                detail = f"the measurement {identifier!r} is also given as a run without the load"
                 raise make_unusable(detail, f"/{field}/{index}")
     groups = (
         ("unloaded", body.unloaded),

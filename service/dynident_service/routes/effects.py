@@ -12,7 +12,7 @@ router = APIRouter(prefix="/v1/effects", tags=["effects"])
 
 @router.get("")
 def list_effects() -> Catalogue:
-    """List every effect that the product knows."""
+    """List all effects of the catalogue."""
     with hold_import_lock():
         from dynident_service.adapters.conversion import show_catalogue
 

@@ -96,7 +96,9 @@ EXPORTED: dict[str, Any] = {
     },
     "headers": {
         "Dynident-Notes": {
-            "description": "What the format could not hold, as a JSON list of sentences; there where there is any.",
+            "description": (
+                "What the format cannot represent, as a JSON list of sentences; only present if there is something."
+            ),
             "schema": {"type": "string"},
         },
     },
@@ -126,10 +128,10 @@ def list_identifications(
     query: LabelledQueryDep,
     robot_id: Annotated[str | None, Query()] = None,
     brief: Annotated[
-        bool, Query(description="Without the parameters, which are most of a list: theirs are empty")
+        bool, Query(description="Without the parameters, which are most of a list: their lists are empty")
     ] = False,
 ) -> Page[IdentificationView]:
-    """List the identifications, newest first; those of one robot if asked."""
+    """List the identifications, newest first; those of one robot if requested."""
     return show_page(services, "identification", query, _show_briefly if brief else show_identification, robot_id)
 
 
@@ -150,7 +152,7 @@ def get_tables(identification_id: str, services: ServicesDep) -> Tables:
 def extend_identification(
     identification_id: str, body: ExtensionRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
-    """Add effects to an identified model: a new identification, whose parent is this one."""
+    """Add effects to an identified model: makes a new identification, whose parent is this one."""
     with hold_import_lock():
         from dynident.identification.shapes.shape_search import check_choices
         from dynident_service.adapters.conversion import from_wire_choices
@@ -177,7 +179,7 @@ def extend_identification(
 def remove_from_identification(
     identification_id: str, body: RemovalRequest, services: ServicesDep, retry: RetryKeyDep, response: Response
 ) -> IdentificationView:
-    """Take effects out of an identified model: a new identification, whose parent is this one."""
+    """Remove effects from an identified model: makes a new identification, whose parent is this one."""
     with hold_import_lock():
         from dynident.identification.study.solve_again import subtract_effects
         from dynident_service.adapters.conversion import from_wire_choices, show_choice
@@ -201,12 +203,12 @@ def remove_from_identification(
 def get_lineage(
     identification_id: str,
     services: ServicesDep,
-    against: Annotated[str | None, Query(description="Another identification, whose ladder is to be compared")] = None,
+    against: Annotated[str | None, Query(description="Another identification, to compare its ladder")] = None,
 ) -> Lineage:
-    """Show the ladder of models that led here: what was added or removed, and the errors at each rung.
+    """Show the ladder of models that led here: what was added or removed, and the errors at each step.
 
-    An extension by several effects has a rung for each. Where all rungs have validation errors the best one is marked,
-    and those above it whose error is larger.
+    An extension by several effects has a step for each. If all steps have validation errors, the best one is marked,
+    and the later ones whose error is larger.
     """
     with hold_import_lock():
         from dynident_service.adapters.identifications import build_steps_of_views, compare_ladders
@@ -307,7 +309,7 @@ add_resource_routes(
         "identification",
         IdentificationView,
         show=show_identification,
-        delete_description="Delete an identification; 409 while others rest on it.",
+        delete_description="Delete an identification; 409 while other resources need it.",
         show_description="Show an identification, with its result once there is one.",
         label_description="Rename, tag or archive an identification.",
     ),

@@ -36,7 +36,7 @@ async def import_file(
     metadata: Annotated[str, Form(description="A JSON object: see ImportMetadata")],
     further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> ImportView:
-    """Look at a file: metadata that are proposed for it, why, and what has to be answered before it can be used."""
+    """Inspect a file: its proposed metadata, the reasons, and the questions to answer before it can be used."""
     stated_metadata = parse_json_body(ImportMetadata, metadata, "/metadata")
     if stated_metadata.name is None and file.filename:
         stated_metadata = stated_metadata.model_copy(update={"name": Path(file.filename).stem[:200] or None})
@@ -76,9 +76,9 @@ add_resource_routes(
         "import",
         ImportView,
         show=show_import,
-        list_description="List the imports that are still kept, newest first.",
+        list_description="List the stored imports, newest first.",
         show_description="Show an import.",
-        delete_description="Delete an import; 409 while a measurement rests on it.",
+        delete_description="Delete an import; 409 while a measurement needs it.",
     ),
 )
 

@@ -37,13 +37,13 @@ def list_jobs(
 
 @router.get("/{job_id}")
 def get_job(job_id: str, services: ServicesDep) -> JobView:
-    """Tell where a job stands."""
+    """Show the state of a job."""
     return show_job(services.job_queue.get(job_id))
 
 
 @router.post("/{job_id}/cancel")
 def cancel_job(job_id: str, services: ServicesDep) -> JobView:
-    """Stop a job, also inside a solver; within two seconds it is cancelled. Asking twice does no harm."""
+    """Cancel a job, even inside a solver; it ends within two seconds. A second request does no harm."""
     return show_job(services.job_queue.cancel(job_id))
 
 

@@ -89,9 +89,9 @@ async def upload_measurement(
     metadata: Annotated[str | None, Form(description="A JSON object: see MeasurementMetadata")] = None,
     further: Annotated[list[UploadFile] | None, File(description=FURTHER, max_length=MOST_FILES - 1)] = None,
 ) -> MeasurementView:
-    """Store a recording, checked; one that cannot be used is refused with the column and the row or time.
+    """Check and store a recording; an unusable one is refused, with the column and the row or time.
 
-    Either a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
+    Send a form with the file and its metadata, or a JSON body that names an import: see MeasurementOfImport.
     """
     # One path for both, since both make a measurement; FastAPI cannot declare a form and a JSON body in one function.
     if request.headers.get("content-type", "").lower().startswith("application/json"):
@@ -137,7 +137,7 @@ def _receive_import(
         return existing
     imported = services.resources.find(import_request.import_id)
     if imported is None or imported.kind != "import":
-        detail = f"there is no import {import_request.import_id!r}; they are kept for a day: upload the file again"
+        detail = f"there is no import {import_request.import_id!r}; imports are stored for a day: upload the file again"
         raise make_unusable(detail, "/import_id", title="Unknown resource")
     original = imported.objects["original"]
     # The file is copied out of the store, for which there has to be room.
@@ -189,10 +189,8 @@ add_resource_routes(
         parent_kind="robot",
         show=show_measurement,
         show_description="Show a measurement.",
-        delete_description="Delete a measurement; 409 while others rest on it.",
-        label_description="Rename, tag or archive a measurement; the runs of a recording keep the name that "
-        "they were read "
-        "with.",
+        delete_description="Delete a measurement; 409 while other resources need it.",
+        label_description="Rename, tag or archive a measurement; the runs of its recording keep their names.",
     ),
 )
 
@@ -290,13 +288,15 @@ async def get_raw_signals(
     services: ServicesDep,
     signals: Annotated[
         str | None,
-        Query(description="q1,tau_elbow,… or the file's own columns, with commas between; else all q and tau"),
+        Query(description="q1,tau_elbow,… or columns of the file, separated by commas; by default, all q and tau"),
     ] = None,
     start: Annotated[float | None, Query(alias="from", allow_inf_nan=False, description="s")] = None,
     end: Annotated[float | None, Query(alias="to", allow_inf_nan=False, description="s")] = None,
-    points: Annotated[int | None, Query(ge=12, le=100_000, description="About how many; all where not given")] = None,
+    points: Annotated[
+        int | None, Query(ge=12, le=100_000, description="Approximate number of samples; all by default")
+    ] = None,
 ) -> FileResponse:
-    """Give signals as they were recorded; with `points` thinned so that extremes survive, else all of them."""
+    """Give signals as they were recorded; with `points`, thinned so that extremes are kept, else all samples."""
     # Not in a `with` block: the folder has to outlive this function until the answer was sent.
     folder = Path(tempfile.mkdtemp(dir=services.settings.uploads_dir))
     removal = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
@@ -333,7 +333,7 @@ def _describe_raw(services: Services, measurement_id: str, folder: Path) -> dict
 
 @router.get("/{measurement_id}/standstills")
 async def get_standstills(measurement_id: str, request: Request, services: ServicesDep) -> Standstills:
-    """Give the stretches of time in which each joint stands, as the recording's rows are told apart for friction."""
+    """Give the intervals in which each joint stands still, as identification uses them for friction."""
     measurement = await to_thread.run_sync(services.resources.get, "measurement", measurement_id)
     path = await to_thread.run_sync(services.objects.fetch_file, measurement.objects["recording"].key)
     arguments = {"recording": str(path)}

@@ -45,9 +45,9 @@ async def put_meshes(
         File(max_length=MOST_ITEMS, description="STL, OBJ, DAE or PLY, named as the description names them"),
     ],
 ) -> MeshesView:
-    """Give a robot the files of meshes that its description names; those that it has stay unless they come anew.
+    """Upload meshes that a robot's description names; earlier ones stay unless they are sent again.
 
-    A file is known by its name and as many of its folders as it is sent with.
+    A file is identified by its name and by the folders that it is sent with.
     """
     robot = await to_thread.run_sync(services.resources.get, "robot", robot_id)
     with services.create_scratch_folder() as folder:
@@ -73,7 +73,7 @@ async def put_meshes(
 def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Response:
     """Show where the robot's links are: the frames of its joints, capsules around its collision geometry, and meshes.
 
-    Meshes are there once their files have been sent to the robot's `meshes`.
+    Meshes are included when their files have been uploaded to the robot's `meshes`.
     """
     robot = services.resources.get("robot", robot_id)
     # With meshes it was computed when they came; without, it follows from the description at once.
@@ -87,7 +87,7 @@ def get_geometry(robot_id: str, services: ServicesDep) -> GeometryView | Respons
 
 @router.post("/{robot_id}/poses")
 def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> PosesView:
-    """Say where the frames of the robot's geometry are at postures of its joints; closed loops are followed."""
+    """Compute the frames of the robot's geometry at postures of its joints, including closed loops."""
     with hold_import_lock():
         import numpy as np
 
@@ -96,7 +96,7 @@ def find_poses(robot_id: str, body: PosturesRequest, services: ServicesDep) -> P
     robot = restore_robot(services.resources.get("robot", robot_id).request)
     for index, posture in enumerate(body.positions):
         if len(posture) != robot.n:
-            raise make_unusable(f"give a position for each of its joints: {robot.n}", f"/positions/{index}")
+            raise make_unusable(f"give a position for each of the joints: {robot.n}", f"/positions/{index}")
     return describe_poses(robot, np.array(body.positions))
 
 
@@ -130,7 +130,7 @@ def _receive_meshes(services: Services, files: Sequence[UploadFile], folder: Pat
     for place, file in enumerate(files):
         name = file.filename or f"file {place + 1}"
         if name in received:
-            raise make_unusable(f"{name} comes twice; send it with its folders", "/files", title="Ambiguous mesh")
+            raise make_unusable(f"{name} is sent twice; send it with its folders", "/files", title="Ambiguous mesh")
         # Not under the name that was sent, which might lead out of the folder.
         received[name] = folder / f"sent-{place}"
         receive_files(services, [file], received[name])

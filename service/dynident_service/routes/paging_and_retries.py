@@ -28,8 +28,8 @@ PATHS: dict[str, str] = {
 }
 """Below which path resources of a kind are, but for those that are below the kind's plural."""
 
-Limit = Annotated[int, Query(ge=1, le=500, description="How many at most")]
-Cursor = Annotated[str | None, Query(max_length=40, description="From the part before")]
+Limit = Annotated[int, Query(ge=1, le=500, description="Largest number of items")]
+Cursor = Annotated[str | None, Query(max_length=40, description="Cursor from the previous page")]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ async def read_list_query(limit: Limit = 50, cursor: Cursor = None) -> ListQuery
 async def read_labelled_list_query(
     limit: Limit = 50,
     cursor: Cursor = None,
-    archived: Annotated[bool, Query(description="Whether to list what is archived, too")] = False,
+    archived: Annotated[bool, Query(description="Whether to list archived resources, too")] = False,
 ) -> ListQuery:
     """Take the same of a list of resources that may be archived."""
     return ListQuery(limit, cursor, archived)
@@ -141,7 +141,9 @@ def require_succeeded(resource: Resource) -> Resource:
     """Return a resource that has been computed; raise a problem 409 with its state otherwise."""
     job = resource.job
     if job is not None and job.state != "succeeded":
-        detail = f"The {resource.kind} {resource.id} is {job.state}; this is there once its job {job.id} succeeded."
+        detail = (
+            f"The {resource.kind} {resource.id} is {job.state}; this is available when its job {job.id} has succeeded."
+        )
         raise ProblemError(409, detail, title="Not computed")
     return resource
 

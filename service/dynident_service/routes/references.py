@@ -75,7 +75,7 @@ def require_result(
     resource = require_resource(services, kind, identifier, pointer)
     state = resource.job.state if resource.job is not None else "failed"
     if state != "succeeded":
-        detail = f"the {kind} {identifier!r} is {state}; one that succeeded is needed"
+        detail = f"the {kind} {identifier!r} is {state}; it must have succeeded"
         raise make_unusable(detail, pointer, title=title)
     return resource
 
@@ -108,7 +108,7 @@ def require_measurements(
         item_pointer = f"{pointer}/{index}"
         measurement = require_resource(services, "measurement", identifier, item_pointer)
         if identifier in identifiers[:index]:
-            raise make_unusable(f"the measurement {identifier!r} is named twice", item_pointer)
+            raise make_unusable(f"the measurement {identifier!r} is given twice", item_pointer)
         require_same_drives(services, robot, measurement, item_pointer)
         needs.append(Dependency(identifier, "measurement", role, item_pointer))
     return tuple(needs)
@@ -134,8 +134,8 @@ def refuse_coupled(robot: Resource, reason: str) -> None:
     coupled = [joint.name for joint in RobotResult.model_validate(robot.result).joints if joint.coupling]
     if coupled:
         raise make_unusable(
-            f"the motors of {', '.join(coupled)} of this robot act on several joints; "
-            f"{reason} motors of one joint each",
+            f"the motors of {', '.join(coupled)} of this robot act on several joints; {reason} motors that act on "
+            "one joint each",
             "/robot_id",
             title="Coupled drives",
         )

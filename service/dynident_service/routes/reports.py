@@ -53,7 +53,7 @@ def _server_address(request: Request) -> str:
     _build_address,
 )
 def create_report(services: Services, body: ReportRequest) -> Sequence[Dependency]:
-    """Write a report of an identified model, with its ladder and a diagnosis if asked."""
+    """Write a report on an identified model, with its ladder and, if requested, a diagnosis."""
     model = require_model(services, body.identification_id)
     robot = services.resources.get("robot", model.get_dependency("robot"))
     needs = [
@@ -105,6 +105,6 @@ def _require_diagnosis(services: Services, identifier: str, model: Resource) -> 
         parents = ancestor.get_dependencies("parent")
         ancestor = services.resources.get("identification", parents[0]) if parents else None
     if ancestor is None:
-        detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor what it came from"
+        detail = f"the diagnosis {identifier!r} is of {diagnosed}, which is neither {model.id} nor one of its parents"
         raise make_unusable(detail, "/diagnosis_id")
     return Dependency(identifier, "diagnosis", "diagnosis", "/diagnosis_id")

@@ -32,7 +32,7 @@ async def revise_measurement(
     retry: RetryKeyDep,
     response: Response,
 ) -> MeasurementView:
-    """Say something else of a measurement's file: a new measurement, checked anew, whose parent is this one."""
+    """Change the metadata of a measurement's file: makes a new measurement, checked again, whose parent is this one."""
     with services.create_scratch_folder() as folder:
         received = await to_thread.run_sync(
             _prepare_revision, services, measurement_id, body, folder, retry.bind_to_body(body)
@@ -64,7 +64,7 @@ def _merge_revision(parent: Resource, body: RevisionRequest) -> tuple[Measuremen
 
     change = to_plain_json(body)
     if not change:
-        raise make_unusable("give at least one field that is to change", "/", title="Nothing to revise")
+        raise make_unusable("give at least one field to change", "/", title="Nothing to revise")
     edits = [*(parent.result or {}).get("edits", []), change]
     # The number counts all revisions of the file: a revision of "run1 r2" is "run1 r3".
     own_name = f"{_NUMBERED.sub('', parent.name or 'measurement')[:190]} r{len(edits)}"

@@ -53,7 +53,7 @@ add_resource_routes(
         RobotView,
         show=show_robot,
         show_description="Show a robot.",
-        delete_description="Delete a robot; 409 while others rest on it.",
+        delete_description="Delete a robot; 409 while other resources need it.",
         label_description="Rename, tag or archive a robot.",
     ),
 )
@@ -61,7 +61,7 @@ add_resource_routes(
 
 @router.get("/{robot_id}/bundle", response_class=StreamingResponse, responses=FILE)
 def get_robot_bundle(robot_id: str, request: Request, services: ServicesDep) -> StreamingResponse:
-    """Give a robot with its recordings, models, diagnoses and reports as one ZIP, but for what is still computed."""
+    """Give a robot with its recordings, models, diagnoses and reports as one ZIP, except unfinished computations."""
     # It is sent as fast as the client reads, which may take minutes.
     mark_long(request.scope)
     services.resources.get("robot", robot_id)

@@ -26,18 +26,18 @@ router = APIRouter(prefix="/v1/series", tags=["series"])
         plural="series_of_days",
         singular="series_of_days",
         words="series",
-        delete_description="Delete a series; 409 while others rest on it.",
+        delete_description="Delete a series; 409 while other resources need it.",
     ),
     NewJob("series", "dynident_service.work.series:follow_robot"),
 )
 def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[Dependency]:
-    """Say what has changed in a robot over many days, from which day on, and give every parameter's course."""
+    """Find what has changed in a robot over many days, since which day, and every parameter over the days."""
     model = require_model(services, body.identification_id)
     robot = services.resources.get("robot", model.get_dependency("robot"))
     needs = [depend_on(model)]
     if body.continues is None and len(body.days) == 1:
         raise make_unusable(
-            "a series takes two days at least; give more, or the series that this one continues", "/days"
+            "a series needs at least two days; give more, or the series that this one continues", "/days"
         )
     if body.continues is not None:
         earlier = require_succeeded(services.resources.get("series", body.continues))
@@ -52,7 +52,7 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[D
         for index, identifier in enumerate(day.measurement_ids):
             if identifier in used_ids:
                 raise make_unusable(
-                    f"{identifier} is there twice; each measurement is of one day.", f"{pointer}/{index}"
+                    f"{identifier} is given twice; each measurement belongs to one day.", f"{pointer}/{index}"
                 )
             used_ids.add(identifier)
         needs += require_measurements(services, robot, day.measurement_ids, "measurement", pointer)
@@ -61,6 +61,6 @@ def create_series_of_days(services: Services, body: SeriesRequest) -> Sequence[D
 
 @router.get("/{series_id}/figure", response_class=Response, responses={200: {"content": {"image/svg+xml": {}}}})
 def get_courses_figure(series_id: str, services: ServicesDep) -> Response:
-    """Draw every parameter's course, with its intervals."""
+    """Plot every parameter over the days, with its intervals."""
     resource = require_succeeded(services.resources.get("series", series_id))
     return Response(services.objects.get(resource.objects["figure"].key), media_type="image/svg+xml")

@@ -28,7 +28,7 @@ router = APIRouter(prefix="/v1/simulations", tags=["simulations"])
     NewJob("simulation", "dynident_service.work.simulations:measure_virtual_robot"),
 )
 def create_simulation(services: Services, body: SimulationRequest) -> Sequence[Dependency]:
-    """Have a virtual robot make a motion; it gives a measurement."""
+    """Simulate a motion of a virtual robot; this makes a measurement."""
     robot = require_robot(services, body.robot_id)
     _check_request(body, robot)
     needs = [depend_on(robot)]

@@ -31,17 +31,17 @@ class Readiness(BaseModel):
 
 @router.get("/healthz")
 async def health() -> Health:
-    """Tell that the service answers."""
+    """Report that the service answers."""
     return Health()
 
 
 @router.get("/readyz", responses={503: {"model": Readiness}})
 async def readiness(services: ServicesDep, response: Response) -> Readiness:
-    """Tell whether the service does what it is asked for, and what is stored is whole; 503 where it is not.
+    """Report whether the service works and its stored data are complete; 503 if not.
 
-    The database is read, an object stored, and a child process asked as for any request; the answers are at most a
-    second old. While the engine starts, jobs are accepted already; one that is draining takes none, since the service
-    ends.
+    The check reads the database, stores an object and calls a child process, as for any request; the answers are at
+    most a second old. While the engine starts, it accepts jobs already; while it drains, it accepts none, because the
+    service ends.
     """
     checks = await services.readiness.collect_states()
     checks["engine"] = services.engine.condition
@@ -53,7 +53,7 @@ async def readiness(services: ServicesDep, response: Response) -> Readiness:
 
 @router.get("/metrics", response_class=Response, responses={200: {"content": {"text/plain": {}}}})
 async def metrics(request: Request) -> Response:
-    """Give figures for Prometheus."""
+    """Give metrics for Prometheus."""
     figures = request.app.state.metrics
     text = await to_thread.run_sync(figures.render_text, limiter=figures.thread)
     return Response(text, media_type=CONTENT_TYPE_LATEST)

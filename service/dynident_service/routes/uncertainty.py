@@ -38,7 +38,7 @@ async def get_essential_parameters(
 
 @router.get("/{identification_id}/correlation")
 async def get_correlation(identification_id: str, request: Request, services: ServicesDep) -> CorrelationView:
-    """Show the correlation of the estimates, and say in words which of them the motion determines only together."""
+    """Show the correlation of the estimates, and which parameters the motion determines only together."""
     arguments = {"model": await find_model_file(services, identification_id)}
     return CorrelationView.model_validate(
         await services.interactive.call(request, f"{AWAITED}:correlation", dict, arguments)
@@ -57,7 +57,7 @@ async def find_model_file(services: Services, identifier: str) -> str:
 
 @router.get("/{identification_id}/verdict")
 async def get_verdict(identification_id: str, request: Request, services: ServicesDep) -> VerdictView:
-    """Say for which uses a model is fit and why or why not; `stop` names the most probable cause of a gross mistake."""
+    """Say for which uses a model is fit and why or why not; `stop` names the most probable cause of a large error."""
 
     def collect_arguments() -> dict[str, Any]:
         identification = require_succeeded(services.resources.get("identification", identification_id))
@@ -114,15 +114,15 @@ def refuse_stopped(identification: Resource) -> None:
     worst = max((error for error in errors if error is not None), default=0.0)
     if result.copied:
         detail = (
-            f"The held-out data of this model ({', '.join(result.copied)}) hold samples that it was fitted to: nothing "
-            "has tried it. Hold out another measurement. To export it all the same, say anyway=true."
+            f"The held-out data of this model ({', '.join(result.copied)}) contain samples of the fit, so they do "
+            "not test the model. Hold out another measurement. To export it anyway, add anyway=true."
         )
         raise ProblemError(409, detail, title="Not fit for use")
     if worst > STOP:
         detail = (
-            f"The error of this model is {worst:.0%}, above {STOP:.0%}: something else is wrong than a missing effect "
-            f"(GET /v1/identifications/{identification.id}/verdict says what it may be). To export it all the same, "
-            "say anyway=true."
+            f"The error of this model is {worst:.0%}, above {STOP:.0%}: too large for a missing effect (GET "
+            f"/v1/identifications/{identification.id}/verdict names the probable cause). To export it anyway, add "
+            "anyway=true."
         )
         raise ProblemError(409, detail, title="Not fit for use")
 

@@ -93,7 +93,7 @@ __all__ = [
     "require_room_for",
 ]
 
-FURTHER = "Further files of the same recording: signals in files of their own, joined by time or row by row"
+FURTHER = "Further files of the same recording: signals in separate files, joined by time or row by row"
 MEDIA_TYPES = {"csv": "text/csv", "parquet": "application/vnd.apache.parquet"}
 
 
@@ -114,7 +114,7 @@ def receive_files(services: Services, files: Sequence[UploadFile], target: Path)
     names = [PurePath(file.filename or f"file{number}").name for number, file in enumerate(files, start=1)]
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated is not None:
-        detail = f"two files are called {repeated!r}; their names tell the signals of one from those of another"
+        detail = f"two files have the name {repeated!r}; rename one, because names distinguish the signals of the files"
         raise make_unusable(detail, "/further", title="Unusable file")
     pack_files(list(zip(names, sent, strict=True)), target)
 

@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1/usage", tags=["service"])
 
 @router.get("")
 def get_usage(request: Request, services: ServicesDep) -> UsageView:
-    """Tell what a key has stored and under way, and how much it may; one that allows everything sees all of them."""
+    """Show what a key stores and computes, and its limits; a key that allows everything sees all keys."""
     account, holder = get_account(), request.scope.get(HOLDER)
     if account is None or not isinstance(holder, KeyHolder) or holder.scope == "admin":
         return _show_all_keys(services)

@@ -35,7 +35,7 @@ def _build_tables(services: Services, resource: Resource) -> list[Table]:
     NewJob("validation", "dynident_service.work.validations:validate_model"),
 )
 def create_validation(services: Services, body: ValidationRequest) -> Sequence[Dependency]:
-    """Try an identified model: on its own data, on data it has not seen, or for physical sense."""
+    """Validate an identified model: on its own data, on data it has not seen, or for physical consistency."""
     _check_fields(body)
     model = require_model(services, body.identification_id)
     return (
@@ -120,6 +120,6 @@ def _select_measurements(body: ValidationRequest, model_request: StoredIdentific
             return stated_ids or (model_request.validation_ids or motions)[:1]
         case "filters":
             if stated_ids is not None and len(stated_ids) > 1:
-                raise make_unusable("filters are chosen on one measurement; give one", "/measurement_ids/1")
+                raise make_unusable("filters needs exactly one measurement", "/measurement_ids/1")
             return stated_ids or motions[:1]
     raise make_unusable(f"there is no validation {body.kind!r}", "/kind")

@@ -142,7 +142,7 @@ class ArchiveZip:
         # The ZIP states the unpacked sizes itself, so nothing has to be unpacked to find a bomb.
         unpacked = sum(member.file_size for member in self._zipped.infolist())
         if unpacked > MAX_COMPRESSION_RATIO * whole:
-            raise make_archive_error(f"it has {whole} bytes and would be unpacked to {unpacked}")
+            raise make_archive_error(f"it has {whole} bytes and would unpack to {unpacked} bytes")
 
 
 ArchiveFiles = ArchiveFolder | ArchiveZip
@@ -194,7 +194,7 @@ def check_listing(source: Path, most: int) -> None:
             (size,) = struct.unpack_from(form, end, at + place)
             if size > most * DIRECTORY_BYTES_PER_FILE and not (form == "<L" and size == ZIP64_MARKER):
                 raise make_archive_error(
-                    f"its list of files has {size} bytes, and none of its kind has more than {most} files"
+                    f"its list of files has {size} bytes, but such an archive has at most {most} files"
                 )
 
 
@@ -256,7 +256,7 @@ def read_rows(files: ArchiveFiles, table: Table) -> Iterator[Row]:
                 number += 1
                 yield _parse_row(line, times)
     except (*_BROKEN, KeyError, ValueError, TypeError, RecursionError) as error:
-        raise make_archive_error(f"row {number} of {table.name} is none ({type(error).__name__})") from error
+        raise make_archive_error(f"row {number} of {table.name} is not valid ({type(error).__name__})") from error
 
 
 def _parse_row(line: bytes, times: Mapping[str, bool]) -> Row:
@@ -264,7 +264,7 @@ def _parse_row(line: bytes, times: Mapping[str, bool]) -> Row:
         raise ValueError("too long")
     values = json.loads(line)
     if not isinstance(values, dict):
-        raise TypeError("no object")
+        raise TypeError("not an object")
     return {
         name: datetime.fromisoformat(value) if times[name] and value is not None else value
         for name, value in values.items()
@@ -312,7 +312,7 @@ def _read_chunks(files: ArchiveFiles, key: str) -> Iterator[bytes]:
             while chunk := file.read(CHUNK):
                 yield chunk
     except (*_BROKEN, KeyError) as error:
-        raise make_archive_error(f"it lacks the object {key}, or that is damaged") from error
+        raise make_archive_error(f"the object {key} is missing or damaged") from error
 
 
 class Manifest(TypedDict):
@@ -392,7 +392,7 @@ def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -
             read = json.loads(file.read(CHUNK))
     except (*_BROKEN, KeyError, ValueError) as error:
         raise DynidentError(
-            "this is no whole archive of dynident: it has no manifest", title="Unusable archive"
+            "this is not a complete archive of dynident: it has no manifest", title="Unusable archive"
         ) from error
     fields = read if isinstance(read, dict) else {}
     if fields.get("dynident_archive") not in READABLE_FORMATS or str(fields.get("revision")) not in known:
@@ -403,14 +403,13 @@ def read_manifest(files: ArchiveFiles, content: Content, known: Iterable[str]) -
         raise DynidentError(detail, title="Unusable archive")
     if fields.get("content") != content:
         does = {"everything": "`dynident restore` reads it", "robot": "`dynident import-robot` reads it"}
-        detail = (
-            f"the archive holds {fields.get('content')}; {does.get(str(fields.get('content')), 'it is of no use here')}"
-        )
+        remedy = does.get(str(fields.get("content")), "no command reads it")
+        detail = f"the archive contains {fields.get('content')}; {remedy}"
         raise DynidentError(detail, title="Unusable archive")
     files.tables = str(fields.get("tables", TABLES))
     # The name comes from outside: a path in it must not lead out of the archive.
     if not _TABLES.fullmatch(files.tables):
-        raise make_archive_error(f"{files.tables[:80]!r} is no folder of tables")
+        raise make_archive_error(f"{files.tables[:80]!r} is not a folder of tables")
     manifest: Manifest = read
     return manifest
 
@@ -423,4 +422,4 @@ def make_archive_error(detail: str) -> DynidentError:
 def _encode_value(value: Any) -> str:
     if isinstance(value, datetime):
         return value.isoformat()
-    raise TypeError(f"{type(value).__name__} has no form in an archive")
+    raise TypeError(f"{type(value).__name__} cannot be written to an archive")

@@ -96,7 +96,7 @@ def _open_locked(path: Path, flags: int) -> Iterator[int]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield handle
     except BlockingIOError as error:
-        raise DynidentError(f"another process writes {path}; wait until it has ended", title="In use") from error
+        raise DynidentError(f"another process is writing {path}; wait until it has ended", title="In use") from error
     finally:
         os.close(handle)
 
@@ -118,7 +118,7 @@ def open_archive_for_reading(source: Path, most: int | None = None) -> Iterator[
             check_listing(source, most)
         zipped = zipfile.ZipFile(source)
     except (OSError, zipfile.BadZipFile, NotImplementedError) as error:
-        raise DynidentError(f"{source} is no archive of dynident: {error}", title="Unusable archive") from error
+        raise DynidentError(f"{source} is not an archive of dynident: {error}", title="Unusable archive") from error
     with zipped:
         files = ArchiveZip(zipped)
         files.check_compression()
@@ -196,7 +196,7 @@ def restore(database: Database, objects: ObjectStore, source: Path, scratch: Pat
         with database.engine.connect() as connection:
             manifest = read_manifest(files, "everything", list_revisions(connection))
             if connection.execute(select(ResourceRow.id).limit(1)).first() is not None:
-                detail = "there is data already; restore into an empty data directory (and database)"
+                detail = "there are data already; restore into an empty data directory (and database)"
                 raise DynidentError(detail, title="Not empty")
         owned: Iterable[dict[str, Any]] = read_rows(files, OBJECTS)
         # Several resources may own one object, which is copied once.

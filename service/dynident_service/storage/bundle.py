@@ -279,7 +279,9 @@ def import_robot(
                 lock_objects(session, objects, owned)
                 number = _insert_new(session.connection(), rows, new)
         except (IntegrityError, DataError) as error:
-            raise make_archive_error(f"it does not go with what is stored here: {describe_error(error)}") from error
+            raise make_archive_error(
+                f"it does not fit the data that are stored here: {describe_error(error)}"
+            ) from error
     return robot, ArchiveSize(number, len(keys), size)
 
 
@@ -339,7 +341,7 @@ def _check_bundle(
     jobs = set(_list_ids(rows[JobRow]))
     for row in rows[ResourceRow]:
         if row["kind"] not in get_args(Kind) or not _is_id(row["id"], row["kind"]):
-            raise make_archive_error(f"{row['id']!r} is no id of a {row['kind']}")
+            raise make_archive_error(f"{row['id']!r} is not an id of a {row['kind']}")
     # The archive may come from anybody. Ids are unique, every reference has its target, and only jobs that ended come
     # in: a queued one would run a function that a stranger chose.
     sound = (
@@ -353,16 +355,20 @@ def _check_bundle(
         and all(row["job_id"] in jobs and row["event"] in EVENTS for row in rows[JobEventRow])
     )
     if not sound:
-        raise make_archive_error("it names what it does not hold, or twice, or what has not been computed")
+        raise make_archive_error(
+            "it refers to a resource that it does not contain, that it contains twice, or that is not computed"
+        )
     if (robot, "robot") not in {(row["id"], row["kind"]) for row in rows[ResourceRow]}:
-        raise make_archive_error("it holds no robot")
+        raise make_archive_error("it contains no robot")
     _check_objects(files, rows[ObjectRow])
     _check_order(rows[DependencyRow])
     for resource in _build_resources(rows):
         try:
             look_at(resource)
         except Exception as error:
-            raise make_archive_error(f"the {resource.kind} {resource.id} is none: {describe_error(error)}") from error
+            raise make_archive_error(
+                f"the {resource.kind} {resource.id} is not valid: {describe_error(error)}"
+            ) from error
 
 
 def _is_id(identifier: str, kind: str) -> bool:
@@ -373,7 +379,7 @@ def _is_id(identifier: str, kind: str) -> bool:
 def _check_objects(files: ArchiveFiles, rows: list[_Row]) -> None:
     for row in rows:
         if not _KEY.fullmatch(row["key"]) or not _MEDIA_TYPE.fullmatch(row["media_type"]):
-            raise make_archive_error(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is no file")
+            raise make_archive_error(f"{row['key'][:80]!r} of the type {row['media_type'][:80]!r} is not a file")
         size = files.get_size(f"objects/{row['key']}")
         if size != row["size"]:
             raise make_archive_error(f"the file {row['key']} has {size} bytes instead of {row['size']}")
@@ -387,7 +393,7 @@ def _check_order(rows: list[_Row]) -> None:
     try:
         TopologicalSorter(on).prepare()
     except CycleError as error:
-        raise make_archive_error(f"{error.args[1][0]} rests on itself") from error
+        raise make_archive_error(f"{error.args[1][0]} depends on itself") from error
 
 
 def _build_resources(rows: dict[Any, list[_Row]]) -> Iterator[Resource]:

@@ -40,7 +40,7 @@ def check_disk_space(folder: Path, size: int, reserved: int) -> None:
     The database needs some room even to delete something.
     """
     if shutil.disk_usage(folder).free < size + reserved:
-        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; make room."
+        detail = "The disk of the service is nearly full (DYNIDENT_RESERVED_BYTES), so nothing was stored; free space."
         raise ProblemError(507, detail, title="Disk full")
 
 
@@ -67,7 +67,7 @@ def prepare_data_directory(folder: Path) -> None:
     except OSError as error:
         raise _make_directory_error(folder, error) from error
     if mode & OTHERS:
-        log.warning("every user of this machine may enter the data directory; `chmod o= %s` keeps them out", folder)
+        log.warning("every user of this machine can access the data directory; `chmod o= %s` keeps them out", folder)
 
 
 def check_writable(folder: Path) -> None:
@@ -81,8 +81,8 @@ def check_writable(folder: Path) -> None:
 
 def _make_directory_error(folder: Path, error: OSError) -> DynidentError:
     detail = (
-        f"nothing can be written into the data directory {folder} ({error.strerror or error}); make it writable for "
-        "this user, or say where else data is to be kept (--data-dir, DYNIDENT_DATA_DIR)"
+        f"the data directory {folder} is not writable ({error.strerror or error}); make it writable for this "
+        "user, or choose another folder (--data-dir, DYNIDENT_DATA_DIR)"
     )
     return DynidentError(detail, title="Unusable data directory")
 

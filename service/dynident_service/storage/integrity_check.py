@@ -27,7 +27,7 @@ REMEDIES: dict[Trouble, str] = {
     "missing": "upload the same file again",
     "cut": "upload the same file again",
     "damaged": "upload the same file again",
-    "unreadable": "ask for it again, its request is kept; or read it with the version of dynident that wrote it",
+    "unreadable": "compute it again, its request is stored; or read it with the version of dynident that wrote it",
     "orphan": "`dynident doctor --repair` removes it",
     "leftover": "`dynident doctor --repair` removes it",
 }
@@ -89,7 +89,7 @@ def check_storage(
     for (key, size), names in owners.items():
         finding = _check_object(key, size, sizes.get(key), names)
         if finding is None and by_hash and objects.is_damaged(key):
-            finding = Defect("damaged", key, "the file's hash is not what it should be", names)
+            finding = Defect("damaged", key, "the file has the wrong hash", names)
         if finding is not None:
             yield finding
     yield from _find_orphans(database, sizes.keys() - {key for key, _ in owners} - {PROBE_KEY})
@@ -125,7 +125,7 @@ def repair(database: Database, objects: ObjectStore, finding: Defect) -> None:
     elif finding.trouble == "leftover":
         Path(finding.what).unlink(missing_ok=True)
     else:
-        raise ValueError(f"{finding.trouble} cannot be put right")
+        raise ValueError(f"{finding.trouble} cannot be repaired")
 
 
 def _find_unreadable(database: Database, problem_of: Callable[[Resource], str | None]) -> Iterator[Defect]:
@@ -152,7 +152,7 @@ def _load_owners(database: Database) -> dict[tuple[str, int], tuple[str, ...]]:
 
 def _check_object(key: str, size: int, actual_size: int | None, owners: tuple[str, ...]) -> Defect | None:
     if actual_size is None:
-        return Defect("missing", key, "the file is not there", owners)
+        return Defect("missing", key, "the file is missing", owners)
     if actual_size != size:
         return Defect("cut", key, f"the file has {actual_size} bytes and should have {size}", owners)
     return None
@@ -171,4 +171,4 @@ def _find_leftovers(objects: ObjectStore) -> Iterator[Defect]:
         age = time.time() - path.stat().st_mtime
         # A younger one may still be written.
         if age > ABANDONED_AFTER:
-            yield Defect("leftover", str(path), "a writer that was cut off left the file behind")
+            yield Defect("leftover", str(path), "an interrupted writer left the file behind")

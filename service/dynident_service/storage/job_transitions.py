@@ -52,7 +52,7 @@ class JobCheckpoints:
         try:
             self._storage.save(self._claim, make())
         except INFRASTRUCTURE_ERRORS as error:
-            log.warning("job %s: a checkpoint could not be kept: %s", self._claim.job_id, describe_error(error))
+            log.warning("job %s: a checkpoint could not be stored: %s", self._claim.job_id, describe_error(error))
         ended = time.monotonic()
         self._next = ended + max(CHECKPOINT_INTERVAL, (ended - began) / MAX_CHECKPOINT_SHARE)
 
@@ -325,7 +325,7 @@ def requeue_or_fail(
     if row.cancel_requested:
         finish_job(session, row.id, "cancelled")
     else:
-        detail = f"The job was given up after {times} attempts: the last time {reason}."
+        detail = f"The job was given up after {times} attempts; the reason of the last one: {reason}."
         finish_job(session, row.id, "failed", make_problem(500, detail, title="Job given up"))
 
 

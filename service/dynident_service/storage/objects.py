@@ -233,15 +233,15 @@ class ObjectStore:
 
 def make_missing_problem(key: str) -> ProblemError:
     """Return the problem for an object that should be in the store and is not."""
-    detail = f"A stored file is missing (object {key}); `dynident doctor` lists all that are, and what rests on them."
+    detail = f"A stored file is missing (object {key}); `dynident doctor` lists all missing files and what needs them."
     return ProblemError(500, detail, title="Stored file missing")
 
 
 def make_damaged_problem(key: str) -> ProblemError:
     """Return the problem for an object whose bytes have changed."""
     detail = (
-        f"A stored file is not what it was (object {key}); uploading the same file again mends it, and "
-        "`dynident doctor` lists all that are damaged."
+        f"A stored file is damaged (object {key}); upload the same file again to repair it. `dynident doctor` "
+        "lists all damaged files."
     )
     return ProblemError(500, detail, title="Stored file damaged")
 

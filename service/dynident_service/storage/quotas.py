@@ -207,8 +207,8 @@ def check_byte_quota(
 def make_bytes_error(account: Account, allowed: int, used: int, more: int) -> QuotaExceeded:
     """Return the error for files that exceed an account's limit."""
     return _make_storage_error(
-        f"The key {account.name!r} has {used} bytes of files and may have {allowed} (DYNIDENT_QUOTA_BYTES, or its "
-        f"own); this would add {more}, so nothing was stored."
+        f"The key {account.name!r} stores {used} bytes of files; its limit is {allowed} (DYNIDENT_QUOTA_BYTES, or "
+        f"its own). This request would add {more}, so nothing was stored."
     )
 
 
@@ -216,8 +216,8 @@ def _check_recordings(account: Account, used: int, more: int) -> None:
     allowed = account.limits.recordings or 0
     if used + more > allowed:
         raise _make_storage_error(
-            f"The key {account.name!r} has {used} recordings and may have {allowed} (DYNIDENT_QUOTA_RECORDINGS, or its "
-            f"own), so nothing was stored."
+            f"The key {account.name!r} stores {used} recordings; its limit is {allowed} "
+            "(DYNIDENT_QUOTA_RECORDINGS, or its own), so nothing was stored."
         )
 
 
@@ -228,15 +228,15 @@ def _check_jobs(account: Account, used: int, more: int) -> None:
     # More than the limit at once is never accepted, however long one waits.
     help_ = "wait until some have ended, or cancel some" if more <= allowed else "send fewer at a time"
     detail = (
-        f"The key {account.name!r} has {used} jobs queued or running and may have {allowed} at a time "
-        f"(DYNIDENT_QUOTA_JOBS, or its own); this asks for {more} more: {help_}. Nothing was accepted."
+        f"The key {account.name!r} has {used} jobs queued or running; its limit is {allowed} "
+        f"(DYNIDENT_QUOTA_JOBS, or its own). This request needs {more} more: {help_}. Nothing was accepted."
     )
     # 429: the same request succeeds once jobs have ended. For storage it is 507, as room has to be made first.
     raise QuotaExceeded(429, detail, title="Quota of jobs used up")
 
 
 def _make_storage_error(detail: str) -> QuotaExceeded:
-    help_ = "Delete measurements and imports that are not needed any more: that makes room at once (GET /v1/usage)."
+    help_ = "Delete measurements and imports that you no longer need; this frees space at once (GET /v1/usage)."
     return QuotaExceeded(507, f"{detail} {help_}", title="Quota of storage used up")
 
 

@@ -78,7 +78,7 @@ def check_text(*texts: str) -> None:
     """Raise UnusableText for a text that no supported database can store."""
     for text in texts:
         if "\0" in text:
-            raise UnusableText(422, f"{text[:80]!r} holds the character U+0000; leave it out.", title="Unusable text")
+            raise UnusableText(422, f"{text[:80]!r} contains the character U+0000; remove it.", title="Unusable text")
 
 
 def _index_by_owner(column: str, table: str) -> Index:

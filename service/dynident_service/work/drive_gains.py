@@ -34,7 +34,7 @@ def find_gains(task: Task) -> Outcome:
         name = task.resources.get("measurement", identifier).name or identifier
         loads.append((identifier, name, _weigh_load(task, request, robot, gains, identifier, progress)))
     warnings = [
-        f"{name} is one of the runs that the gains are from: that its load weighs what was stated tells nothing new."
+        f"{name} is one of the runs that gave the gains: its weighed mass confirms nothing."
         for identifier, name, _ in loads
         if identifier in request.loaded
     ]

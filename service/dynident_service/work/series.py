@@ -61,7 +61,7 @@ def _reduce_day(task: Task, measure: Measure, day_request: AskedDay, before: Seq
     source = hashlib.sha256(",".join(day_request.measurement_ids).encode()).hexdigest()
     # The same day twice would count its noise as evidence for constancy.
     if any(day.source == source for day in before):
-        raise DynidentError("these measurements are a day of the series already", pointer=pointer, title="Twice")
+        raise DynidentError("these measurements are already a day of the series", pointer=pointer, title="Twice")
     return reduce_day(
         measure, day_request.name or find_free_name(recordings[0].name, before), recordings, source=source
     )

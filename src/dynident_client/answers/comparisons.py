@@ -11,7 +11,7 @@ class AutocorrelationView(TypedDict):
     """Autocorrelation of a joint's residual."""
 
     effective_samples: float
-    """Independent samples that the residual is worth"""
+    """Effective number of independent samples of the residual"""
     joint: str
     lag: list[float]
     """s"""
@@ -23,44 +23,44 @@ class AutocorrelationView(TypedDict):
 
 
 class ComparisonResult(TypedDict):
-    """How far measured and predicted torque are apart; where a joint stands, the distance to what friction may hold."""
+    """Difference of measured and predicted torque; at standstill, the distance to the range of static friction."""
 
     effective_samples: list[float | None]
-    """Independent samples that each joint's residual is worth"""
+    """Effective number of independent samples of each joint's residual"""
     effort_units: list[str]
     end_time: float
     held_out: bool | None
-    """Whether the model was identified without it"""
+    """Whether the model was identified without this measurement"""
     joints: list[str]
     lack_of_fit: LackOfFit | None
-    """There where periods are repeated"""
+    """Present if periods are repeated"""
     moving: ErrorFigures | None
     """On the rows where each joint moves"""
     n_samples: int
     noise_floor: list[float | None]
-    """rms of the noise behind the filter, N m or N"""
+    """rms of the noise after filtering, N m or N"""
     noise_source: Literal["repeated_periods", "high_frequency"] | None
-    """What the noise floor is from"""
+    """Source of the noise floor"""
     notes: list[str]
-    """What to know of these figures"""
+    """Notes on these figures"""
     over_noise: list[float | None]
-    """rms of the residual over the noise floor"""
+    """rms of the residual divided by the noise floor"""
     phases: PhasesView | None
-    """Of the rows behind the filters"""
+    """Shares of the filtered rows"""
     raw: ErrorFigures | None
-    """On all rows, at rest against the predicted torque itself, which has no sign there"""
+    """On all rows; at standstill against the predicted torque itself, where static friction is unknown"""
     relative: list[float | None]
     relative_total: float | None
     repeated_motion: RepeatedMotion | None
     repetition: Repetition | None
-    """null where the motion does not come twice"""
+    """null if the motion is not repeated"""
     rms: list[float | None]
     start_time: float
     worst: list[WorstStretch]
 
 
 class LackOfFit(TypedDict):
-    """F test of the residual against the noise of repeated periods: near 1 where nothing is missing in the model."""
+    """F test of the residual against the noise of repeated periods: near 1 if the model lacks nothing."""
 
     f: list[float | None]
     """Per joint"""
@@ -69,40 +69,40 @@ class LackOfFit(TypedDict):
 
 
 class PhasesView(TypedDict):
-    """Shares, 0 to 1, of what each joint does: it stands (or sticks), turns round, or else moves."""
+    """Shares of time, 0 to 1, in which each joint stands still (or sticks) or reverses; otherwise it moves."""
 
     reversing: list[float]
-    """Per joint: rows of friction that remembers the path alone"""
+    """Per joint: near reversals, where only rows of friction with memory of the path are used"""
     standing: list[float]
-    """Per joint: no rows of its friction, which may hold any torque there"""
+    """Per joint: standstill, where friction may have any value, so its friction rows are not used"""
 
 
 class RepeatedMotion(TypedDict):
-    """An identification motion that a held-out run repeats: it tests noise, not generalisation."""
+    """A motion of the identification that a held-out run repeats: it tests noise, not generalisation."""
 
     measurement: str
     """Name of the measurement that the model was identified from"""
     share: float
-    """Of the time that the robot moves, 0 to 1"""
+    """Share of the time in which the robot moves, 0 to 1"""
 
 
 class Repetition(TypedDict):
-    """That a recording's motion repeats itself."""
+    """How often a recording's motion repeats itself."""
 
     period: float
     """s"""
     repetitions: float
-    """How often the motion comes"""
+    """Number of periods"""
 
 
 class ResidualMap(TypedDict):
-    """A joint's residual over one or two signals, in bins; where it stands, the distance to what friction may hold."""
+    """Residual of a joint over one or two signals, in bins; at standstill, distance to the range of static friction."""
 
     count: list[list[int]]
     effort_unit: str
     joint: str
     mean: list[list[float | None]]
-    """[x bin][y bin]; null where a bin is empty"""
+    """[x bin][y bin]; null if a bin is empty"""
     spread: list[list[float | None]]
     """Standard deviation in the bin"""
     x: str
@@ -112,7 +112,7 @@ class ResidualMap(TypedDict):
 
 
 class Series(TypedDict):
-    """One joint's signals over time, thinned for plotting so that extremes survive."""
+    """Signals of one joint over time, thinned for plots; extremes are kept."""
 
     band: list[float]
     """Half-width of the 95 % band of the residual"""
@@ -124,29 +124,29 @@ class Series(TypedDict):
     load: list[float]
     """Torque of the rigid body alone, without friction, N m or N"""
     lower: list[float]
-    """Of the predicted torque; where the joint stands, what static friction may hold"""
+    """Lower end of the predicted torque; at standstill, static friction gives it a range"""
     measured: list[float]
     n_samples: int
-    """How many there are in the stretch, of which these are shown"""
+    """Number of samples in the interval, of which these are shown"""
     predicted: list[float]
     q: list[float]
     residual: list[float]
-    """Measured minus predicted; where the joint stands, the distance to lower or upper, zero between"""
+    """Measured minus predicted; at standstill, the distance to lower or upper, zero between them"""
     segment: list[int]
     standing: list[bool]
-    """Where the joint stands"""
+    """Whether the joint stands still"""
     t: list[float]
     upper: list[float]
-    """As lower; both are `predicted` where the joint does not stand"""
+    """Upper end, like lower; both are `predicted` while the joint moves"""
 
 
 class SpectralPeak(TypedDict):
-    """A line in a spectrum."""
+    """A peak of a spectrum."""
 
     amplitude: float
     frequency: float
     per_turn: float | None
-    """Cycles in a turn of the joint; null over time and for a linear joint"""
+    """Cycles per revolution of the joint; null over time and for a linear joint"""
 
 
 class Spectrum(TypedDict):
@@ -159,7 +159,7 @@ class Spectrum(TypedDict):
     joint: str
     over: Literal["angle", "time"]
     peaks: list[SpectralPeak]
-    """The highest, highest first"""
+    """The highest peaks, highest first"""
     resolution: float
     """Width of a peak, in the unit of the frequency"""
 
@@ -168,18 +168,18 @@ _WorstStretch = TypedDict("_WorstStretch", {"from": float})
 
 
 class WorstStretch(_WorstStretch):
-    """A stretch of time where a joint's residual is large."""
+    """An interval of time in which a joint's residual is large."""
 
     joint: str
     pose: list[float]
     """Positions of all joints at that moment, rad or m"""
     ratio: float
-    """Over the joint's own rms"""
+    """Relative to the joint's own rms"""
     rms: float
     """N m or N"""
     speed: list[float]
     """Velocities of all joints at that moment, rad/s or m/s"""
     time: float | None
-    """When it is largest, s"""
+    """Time of the largest residual, s"""
     to: float
     """s"""

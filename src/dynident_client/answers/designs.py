@@ -9,7 +9,7 @@ class BaselineValues(TypedDict):
     """The best of the random trajectories."""
 
     condition_number: float | None
-    """[12.12]; null where W has no full rank"""
+    """[12.12]; null if W does not have full rank"""
     count: int
     criterion: float | None
     largest_singular_value: float | None
@@ -20,10 +20,10 @@ class BaselineValues(TypedDict):
 
 
 class CriterionValues(TypedDict):
-    """What a motion is worth; singular values are those of W / √N."""
+    """How well a motion excites the parameters; singular values are those of W / √N."""
 
     condition_number: float | None
-    """[12.12]; null where W has no full rank"""
+    """[12.12]; null if W does not have full rank"""
     criterion: float | None
     largest_singular_value: float | None
     log_determinant: float | None
@@ -32,12 +32,12 @@ class CriterionValues(TypedDict):
 
 
 class DesignClearances(TypedDict):
-    """How near each link is to others and to the surroundings along a motion, and what these look like."""
+    """Clearances of each link along a motion, to other links and to the surroundings, with their shapes."""
 
     edges: list[tuple[tuple[float, float, float], tuple[float, float, float]]]
-    """Of the boxes around the robot: their ends, m, in the base frame"""
+    """Edges of the boxes around the robot: their end points, m, in the base frame"""
     links: list[LinkClearances]
-    """Those that are kept clear of anything"""
+    """The links whose clearance is checked"""
     t: list[float]
     """s"""
     walls: list[WallPlane]
@@ -49,11 +49,11 @@ class DesignResult(TypedDict):
     baseline_values: BaselineValues | None
     criterion_values: CriterionValues
     duration: float
-    """s, from home to home"""
+    """Duration in s, from home to home"""
     exciting: tuple[float, float]
-    """Seconds between which the exciting part lies"""
+    """Start and end of the exciting part, s"""
     expected_parameters: list[ExpectedParameter]
-    """How well they will come out"""
+    """Expected accuracy of the parameters"""
     joints: list[str]
     margins: list[Margin]
     n_samples: int
@@ -61,63 +61,63 @@ class DesignResult(TypedDict):
     parameter_names: list[str]
     period: float | None
     runs: list[Run]
-    """Of a set of test motions; numbered in the trajectory's segment"""
+    """Runs of a set of test motions; the column segment of the trajectory has their numbers"""
     sampling_rate: float
     warnings: list[str]
-    """The notes without which nobody should run the motion"""
+    """Notes that everybody must read before running the motion"""
 
 
 class ExpectedParameter(TypedDict):
-    """How well one parameter will come out."""
+    """Expected accuracy of one parameter."""
 
     effect: str
     link: str
     name: str
     share: float
-    """What is left of its column beside all others; 0: not determined"""
+    """Share of its column that the other columns do not explain; 0: not determined"""
     standard_deviation: float | None
-    """null where no noise is stated or it is not determined"""
+    """null if no noise is stated or the parameter is not determined"""
     unit: str
 
 
 class LinkClearances(TypedDict):
-    """What a link is nearest to, sample by sample: what leaves least over the distance that is wanted."""
+    """What a link is closest to, sample by sample: the body with the least clearance beyond the required distance."""
 
     distance: list[float]
-    """m; negative where they overlap"""
+    """m; negative if they overlap"""
     frame: int
-    """Place in the frames of the robot's geometry"""
+    """Index of the frame in the robot's geometry"""
     here: list[tuple[float, float, float]]
-    """Nearest point of the link in its frame, m"""
+    """Nearest point on the link, in its frame, m"""
     name: str
     others: list[Other]
     there: list[tuple[float, float, float]]
-    """Nearest point of the other in its own frame, m"""
+    """Nearest point on the other body, in its own frame, m"""
     to: list[int]
-    """Place in the others"""
+    """Index in the others"""
     wanted: list[float]
     """m"""
 
 
 class Margin(TypedDict):
-    """How near the motion comes to a limit, on a fine grid."""
+    """How close the motion comes to a limit, on a fine grid."""
 
     bound: float
     joint: str
-    """The joint; of a clearance, the two that come near each other; of a condition: loops"""
+    """The joint; for a clearance, the two bodies that come close to each other; for a condition: loops"""
     limit: str
     """position_min, position_max, velocity, …, torque, power, clearance, tool_min, tool_max or condition"""
     share: float | None
-    """Of the room that is used: 1 touches the limit"""
+    """Share of the available range that is used: 1 reaches the limit"""
     value: float
-    """The extreme one"""
+    """The extreme value"""
 
 
 class Other(TypedDict):
-    """What a link may be near to: another link, or a part of the surroundings."""
+    """What a link may come close to: another link, or a part of the surroundings."""
 
     frame: int | None
-    """Place in the frames of the robot's geometry; null on the base"""
+    """Index of the frame in the robot's geometry; null for the base"""
     name: str
 
 
@@ -127,28 +127,28 @@ class Run(TypedDict):
     end: float
     """s"""
     joints: list[str]
-    """Those that move; the others are locked"""
+    """Joints that move; the others are locked"""
     label: str
     start: float
     """s"""
 
 
 class SimulationResult(TypedDict):
-    """What the virtual robot's measurement is."""
+    """The measurement of the virtual robot."""
 
     measurement_id: str
     n_samples: int
     noise: list[float]
-    """Standard deviation of the torque noise per joint: no model does better."""
+    """Standard deviation of the torque noise per joint: no model can predict better."""
     sampling_rate: float
     tracking_error: list[float]
-    """Largest distance from the reference per joint"""
+    """Largest deviation from the reference per joint"""
 
 
 class WallPlane(TypedDict):
     """The plane of a wall."""
 
     along: tuple[tuple[float, float, float], tuple[float, float, float]]
-    """Unit vectors in it, at right angles"""
+    """Orthogonal unit vectors in the plane"""
     point: tuple[float, float, float]
     """m, in the base frame"""

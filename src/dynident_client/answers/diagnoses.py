@@ -8,11 +8,11 @@ from dynident_client.answers.parts import EffectChoice
 
 
 class Candidate(TypedDict):
-    """One family of effects, at its best place and shape; errors are relative, held out, on the joints named."""
+    """A family of effects with its best joints and shape constants; errors are relative, held out, on these joints."""
 
     effect: str
     equivalent: list[str]
-    """Effects that this data cannot tell apart from it"""
+    """Effects that this data cannot distinguish from it"""
     error_after: float | None
     error_before: float | None
     error_drop: float | None
@@ -21,33 +21,33 @@ class Candidate(TypedDict):
     p_value: float | None
     rank: int
     runs: list[str]
-    """Labels of the runs that it is in; none: in all of them"""
+    """Labels of the runs in which it acts; empty: in all of them"""
     separability: float | None
-    """Share of its column that is left after the model"""
+    """Share of its column that the model does not explain"""
     shape_parameters: dict[str, float]
     significant: bool
     t_value: float | None
 
 
 class Change(TypedDict):
-    """What the later measurements have and the baseline has not."""
+    """A change of the later measurements from the baseline."""
 
     before: float | None
-    """What it was, where the model has it"""
+    """The earlier value, if the model has it"""
     effect: str
     equivalent: list[str]
-    """Effects, or joints, that this data cannot tell from it"""
+    """Effects or joints that this data cannot distinguish from it"""
     evidence: str
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""
     joints: list[str]
-    """Of a mass: the joint of the link that carries it"""
+    """For a mass: the joint of the link that carries it"""
     more: list[ChangedValue]
     """Its other parameters"""
     p_value: float | None
     parameter: str
     runs: list[str]
-    """The later runs, that have it"""
+    """The later runs that show it"""
     shape_parameters: dict[str, float]
     unit: str
     value: float
@@ -55,10 +55,10 @@ class Change(TypedDict):
 
 
 class ChangedValue(TypedDict):
-    """A number that is another one since."""
+    """A value that has changed."""
 
     before: float | None
-    """What it was, where the model has it"""
+    """The earlier value, if the model has it"""
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""
     parameter: str
@@ -68,7 +68,7 @@ class ChangedValue(TypedDict):
 
 
 class Course(TypedDict):
-    """One parameter day by day; null where the motion of that day does not determine it."""
+    """One parameter day by day; null if the motion of that day does not determine it."""
 
     effect: str
     joint: str
@@ -79,7 +79,7 @@ class Course(TypedDict):
     upper: list[float | None]
     values: list[float | None]
     varies: bool
-    """Of what a robot's days may differ in: all else is then known from the other days, too"""
+    """Whether this parameter may differ from day to day; all others are also known from the other days"""
 
 
 class DiagnosisResult(TypedDict):
@@ -87,10 +87,10 @@ class DiagnosisResult(TypedDict):
 
     candidates: list[Candidate]
     changes: list[Change] | None
-    """What differs from the baseline; empty: nothing; null: there was none"""
+    """Differences from the baseline; empty: none; null: there was no baseline"""
     failure_map: list[FailureSpot]
     friction: list[FrictionDifference]
-    """By how much that of each joint that moves differs from the baseline's, changed or not"""
+    """Change of the friction of each moving joint from the baseline, significant or not"""
     next_experiment: NextExperiment | None
     noise_floor: list[float | None]
     not_visible: list[NotVisible]
@@ -102,32 +102,32 @@ class DiagnosisResult(TypedDict):
 
 
 class Evidence(TypedDict):
-    """A joint's residual beside a ranked effect, in bins that hold about equally many samples."""
+    """Residual of a joint over the variable of a ranked effect, in bins with about equally many samples."""
 
     count: list[int]
     effect: str
     effort_unit: str
     explained: float | None
-    """Share of the residual's squares on this joint that the effect takes"""
+    """Share of the squared residual on this joint that the effect explains"""
     fitted: list[float]
-    """Mean of what the effect changes in the prediction, all parameters fitted anew"""
+    """Mean change of the prediction by the effect, with all parameters fitted again"""
     joint: str
     joints: list[str]
-    """Joints for which there is such a figure, the one that it explains most first"""
+    """Joints for which there is such a figure; first the joint that the effect explains most"""
     rank: int
     residual: list[float]
     """Mean residual of the model without the effect"""
     spread: list[float]
     """Standard deviation of the residual in the bin"""
     variable: Literal["position", "velocity", "acceleration", "load", "time", "travel since reversal", "phase"]
-    """What the effect depends on most plainly"""
+    """The variable on which the effect depends most clearly"""
     variable_unit: str
     x: list[float]
     """Mean of the variable in each bin"""
 
 
 class FailureSpot(TypedDict):
-    """Where a joint's residual is large over one variable."""
+    """A range of one variable in which a joint's residual is large."""
 
     high: float
     joint: str
@@ -139,36 +139,36 @@ class FailureSpot(TypedDict):
 
 
 class FrictionDifference(TypedDict):
-    """How much more of a joint's torque goes into friction in the later measurements, a finding or not."""
+    """Change of a joint's friction torque from the baseline to the later measurements, significant or not."""
 
     before: float
-    """What it would have been without the difference"""
+    """The value without the difference"""
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""
     joint: str
     speed: float
-    """Its mean speed there, rad/s or m/s, at which the others are"""
+    """Mean speed of the joint, rad/s or m/s, at which the values are compared"""
     unit: str
     value: float
     """The difference"""
 
 
 class NextExperiment(TypedDict):
-    """The experiment that would tell more."""
+    """The experiment that would show more."""
 
     design: dict[str, Any]
-    """A body for POST /v1/designs"""
+    """Request body for POST /v1/designs"""
     expected_separation: Separation | None
-    """By the data at hand and this experiment; null where it is not in the motion alone"""
+    """From the existing data and this experiment; null if it does not depend on the motion alone"""
     instructions: list[str]
-    """What people have to do beside running it"""
+    """What people must do besides running the experiment"""
     present_separation: Separation | None
-    """By the data at hand"""
+    """From the existing data"""
     reason: str
 
 
 class NotVisible(TypedDict):
-    """An effect that this data could not have shown."""
+    """An effect that this data could not show."""
 
     effect: str
     joints: list[str]
@@ -176,42 +176,42 @@ class NotVisible(TypedDict):
 
 
 class Separation(TypedDict):
-    """How well an effect can be told from all else that may explain the same residual."""
+    """How well an effect can be distinguished from other explanations of the same residual."""
 
     parameter: str
-    """The one that comes out best"""
+    """The parameter that is determined best"""
     share: float
-    """What is left of its column beside the model and the rival"""
+    """Share of its column that the model and the rival do not explain"""
     standard_deviation: float | None
-    """null where nothing determines it"""
+    """null if nothing determines it"""
     t_value: float | None
-    """The amplitude found so far over it; null where none is known"""
+    """The amplitude found so far divided by the standard deviation; null if none is known"""
     unit: str
 
 
 class SeriesChange(TypedDict):
-    """What differs from some day on; `runs` are the days that have it."""
+    """A difference from some day on; `runs` are the days that have it."""
 
     before: float | None
-    """What it was, where the model has it"""
+    """The earlier value, if the model has it"""
     earliest: str
-    """From here on it would explain as much"""
+    """First day from which on it explains the data about equally well"""
     effect: str
     equivalent: list[str]
-    """Effects, or joints, that this data cannot tell from it"""
+    """Effects or joints that this data cannot distinguish from it"""
     evidence: str
     interval: tuple[float | None, float | None]
     """Holds the true difference in 95 of 100 cases"""
     joints: list[str]
-    """Of a mass: the joint of the link that carries it"""
+    """For a mass: the joint of the link that carries it"""
     latest: str
-    """Up to here"""
+    """Last such day"""
     more: list[ChangedValue]
     """Its other parameters"""
     p_value: float | None
     parameter: str
     runs: list[str]
-    """The later runs, that have it"""
+    """The later runs that show it"""
     shape_parameters: dict[str, float]
     since: str
     """The first day that has it"""
@@ -221,13 +221,13 @@ class SeriesChange(TypedDict):
 
 
 class SeriesResult(TypedDict):
-    """What has changed over the days, since when, and the course of every parameter."""
+    """What has changed over the days, since when, and every parameter over the days."""
 
     changes: list[SeriesChange]
     courses: list[Course]
     days: list[str]
     missing: list[EffectChoice]
-    """What the model lacks on all days"""
+    """Effects that the model lacks on all days"""
     summary: str
 
 

@@ -8,7 +8,7 @@ from dynident_client.answers.parts import EffectChoice, ErrorsView, UsedPreproce
 
 
 class CommonView(TypedDict):
-    """What held-out data share with those of the fit."""
+    """What held-out data have in common with the data of the fit."""
 
     detail: str
     fitted_id: str
@@ -26,22 +26,22 @@ class CorrelationView(TypedDict):
     """Row by row, in the order of `parameters`"""
     parameters: list[str]
     sentences: list[str]
-    """What the motion determines only together, worst first"""
+    """Parameters of which the motion determines only combinations, worst first"""
 
 
 class CurrentModelView(TypedDict):
-    """What the current of one joint is made of."""
+    """The parameters of one joint's current."""
 
     held_out_relative: float | None
     """The same as a fraction"""
     held_out_rms: float | None
-    """The same where no parameter saw the data, A; null where there are none"""
+    """The same on held-out data, A; null if there are none"""
     joint: str
     parameters: list[CurrentParameterView]
     relative: float
     """||i − î|| / ||i|| in the fit"""
     rms: float
-    """Of the residual of the current in the fit, A"""
+    """rms of the residual of the current in the fit, A"""
 
 
 class CurrentModelsResult(TypedDict):
@@ -52,33 +52,33 @@ class CurrentModelsResult(TypedDict):
 
 
 class CurrentParameterView(TypedDict):
-    """One parameter of a joint's current: a sum of base parameters over the joint's gain."""
+    """One parameter of a joint's current: a sum of base parameters divided by the joint's gain."""
 
     grouping: str
-    """Written out in base parameters"""
+    """As a sum of base parameters"""
     interval: tuple[float | None, float | None]
     """Holds the true value in 95 of 100 cases"""
     judgement: Literal["determined", "uncertain", "zero_in_interval"]
     name: str
     standard_deviation: float | None
     unit: str
-    """That of the parameter, times A/(N m), or A/(N)"""
+    """Unit of the parameter, times A/(N m) or A/N"""
     value: float
 
 
 class DetectableForceView(TypedDict):
-    """The force at the tool that shows above what the model leaves, at one false alarm an hour."""
+    """The smallest force at the tool that is detected with one false alarm per hour."""
 
     force: float
-    """N, in 95 % of the directions and the postures of the held-out motion"""
+    """N, in 95 % of the directions and postures of the held-out motion"""
     seconds: float
-    """Of held-out motion that this comes from"""
+    """Duration of the held-out motion that it was computed from"""
     thresholds: list[float | None]
-    """Of every joint's residual behind the model's filters, N m or N; null: it moves too seldom"""
+    """Thresholds for every joint's filtered residual, N m or N; null: the joint moves too seldom"""
 
 
 class DriftView(TypedDict):
-    """How far a simulation is off that is left alone under the measured torque, root mean square over many starts."""
+    """Drift of an open-loop simulation under the measured torque, root mean square over many starts."""
 
     after: list[float]
     """s"""
@@ -86,20 +86,20 @@ class DriftView(TypedDict):
     """rad or m, after each time, per joint"""
     joint_names: list[str]
     share: list[list[float | None]]
-    """Of the way that the joint made meanwhile"""
+    """Divided by the joint's travel in that time"""
     starts: int
 
 
 class EssentialStepView(TypedDict):
-    """One parameter less."""
+    """One step of the elimination: one parameter is removed."""
 
     name: str
     p_value: float
-    """How often noise alone would be as large as all that is taken out so far"""
+    """Probability that noise alone is as large as everything that is removed so far"""
     ratio: float | None
-    """Of the largest to the smallest relative standard deviation"""
+    """The largest relative standard deviation divided by the smallest"""
     relative_standard_deviation: float | None
-    """Before it went, a fraction"""
+    """Before it was removed, a fraction"""
     residual: ErrorsView
     validation: ErrorsView | None
 
@@ -109,9 +109,9 @@ class EssentialView(TypedDict):
 
     essential: list[str]
     parameters: list[ParameterView]
-    """Estimated anew with the others at zero"""
+    """Estimated again with the others at zero"""
     reason: str
-    """Why the elimination ended"""
+    """Why the elimination stopped"""
     residual: ErrorsView
     steps: list[EssentialStepView]
     tables: list[Table]
@@ -124,20 +124,20 @@ class IdentificationResult(TypedDict):
 
     condition_number: float | None
     converged: bool
-    """Whether the rounds that the estimator takes have settled"""
+    """Whether the iterations of the estimator have converged"""
     copied: list[str]
-    """Held-out measurements, by name, with samples that the model was fitted to"""
+    """Held-out measurements, by name, that contain samples of the fit"""
     dependence: list[str]
-    """Parameters that the motion determines only together"""
+    """Parameters of which the motion determines only combinations"""
     effective_rows: list[float]
-    """Independent samples that each joint's rows are worth"""
+    """Effective number of independent samples of each joint's rows"""
     effects: list[EffectChoice]
     effort_units: list[str]
     equations_per_parameter: float
     inertia_matrix_positive_definite: bool
     joints: list[str]
     measurements: list[SeenMeasurement]
-    """Which revision of which file the model saw; [] in models that an older version stored"""
+    """Which revision of which file the model used; [] in models that an older version stored"""
     n_equations: int
     parameters: list[ParameterView]
     parent_id: str | None
@@ -146,21 +146,21 @@ class IdentificationResult(TypedDict):
     rungs: list[StepView]
     """Models between the parent and this one: an extension makes one for every effect"""
     shape_constants: list[ShapeConstantView]
-    """How sure the effects' shape constants are, the other parameters accounted for"""
+    """Uncertainty of the effects' shape constants, including the uncertainty of the other parameters"""
     validation: ErrorsView | None
     warnings: list[str]
 
 
 class Lineage(TypedDict):
-    """The models that led to one, the first one first; beside those that led to another, where asked."""
+    """The models that led to one, the first one first; if requested, compared with those that led to another."""
 
     against: list[Rung] | None
     common_ancestor: str | None
-    """The last model that is on both ladders"""
+    """The last model that both ladders contain"""
     differences: list[RungDifference] | None
     items: list[Rung]
     same_data: bool | None
-    """Whether all models of both ladders rest on the same measurements"""
+    """Whether all models of both ladders use the same measurements"""
 
 
 class ParameterView(TypedDict):
@@ -168,14 +168,14 @@ class ParameterView(TypedDict):
 
     effect: str
     essential: bool
-    """False: set to zero as not essential"""
+    """False: set to zero because it is not essential"""
     grouping: str
-    """Written out in standard parameters"""
+    """As a sum of standard parameters"""
     interval: tuple[float | None, float | None]
     """Holds the true value in 95 of 100 cases"""
     judgement: Literal["determined", "uncertain", "zero_in_interval"] | None
-    """By its 95 % interval: determined (standard deviation within a tenth of the value, and owed to the data),
-    uncertain, or not told from zero"""
+    """From its 95 % interval: determined (standard deviation at most a tenth of the value, and mainly from the data),
+    uncertain, or not distinguishable from zero"""
     link: str
     name: str
     relative_standard_deviation: float | None
@@ -183,15 +183,15 @@ class ParameterView(TypedDict):
     shape_parameters: dict[str, float]
     standard_deviation: float | None
     times_smallest: float | None
-    """Relative standard deviation over the smallest of all: above ten, poorly identified by §12.7"""
+    """Relative standard deviation divided by the smallest of all: above ten, poorly identified by §12.7"""
     unit: str
     value: float
     well_identified: bool
-    """Whether the data determine it: its judgement"""
+    """Whether the data determine it, by its judgement"""
 
 
 class ReportResult(TypedDict):
-    """The document that was made."""
+    """The report document."""
 
     href: str
     media_type: str
@@ -200,49 +200,49 @@ class ReportResult(TypedDict):
 
 
 class Rung(TypedDict):
-    """One model of the ladder."""
+    """One step of the ladder."""
 
     added: list[EffectChoice]
     best: bool
-    """The smallest validation error of the ladder"""
+    """Whether it has the smallest validation error of the ladder"""
     effects: list[EffectChoice]
     id: str
     n_parameters: int | None
     name: str | None
     parent_id: str | None
     part_of: str | None
-    """The identification that made it on its way; null for one that is a resource itself"""
+    """The identification that made this model as an intermediate step; null if the model is a resource itself"""
     removed: list[EffectChoice]
     residual: ErrorsView | None
     rises: bool
-    """Above the best rung, with a larger validation error: what was added does harm"""
+    """After the best step, with a larger validation error: the added effect makes the model worse"""
     status: str
     validation: ErrorsView | None
 
 
 class RungDifference(TypedDict):
-    """The same rung of two ladders: this ladder's error minus the other's, negative where this one is better."""
+    """The same step of two ladders: this ladder's error minus the other's; negative if this one is better."""
 
     against_id: str | None
-    """null where the other ladder has ended"""
+    """null if the other ladder has ended"""
     id: str | None
-    """null where this ladder has ended"""
+    """null if this ladder has ended"""
     n_parameters: int | None
     residual: list[float | None] | None
     """Relative error per joint"""
     residual_total: float | None
     rung: int
-    """From 1, the first model"""
+    """Number of the step, from 1 for the first model"""
     validation: list[float | None] | None
     """Relative held-out error per joint"""
     validation_total: float | None
 
 
 class SeenMeasurement(TypedDict):
-    """A measurement as a model saw it."""
+    """A measurement as a model used it."""
 
     edits: list[dict[str, Any]]
-    """What was said of the file since, in order"""
+    """Changes to the metadata since the upload, in order"""
     id: str
     name: str | None
     parent_id: str | None
@@ -250,7 +250,7 @@ class SeenMeasurement(TypedDict):
     """0: as it was uploaded"""
     role: Literal["identification", "validation"]
     sha256: str
-    """Of the file as it was uploaded"""
+    """Hash of the file as it was uploaded"""
 
 
 class ShapeConstantView(TypedDict):
@@ -261,21 +261,21 @@ class ShapeConstantView(TypedDict):
     interval: tuple[float, float] | None
     """Holds the true value in 95 of 100 cases"""
     joints: list[str]
-    """Empty where the effect is of the whole robot"""
+    """Empty if the effect acts on the whole robot"""
     judgement: Literal["determined", "uncertain", "not_determined", "at_edge", "elsewhere", "chosen", "not_looked_at"]
-    """determined, uncertain; the interval covers all that is searched (not_determined); at the edge of that; the data
-    would have it elsewhere; chosen among a few kinds; not looked at, without a recording"""
+    """determined; uncertain; not_determined: the interval covers the whole search range; at the edge of that range; the
+    data prefer a value outside it; chosen among a few kinds; not examined, without a recording"""
     name: str
     note: str
-    """Why there is no interval, or what is odd about it; empty where nothing is"""
+    """Why there is no interval, or what is unusual about it; otherwise empty"""
     standard_deviation: float | None
-    """null where no number says how sure it is"""
+    """null if the uncertainty is unknown"""
     unit: str
     value: float
 
 
 class StepView(TypedDict):
-    """A model on the way from the parent to this one, with one effect more than the one before."""
+    """A model between the parent and this one; it has one effect more than the model before it."""
 
     added: list[EffectChoice]
     n_parameters: int
@@ -284,42 +284,42 @@ class StepView(TypedDict):
 
 
 class StopView(TypedDict):
-    """The most probable cause of a gross mistake."""
+    """The most probable cause of a large error."""
 
     apply: dict[str, Any] | None
-    """What cures it: a body for POST /v1/measurements/{measurement_id}/revisions"""
+    """Correction: a body for POST /v1/measurements/{measurement_id}/revisions"""
     cause: str
     measurement_id: str | None
-    """Where the mistake is, as far as that is known"""
+    """Place of the fault, as far as it is known"""
 
 
 class Table(TypedDict):
-    """A table in words: the same on the command line and in reports."""
+    """A table for people: the same on the command line and in reports."""
 
     columns: list[TableColumn]
     groups: list[str]
-    """The heading that each row stands under; [] where there are none"""
+    """Heading above each row; [] if there are none"""
     rows: list[list[TableCell]]
     title: str
 
 
 class TableCell(TypedDict):
-    """What stands in one place of a table."""
+    """The content of one cell."""
 
     mark: Literal["ok", "warning", "error", "plain"] | None
-    """How good the news is"""
+    """Rating of the value"""
     note: str
-    """What more there is to say to who asks"""
+    """Further explanation"""
     text: str
     value: float | None
-    """Of a figure, exactly"""
+    """The exact value, if the cell is a number"""
 
 
 class TableColumn(TypedDict):
     """A column of a table."""
 
     figures: bool
-    """Whether it holds figures"""
+    """Whether it contains numbers"""
     word: str
 
 
@@ -333,12 +333,12 @@ class UseView(TypedDict):
     """Whether the model is fit for a use."""
 
     fit: bool
-    """Whether it may be used so, if only within the limit that the reason says"""
+    """Whether it may be used so, at least within the limit that the reason names"""
     next_step: str
-    """One thing to do next"""
+    """The next thing to do"""
     reason: str
     state: Literal["yes", "limited", "no", "not_judged"]
-    """limited: fit within a limit; not_judged: nothing was there to tell by"""
+    """limited: fit within a limit; not_judged: there are no data to judge by"""
     use: Literal["simulation", "feed_forward", "collision_detection", "payload"]
 
 
@@ -346,18 +346,18 @@ class VerdictView(TypedDict):
     """What a model is fit for, and why or why not."""
 
     common: list[CommonView]
-    """What held-out data share with those of the fit"""
+    """What held-out data have in common with the data of the fit"""
     drift: DriftView | None
-    """null where no simulation was made"""
+    """null if there was no simulation"""
     force: DetectableForceView | None
-    """null where the data do not tell"""
+    """null if the data do not determine it"""
     held_out: ErrorsView | None
-    """What it was judged by; null without held-out data"""
+    """The data that it was judged by; null without held-out data"""
     mass: float | None
-    """kg at the tool from which on a load shows; null: not told"""
+    """Smallest load at the tool that is visible, kg; null: unknown"""
     next_steps: list[str]
-    """What to do about the error, in the order of what it usually costs"""
+    """What to do about the error, the usually cheapest first"""
     stop: StopView | None
-    """Why it is not to be used at all; null if it may be used"""
+    """Why it must not be used at all; null if it may be used"""
     summary: str
     uses: list[UseView]

@@ -9,17 +9,17 @@ class EffectChoice(TypedDict):
     """An effect of the catalogue, on some joints."""
 
     effect: str
-    """An id of GET /v1/effects"""
+    """An id from GET /v1/effects"""
     joints: list[str]
-    """Names; all that the effect may sit on where none is given."""
+    """Names of joints; by default, all joints that the effect can act on."""
     runs: list[str]
-    """Names of the measurements, or labels of their runs, that it is in"""
+    """Names of the measurements, or labels of their runs, in which the effect acts"""
     shape_parameters: dict[str, float]
-    """Shape constants; searched where not given."""
+    """Shape constants; searched for if not given."""
 
 
 class ErrorFigures(TypedDict):
-    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null where a joint has no such row."""
+    """Errors of a model on rows: rms in N m or N, relative as ||y − ŷ|| / ||y||; null if a joint has no such row."""
 
     relative: list[float | None]
     """Per joint"""
@@ -29,10 +29,10 @@ class ErrorFigures(TypedDict):
 
 
 class ErrorsView(TypedDict):
-    """Errors of a model on data: on all rows, at rest the distance to what static friction may hold."""
+    """Errors of a model on data: on all rows; at standstill, the distance to the range of static friction."""
 
     moving: ErrorFigures | None
-    """On the rows where each joint moves; null where that was not looked at"""
+    """On the rows where each joint moves; null if not computed"""
     relative: list[float | None]
     """Per joint"""
     relative_total: float | None

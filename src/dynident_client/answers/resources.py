@@ -11,7 +11,7 @@ class CapsuleView(TypedDict):
     end: tuple[float, float, float]
     """m"""
     frame: int | None
-    """Place of the frame that it moves with; null on the base"""
+    """Index of the frame that it moves with; null on the base"""
     radius: float
     """m"""
     start: tuple[float, float, float]
@@ -25,19 +25,19 @@ class Catalogue(TypedDict):
 
 
 class CheckView(TypedDict):
-    """One thing that was looked at, what was found, and what to do about it."""
+    """One check, what it found, and what to do about it."""
 
     apply: dict[str, Any] | None
-    """What cures it, where that is known: a body for POST /v1/measurements/{id}/revisions; of a file that was refused,
-    fields for the metadata of another try"""
+    """The correction, if it is known: a body for POST /v1/measurements/{id}/revisions; for a file that was refused,
+    fields for the metadata of the next upload"""
     column: str
-    """Of the file"""
+    """Column of the file"""
     detail: str
     name: str
     row: int | None
     """Data row of the file, from 1"""
     rows: dict[str, list[int]]
-    """By column of the file, its data rows, from 1; the first thousand of each"""
+    """By column of the file, its data rows, from 1; at most a thousand per column"""
     status: Literal["ok", "warning", "error"]
     time: float | None
     """Seconds of t"""
@@ -71,7 +71,7 @@ class EffectView(TypedDict):
     scope: Literal["joint", "robot"]
     shape_parameters: list[ShapeParameter]
     signature: str
-    """What it leaves in the residual"""
+    """What the effect leaves in the residual if a model lacks it"""
     sources: list[str]
     title: str
 
@@ -80,36 +80,36 @@ class FrameView(TypedDict):
     """The frame of a joint that carries a link; it moves with its joint."""
 
     axis: tuple[float, float, float]
-    """Unit vector in this frame that the joint turns about or slides along"""
+    """Unit vector in this frame: the axis of rotation or the direction of translation"""
     name: str
     offset: float
     """rad or m"""
     parent: int | None
-    """Place of the frame before it in the list; null on the base"""
+    """Index of the preceding frame in the list; null on the base"""
     placement: list[list[float]]
-    """4 x 4: from this frame at zero position to the one before it"""
+    """4 x 4: from this frame at zero position to the preceding one"""
     ratios: list[float]
-    """Its position is the sum of ratio x position of the robot's joints, plus offset; behind those of the joints stand
-    the ratios of the passive positions that closed loops determine, if there are any"""
+    """Its position is the sum of ratio x position of the robot's joints, plus offset; after the ratios of the joints
+    come those of the passive positions that closed loops determine, if there are any"""
     type: Literal["revolute", "prismatic"]
 
 
 class GeometryView(TypedDict):
-    """What a picture of the robot needs; lengths in m, angles in rad."""
+    """Geometry for a picture of the robot; lengths in m, angles in rad."""
 
     capsules: list[CapsuleView]
     closed: list[float]
     """Positions of the robot's joints, then the passive ones, at which all loops are closed"""
     frames: list[FrameView]
-    """Each behind the one that it stands on"""
+    """Each frame after the one that it is attached to"""
     joints: list[str]
     """The robot's joints, in the order of ratios"""
     loops: list[LoopView]
-    """What determines the passive positions"""
+    """The closed loops, which determine the passive positions"""
     notes: list[str]
-    """What of the geometry could not be read"""
+    """Parts of the geometry that could not be read"""
     surfaces: list[SurfaceView]
-    """Drawn instead of their frame's capsules"""
+    """Drawn instead of the capsules of their frame"""
 
 
 class Health(TypedDict):
@@ -123,7 +123,7 @@ class JointView(TypedDict):
     """One moving joint."""
 
     antecedent: str | None
-    """The joint before it; null on the base."""
+    """The preceding joint; null on the base."""
     coupling: dict[str, float]
     """Other joints that its motor acts on."""
     drive_gain: float | None
@@ -134,16 +134,16 @@ class JointView(TypedDict):
 
 
 class KeyUsage(TypedDict):
-    """What one key has."""
+    """What one key uses."""
 
     bytes: Quota
-    """Of its recordings, imports and meshes; each file once, however often it is used"""
+    """Of its recordings, imports and meshes; each file counts once"""
     jobs: Quota
     """Queued or running"""
     key: str | None
-    """Its name; `null` has what no key sent, and what was there before keys counted"""
+    """Name of the key; `null` for resources without a key, or from before keys were counted"""
     recordings: Quota
-    """Measurements, with those that simulations under way will give"""
+    """Measurements, including those that unfinished simulations will make"""
 
 
 class Limits(TypedDict):
@@ -167,13 +167,13 @@ class LoopEndView(TypedDict):
     """One side of a cut joint: a frame fixed to a link."""
 
     frame: int | None
-    """Place of the frame that it moves with; null on the base"""
+    """Index of the frame that it moves with; null on the base"""
     placement: list[list[float]]
     """4 x 4: from this side to that frame"""
 
 
 class LoopView(TypedDict):
-    """A closed loop: the two sides coincide, wholly, in their origins, or in the xy plane of the first."""
+    """A closed loop: its two sides coincide completely, in their origins, or in the xy plane of the first side."""
 
     ends: tuple[LoopEndView, LoopEndView]
     kind: Literal["planar", "point", "full"]
@@ -181,48 +181,48 @@ class LoopView(TypedDict):
 
 
 class MeshView(TypedDict):
-    """A mesh that the description names for collisions."""
+    """A mesh that the description uses for collisions."""
 
     links: list[str]
-    """The links that it is of"""
+    """The links that use it"""
     name: str
     """As in the description: package://…, or a path"""
     sha256: str | None
-    """Of the file that was sent for it; null where none was."""
+    """Hash of the uploaded file; null if none was uploaded."""
     size: int | None
     """Bytes"""
 
 
 class MeshesView(TypedDict):
-    """What came of the meshes that were sent."""
+    """The result of an upload of meshes."""
 
     meshes: list[MeshView]
-    """All that the description names, in its order"""
+    """All meshes that the description names, in its order"""
     unused: list[str]
-    """Files that were sent and that no mesh of the description means"""
+    """Uploaded files that match no mesh of the description"""
 
 
 class PosesView(TypedDict):
     """Where the frames of a robot's geometry are."""
 
     poses: list[list[list[float] | None]]
-    """[posture][frame]: 12 numbers, the rotation beside the origin (m) in the base frame, row by row; null for what
-    moves in a loop that cannot be closed there"""
+    """[posture][frame]: the 12 numbers of the 3 x 4 matrix [rotation, origin (m)] in the base frame, row by row; null
+    for frames in a loop that cannot be closed there"""
 
 
 class Problem(TypedDict, total=False):
     """The body of every error (RFC 9457)."""
 
     checks: list[dict[str, Any]] | None
-    """All that was found in a file."""
+    """Everything that was found in a file."""
     dependents: list[Dependent] | None
-    """On 409: what has to be deleted first."""
+    """On 409: the resources that must be deleted first."""
     dependents_count: int | None
-    """On 409: how many there are; not all are listed."""
+    """On 409: their number; not all are listed."""
     detail: str
     errors: list[ProblemField] | None
     request_id: str | None
-    """Under which the service's log tells of the request."""
+    """Id of the request in the log of the service."""
     status: int
     title: str
     type: str
@@ -241,7 +241,7 @@ class ProblemField(TypedDict, total=False):
 
 
 class QuestionView(TypedDict):
-    """What has to be answered before the file can be used."""
+    """A question that must be answered before the file can be used."""
 
     choices: list[str] | None
     detail: str
@@ -249,24 +249,24 @@ class QuestionView(TypedDict):
 
 
 class Quota(TypedDict):
-    """How much there is of one thing, and how much there may be."""
+    """An amount in use, and its limit."""
 
     allowed: int | None
-    """`null` where there is no limit"""
+    """`null` if there is no limit"""
     used: int
 
 
 class RawSignals(TypedDict):
-    """Signals of a measurement's file; nothing is filtered, mended or resampled."""
+    """Signals of a measurement's file, without filtering, repair or resampling."""
 
     n_samples: int
-    """How many there are from `from` to `to`, of which these are shown"""
+    """Number of samples from `from` to `to`, of which these are shown"""
     signals: dict[str, list[float | None]]
-    """As long as t; null where there is no number"""
+    """As long as t; null if there is no number"""
     t: list[float | None]
     """s"""
     units: dict[str, str]
-    """By signal; empty for a column of the file that is given as it stands"""
+    """By signal; empty for a column that is given as it is in the file"""
 
 
 class Readiness(TypedDict):
@@ -277,46 +277,46 @@ class Readiness(TypedDict):
 
 
 class ShapeParameter(TypedDict):
-    """A constant inside an effect's columns, searched for rather than solved for."""
+    """A constant inside an effect's columns; it is searched for, because the torque is not linear in it."""
 
     default: float
     description: str
     name: str
     unit: str
     words: list[ShapeWord]
-    """Empty where the constant is a number"""
+    """Empty if the constant is a number"""
 
 
 class ShapeWord(TypedDict):
-    """What a value of a constant means that is a choice between kinds."""
+    """The meaning of a value of a constant that selects a kind."""
 
     value: float
     word: str
 
 
 class Standstills(TypedDict):
-    """When every joint of a measurement stands: there friction may hold any torque."""
+    """Standstills of every joint of a measurement: friction may have any value there."""
 
     joints: list[StandstillsOfJoint]
 
 
 class StandstillsOfJoint(TypedDict):
-    """When one joint stands."""
+    """Standstills of one joint."""
 
     joint: str
     standing: list[tuple[float, float]]
-    """Seconds of t, [from, to], one after another"""
+    """Seconds of t, [from, to], in order"""
 
 
 class SurfaceView(TypedDict):
     """The surface of a link's meshes as triangles, fixed to a frame; thinned, for pictures."""
 
     frame: int | None
-    """Place of the frame that it moves with; null on the base"""
+    """Index of the frame that it moves with; null on the base"""
     points: list[tuple[float, float, float]]
     """m"""
     triangles: list[tuple[int, int, int]]
-    """Places in the list of points"""
+    """Indices in the list of points"""
 
 
 class UsageView(TypedDict):

@@ -8,11 +8,11 @@ from dynident_client.answers.parts import ErrorsView, UsedPreprocessing
 
 
 class BootstrapView(TypedDict):
-    """Standard deviations over draws of the reduced data's stretches of time, beside those that are told."""
+    """Standard deviations over draws of blocks of the reduced data, and the reported ones."""
 
     draws: int
     kind: Literal["wild", "pairs"] | None
-    """wild: residuals of each stretch weighted at random; pairs: stretches drawn with replacement"""
+    """wild: residuals of each block weighted at random; pairs: blocks drawn with replacement"""
     lost: int
     """Draws that do not determine all parameters"""
     parameters: list[DrawnParameterView]
@@ -20,16 +20,16 @@ class BootstrapView(TypedDict):
 
 
 class DrawnParameterView(TypedDict):
-    """The standard deviation of one parameter, as told and over draws of stretches of time."""
+    """The standard deviation of one parameter: reported, and over draws of blocks of time."""
 
     drawn: float | None
     expected: tuple[float, float]
-    """Where the ratio is by the randomness of so few stretches alone"""
+    """Range of the ratio that comes only from the small number of blocks"""
     name: str
-    """A parameter, or ln and name of a shape constant that is searched for in ratios"""
+    """A parameter, or ln and the name of a shape constant that is searched for in ratios"""
     outside: bool
     ratio: float | None
-    """drawn over told"""
+    """drawn divided by told"""
     told: float | None
     unit: str
 
@@ -40,7 +40,7 @@ class DriveGainView(TypedDict):
     drive_gain: float
     """N m or N per unit of the recorded torque or current"""
     factor: float
-    """What the recorded torque is to be multiplied by"""
+    """Factor for the recorded torque"""
     identifiable: bool
     interval: tuple[float | None, float | None]
     """95 %"""
@@ -58,12 +58,12 @@ class DriveGainsResult(TypedDict):
 
 
 class FilterTrialView(TypedDict):
-    """What one choice of filters leaves in the parameters of the simulated identification."""
+    """Effect of one choice of filters on the parameters of the simulated identification."""
 
     bias: float | None
     """The part of it that is the same in every draw of the noise"""
     error: float | None
-    """Share of the torque that wrong parameters cost"""
+    """Torque error because of wrong parameters, as a share of the torque"""
     preprocessing: UsedPreprocessing
     problem: str | None
     worst: str | None
@@ -84,21 +84,21 @@ class FiltersView(TypedDict):
 
 
 class IdentifiedGain(TypedDict):
-    """The drive gain [12.17] of one joint, beside the one that its torque was computed with."""
+    """The drive gain [12.17] of one joint, and the gain that its torque was computed with."""
 
     drive_gain: float
     """N m or N per unit of the recorded torque or current"""
     factor: float
-    """What the recorded torque is to be multiplied by"""
+    """Factor for the recorded torque"""
     identifiable: bool
     interval: tuple[float | None, float | None]
     """95 %"""
     joint: str
     standard_deviation: float | None
     stated: float
-    """The robot's own; 1 where it states none"""
+    """Gain of the robot; 1 if it states none"""
     unit: str
-    """N m/A or N/A; - where the robot states no gain: a factor on the recorded torque"""
+    """N m/A or N/A; - if the robot states no gain: a factor on the recorded torque"""
 
 
 class MeasurementErrors(TypedDict):
@@ -110,10 +110,10 @@ class MeasurementErrors(TypedDict):
 
 
 class MethodView(TypedDict):
-    """What one method gave on the data that all of them share."""
+    """Result of one method on the data that all methods share."""
 
     distance: list[float | None] | None
-    """Of every parameter from the first method's, in units of their joint standard deviation"""
+    """Distance of each parameter from the first method's, in units of their joint standard deviation"""
     distance_rms: float | None
     estimator: str | dict[str, Any]
     """Its name, or an object with its options"""
@@ -121,22 +121,22 @@ class MethodView(TypedDict):
     """The parameter that is farthest from the first method's"""
     fit: ErrorsView | None
     held_out: ErrorsView | None
-    """On validation data; on the identification's own without any"""
+    """On validation data; without any, on the data of the identification"""
     method: str
-    """In words"""
+    """Description in words"""
     model: str
     prior: str | None
     problem: str | None
     """Why there is no result"""
     seconds: float
-    """That the solution took"""
+    """Time of the solution"""
     standard_deviations: list[float | None] | None
     steps: str
     strategy: str
     torque_deviation: float | None
-    """What the uncertainty of its own parameters makes of that"""
+    """The part of it that the uncertainty of its own parameters explains"""
     torque_distance: float | None
-    """How far the predicted torque is from the first method's, as a share of the measured"""
+    """Distance of the predicted torque from that of the first method, as a share of the measured torque"""
     values: list[float | None] | None
     """Parameters in the order of `parameters`"""
     warnings: list[str]
@@ -150,13 +150,13 @@ class PayloadView(TypedDict):
     friction_shared: float | None
     """kg, if friction is the same in all runs"""
     gains: list[DriveGainView]
-    """What they would have to be for the stated mass"""
+    """Gains that would give the stated mass"""
     identifiable: bool
-    """Whether the motion tells the load from friction"""
+    """Whether the motion distinguishes the load from friction"""
     interval: tuple[float, float] | None
     """Holds the true mass in 95 of 100 cases, kg"""
     mass: float | None
-    """kg; null where it is not identifiable"""
+    """kg; null if it is not identifiable"""
     measurement_id: str
     name: str
     reason: str
@@ -166,16 +166,16 @@ class PayloadView(TypedDict):
 
 
 class SimulationOnMeasurement(TypedDict):
-    """A simulated robot that followed a recorded motion."""
+    """A simulated robot that follows a recorded motion."""
 
     duration: float
-    """Seconds that were simulated"""
+    """Seconds that are simulated"""
     measurement_id: str
     name: str
     position: list[float | None] | None
     """rad or m, root mean square, per joint"""
     position_share: list[float | None] | None
-    """The same over the range the joint moved through"""
+    """The same, divided by the range that the joint moved through"""
     reason: str
     torque: ErrorsView | None
     """Simulated against measured torque"""
@@ -183,7 +183,7 @@ class SimulationOnMeasurement(TypedDict):
 
 
 class ValidationResult(TypedDict):
-    """What the model is worth by one test, with the verdict and its reason in a sentence."""
+    """Result of one validation, with the verdict and its reason in a sentence."""
 
     bootstrap: BootstrapView | None
     eigenvalue_standard_deviation: float | None
@@ -191,7 +191,7 @@ class ValidationResult(TypedDict):
     inertia_matrix_positive_definite: bool | None
     kind: Literal["direct", "cross", "inertia_matrix", "simulation", "methods", "filters", "bootstrap", "payload"]
     limit: float | None
-    """The relative error that was the limit"""
+    """Limit of the relative error"""
     measurements: list[MeasurementErrors]
     methods: list[MethodView]
     parameters: list[str]
@@ -213,9 +213,9 @@ class WeighedLoad(TypedDict):
     """A load weighed with the identified gains."""
 
     from_gains: float | None
-    """The part of it that the uncertainty of the gains makes, kg"""
+    """The part of it that comes from the uncertainty of the gains, kg"""
     identifiable: bool
-    """Whether the interval leaves out zero: whether a load shows at all"""
+    """Whether the interval excludes zero: then the load is visible"""
     interval: tuple[float | None, float | None]
     """95 %, kg"""
     mass: float

@@ -25,16 +25,14 @@ UNSOUND = 1
 def doctor(
     data_dir: DataDir = None,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Put right what can be without losing anything that anybody owns.")
+        bool, typer.Option("--repair", help="Repair what can be repaired without losing anything that has an owner.")
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Look at the sizes of files alone, not at what they hold.")] = (
-        False
-    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Check only the sizes of files, not their content.")] = False,
 ) -> None:
-    """Look through all that the service has stored: what is missing, damaged, cannot be read, or kept for nobody.
+    """Check everything that the service has stored: what is missing, damaged, unreadable, or has no owner.
 
-    Every robot, recording, model and other result is read as the service reads it. May run beside the service. Ends
-    with 1 where anything is wrong that is not put right.
+    It reads every robot, recording, model and other result as the service does. The service may run at the same time.
+    The exit code is 1 if there is a fault that is not repaired.
     """
     from dynident_service.jobs.stored_file_reader import StoredFilesReader
     from dynident_service.routes.stored_resource_check import show_resource
@@ -64,9 +62,9 @@ def doctor(
             else:
                 wrong[finding.trouble] += 1
             owners = f"; needed by {', '.join(finding.owners)}" if finding.owners else ""
-            typer.echo(f"{finding.trouble}: {finding.what}: {finding.detail}{owners}{' (put right)' if mended else ''}")
+            typer.echo(f"{finding.trouble}: {finding.what}: {finding.detail}{owners}{' (repaired)' if mended else ''}")
     if not wrong:
-        typer.echo("all is well")
+        typer.echo("no faults found")
         return
     for trouble, number in wrong.items():
         typer.echo(f"{number} {trouble}: {examination.REMEDIES[trouble]}")
@@ -81,9 +79,9 @@ DataDir = Annotated[
 def backup(
     target: Annotated[Path, typer.Argument(help="A folder, or a file that ends in .zip.")], data_dir: DataDir = None
 ) -> None:
-    """Write all that the service has stored into a folder or a ZIP.
+    """Write everything that the service has stored into a folder or a ZIP.
 
-    May run beside the service. Into a folder that has a backup, only the files are copied that are new.
+    The service may run at the same time. If the folder has a backup already, only new files are copied.
     """
     from dynident_service.storage.backup import back_up
 
@@ -95,7 +93,7 @@ def restore(
     source: Annotated[Path, typer.Argument(help="The folder or ZIP that `dynident backup` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Read a backup into an empty data directory; what was being computed is queued again."""
+    """Read a backup into an empty data directory; unfinished jobs are queued again."""
     from dynident_service.storage.backup import restore as read_back
 
     with open_storage(data_dir, must_exist=False) as (database, objects, scratch):
@@ -103,7 +101,7 @@ def restore(
 
 
 def export_robot(
-    robot_id: Annotated[str, typer.Argument(help="The id of a robot of the service.")],
+    robot_id: Annotated[str, typer.Argument(help="Id of a robot in the service.")],
     target: Annotated[Path, typer.Argument(help="The file to write, which ends in .zip.")],
     data_dir: DataDir = None,
 ) -> None:
@@ -118,7 +116,7 @@ def import_robot(
     source: Annotated[Path, typer.Argument(help="The file that `dynident export-robot` wrote.")],
     data_dir: DataDir = None,
 ) -> None:
-    """Read a robot with all that belongs to it, under the same ids; what is there already is left alone."""
+    """Read a robot with all that belongs to it, under the same ids; existing resources do not change."""
     from dynident_service.routes.stored_resource_check import check_stored_resource
     from dynident_service.storage.bundle import import_robot as read
 
@@ -143,7 +141,10 @@ def open_storage(
 
     settings = load_settings() if data_dir is None else load_settings(data_dir=data_dir)
     if must_exist and not settings.database_url and not settings.data_dir.is_dir():
-        detail = f"there is no folder {settings.data_dir}; say where the service keeps its data"
+        detail = (
+            f"there is no folder {settings.data_dir}; give the data directory of the service (--data-dir, "
+            "DYNIDENT_DATA_DIR)"
+        )
         raise DynidentError(detail, pointer="--data-dir")
     with restrict_file_permissions():
         prepare_data_directory(settings.data_dir)

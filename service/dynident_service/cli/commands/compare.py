@@ -24,14 +24,15 @@ def compare(
         list[Path],
         repeatable_file_option(
             "--learnt",
-            help="What the model was identified from; repeat it for more. Tells whether the motion only repeats that.",
+            help="Recording that the model was identified from; may be repeated. Shows whether MEASUREMENT only "
+            "repeats its motion.",
         ),
         READABLE_FILE,
     ],
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Hold predicted torque against a measurement.
+    """Compare predicted with measured torque.
 
     --out writes the signals as .csv or .parquet.
     """

@@ -13,15 +13,17 @@ from dynident_service.cli.options import Json, Seed
 def demo(
     effect: Annotated[str, typer.Option("--effect", help="The effect to hide; see `dynident effects`.")] = "stribeck",
     robot: Annotated[str, typer.Option("--robot", help="A robot file with inertias, or a well-known arm.")] = "ur10",
-    joint: Annotated[str, typer.Option("--joint", help="Where to hide it; drawn by lot otherwise.")] = "",
+    joint: Annotated[str, typer.Option("--joint", help="Joint where the effect is hidden; random by default.")] = "",
     seed: Seed = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="A shorter experiment.")] = False,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to write.")] = Path("demo-output"),
+    quick: Annotated[bool, typer.Option("--quick", help="Make a shorter experiment.")] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder to write to.")] = Path(
+        "demo-output"
+    ),
     as_json: Json = False,
 ) -> None:
     """Hide an effect in a virtual robot, and find it by name.
 
-    Ends with exit code 1 where the effect is not named.
+    The exit code is 1 if the effect is not named.
     """
     from dynident_service.cli import inputs, terminal
     from dynident_service.demo.demonstration import run_demonstration

@@ -33,8 +33,9 @@ def simulate(
         repeatable_option(
             "--effects",
             metavar="EFFECT,…",
-            help="What acts besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
-            "stribeck@joint2:Fst=3,vs=0.05. Of a usual size where no values are given. payload:run=2: in run 2 alone.",
+            help="Effects besides rotor inertia, Coulomb and viscous friction: stribeck@joint2, or with values "
+            "stribeck@joint2:Fst=3,vs=0.05. Without values, they have typical sizes. payload:run=2 acts in "
+            "run 2 only.",
         ),
     ],
     request_options: Annotated[TypedValues, RequestOptions(Simulated, but=("effects", "sampling_rate"))],
@@ -43,16 +44,16 @@ def simulate(
         SomeFile,
         file_option(
             "--trajectory",
-            help="What `dynident design` wrote: t, q_<joint>… and, unless they are to follow from q, dq_… and ddq_…. "
-            "A random motion otherwise.",
+            help="Trajectory that `dynident design` wrote: t, q_<joint>… and optionally dq_… and ddq_…, which "
+            "otherwise follow from q. By default, a random motion.",
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement, .csv or .parquet.")] = Path(
-        "measurement.csv"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The measurement to write, .csv or .parquet.")
+    ] = Path("measurement.csv"),
     as_json: Json = False,
 ) -> None:
-    """Measure a virtual robot along a trajectory."""
+    """Simulate a measurement of a virtual robot along a trajectory."""
     from dynident.progress import scale_progress
     from dynident.simulation import (
         build_recording_table,
@@ -92,7 +93,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class DesignFiles:
-    """What a design takes from files."""
+    """Files that a design reads."""
 
     limits: Annotated[
         SomeFile,
@@ -105,7 +106,8 @@ class DesignFiles:
         SomeFile,
         file_option(
             "--surroundings",
-            help='What not to touch, JSON: {"floor": z, "boxes": […], "walls": […], "tool_range": {…}, …}.',
+            help='Obstacles and bounds that the robot must not touch, JSON: {"floor": z, "boxes": […], "walls": '
+            '[…], "tool_range": {…}, …}.',
         ),
     ] = None
     meshes: Annotated[
@@ -113,8 +115,8 @@ class DesignFiles:
         typer.Option(
             "--meshes",
             metavar="FOLDER",
-            help="Where the URDF's collision meshes are; may be repeated. Otherwise the folders above the URDF, and "
-            "those of ROS_PACKAGE_PATH.",
+            help="Folder with the URDF's collision meshes; may be repeated. By default, the folders above the URDF "
+            "and those of ROS_PACKAGE_PATH.",
         ),
         READABLE_FOLDER,
     ] = None
@@ -122,7 +124,7 @@ class DesignFiles:
         bool,
         typer.Option(
             "--floor/--no-floor",
-            help="Where nothing around the robot is stated, assume a floor through the base of an upright arm.",
+            help="If no surroundings are stated, assume a floor through the base of an upright arm.",
         ),
     ] = True
     diagnosis: Annotated[
@@ -149,7 +151,7 @@ def design(
 ) -> None:
     """Design an exciting trajectory within the robot's limits.
 
-    The options about columns, units, windows, checks and drive gains are for the measurements of --earlier.
+    The options for columns, units, windows, checks and drive gains apply to the measurements of --earlier.
     """
     from dynident.excitation import design_experiment
     from dynident_service.adapters.designs import describe_design

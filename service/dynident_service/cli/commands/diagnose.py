@@ -18,26 +18,30 @@ def series(
     model: ModelArgument,
     days: Annotated[
         list[Path],
-        typer.Argument(metavar="MEASUREMENT…", help="One file a day, in their order.", show_default=False),
+        typer.Argument(metavar="MEASUREMENT…", help="One file per day, in order.", show_default=False),
         READABLE_FILE,
     ],
     reading: Reading,
     keep: Annotated[
         Path | None,
         file_option(
-            "--keep", help="Where days are kept: those in it come first and are not read again, new ones are added."
+            "--keep",
+            help="File that stores the days: it is read first, so that its days are not computed again; new days "
+            "are added.",
         ),
     ] = None,
     figure: Annotated[
         Path | None,
-        typer.Option("--figure", metavar="FILE.svg", help="Every parameter's course, drawn.", show_default=False),
+        typer.Option("--figure", metavar="FILE.svg", help="Plot of every parameter over the days.", show_default=False),
     ] = None,
-    out: Annotated[Path | None, file_option("--out", help="Every parameter's course, as .csv or .parquet.")] = None,
+    out: Annotated[
+        Path | None, file_option("--out", help="Every parameter over the days, as .csv or .parquet.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what has changed in a robot over many days, and from which day on.
+    """Find what has changed in a robot over many days, and since which day.
 
-    The first day is what the others are compared with; motions may differ from day to day.
+    The other days are compared with the first one; motions may differ from day to day.
     """
     from dynident.diagnosis.monitoring import days_to_bytes
     from dynident.diagnosis.monitoring import monitor_days as series_of
@@ -59,7 +63,7 @@ def series(
         files.write_atomically(figure, encode_text(str(draw_parameter_tracks(monitored))))
     if out is not None:
         table_files.write_table(table_files.build_courses_table(monitored), out)
-    outputs = ((keep, f"{len(measured)} days kept in"), (figure, "drawn in"), (out, "courses written to"))
+    outputs = ((keep, f"{len(measured)} days stored in"), (figure, "plot written to"), (out, "parameters written to"))
     output.print_result(
         as_json,
         lambda: describe_series(monitored),
@@ -75,9 +79,9 @@ def changes(
     reading: Reading,
     result: OutputOptions,
 ) -> None:
-    """Say what has changed in a robot between two sets of measurements.
+    """Find what has changed in a robot between two sets of measurements.
 
-    The motions may differ. --out writes the diagnosis, changes included, as JSON.
+    The motions may differ. --out writes the diagnosis with the changes as JSON.
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine
@@ -105,9 +109,9 @@ def diagnose(
     request_options: Annotated[TypedValues, RequestOptions(DiagnosisChoices)],
     result: OutputOptions,
 ) -> None:
-    """Name the physics that a model is missing.
+    """Name the physical effects that a model lacks.
 
-    Give the measurements that it was identified from. --out writes the diagnosis as JSON.
+    Give the measurements that the model was identified from. --out writes the diagnosis as JSON.
     """
     from dynident.advice import advise
     from dynident.diagnosis import examine

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def effects(as_json: Json = False) -> None:
-    """List the effects that models are made of."""
+    """List the effects that a model can contain."""
     from dynident.effects import CATALOGUE
     from dynident_service.cli import output, terminal
 

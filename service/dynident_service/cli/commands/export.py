@@ -17,10 +17,10 @@ def export(
     request_options: Annotated[TypedValues, RequestOptions(ExportChoices, but=("format",))],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Where to write; named after the robot otherwise."),
+        typer.Option("--out", "-o", metavar="FILE", help="File to write; named after the robot by default."),
     ] = None,
     format: Annotated[
-        str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; else by --out's ending.")
+        str, typer.Option("--format", "-f", help=f"{FORMATS.format_help()}; by default from the ending of --out.")
     ] = "",
     as_json: Json = False,
 ) -> None:
@@ -33,20 +33,22 @@ def export(
 
     format_name = format or ENDINGS.get(out.suffix.lower() if out is not None else "", "")
     if not format_name:
-        detail = f"say the format: --format, or --out with one of the endings {', '.join(ENDINGS)}"
+        detail = f"the format is missing; give --format, or --out with one of the endings {', '.join(ENDINGS)}"
         raise DynidentError(detail, pointer="--format", title="No such format")
     choices = request_options.build_request(ExportChoices)
     identification = inputs.load_model(model)
     if is_stopped(identification) and not choices.anyway:
         copied = ", ".join(identification.data.copied)
         why = (
-            f"the held-out data of this model ({copied}) hold samples that it was fitted to: nothing has tried it. "
-            "Hold out a recording of another motion"
+            f"the held-out data of this model ({copied}) contain samples of the fit, so they do not test the "
+            "model. Hold out a recording of another motion"
             if copied
-            else f"the error of this model is above {STOP:.0%}: something else is wrong than a missing effect, and "
-            "`dynident identify` says what it may be"
+            else (
+                f"the error of this model is above {STOP:.0%}, too large for a missing effect; `dynident "
+                "identify` names the probable cause"
+            )
         )
-        detail = f"{why}. To write it all the same: --anyway"
+        detail = f"{why}. To write it anyway, add --anyway"
         raise DynidentError(detail, pointer=str(model), title="Not fit for use")
     try:
         file = export_model(identification, format_name, nearest=choices.nearest)

@@ -41,9 +41,9 @@ def currents(
     effects: Effects,
     result: OutputOptions,
 ) -> None:
-    """Identify what every joint's current is made of, without any drive gain.
+    """Identify the parameters of every joint's current, without any drive gain.
 
-    The parameters are in units of current; each joint has its own. --out writes them as JSON.
+    The parameters are in units of current, separate for each joint. --out writes them as JSON.
     """
     from dynident.identification import identify_currents
     from dynident.identification.loads.payload_data import PLAIN_EFFECTS
@@ -128,14 +128,14 @@ def gains(
     weigh: Annotated[
         list[Path],
         repeatable_file_option(
-            "--weigh", help="Measurement with another load, to be weighed with these gains; may be repeated."
+            "--weigh", help="Measurement with another load, whose mass is computed with these gains; may be repeated."
         ),
         READABLE_FILE,
     ],
     weigh_unloaded: Annotated[
         list[Path],
         repeatable_file_option(
-            "--weigh-unloaded", help="Of the motion of --weigh, without its load; else MEASUREMENT."
+            "--weigh-unloaded", help="Measurement of the motion of --weigh without its load; MEASUREMENT by default."
         ),
         READABLE_FILE,
     ],
@@ -144,7 +144,7 @@ def gains(
 ) -> None:
     """Identify the drive gains from runs without and with a load of known mass.
 
-    MEASUREMENT are the runs without the load. With currents and no idea of the gains, say --drive-gains 1,1,….
+    MEASUREMENT are the runs without the load. If they have currents with unknown gains, give --drive-gains 1,1,….
     """
     from dynident.identification import identify_gains, payload_mass
     from dynident.progress import scale_progress
@@ -152,10 +152,10 @@ def gains(
     from dynident_service.cli import inputs, output, terminal
 
     if weigh_unloaded and not weigh:
-        raise DynidentError("nothing is to be weighed: give --weigh too", pointer="--weigh-unloaded")
+        raise DynidentError("there is no load to weigh; give --weigh, too", pointer="--weigh-unloaded")
     load = request_options.build_request(KnownLoad)
     if load.mass is None and not reading.metadata:
-        raise DynidentError("say what the load weighs, in kg", pointer="--mass", title="Missing option")
+        raise DynidentError("the mass of the load is missing; give it in kg", pointer="--mass", title="Missing option")
     machine = inputs.load_robot_argument(robot, reading)
     # All files are read in one go, and are told apart by their places afterwards.
     others = [*loaded, *weigh, *weigh_unloaded]

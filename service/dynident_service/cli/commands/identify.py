@@ -44,12 +44,12 @@ def ladder(
     model: ModelArgument,
     against: Annotated[
         Path | None,
-        typer.Option("--against", metavar="MODEL", help="Another model, whose ladder is set beside it."),
+        typer.Option("--against", metavar="MODEL", help="Another model, to compare its ladder with this one."),
         READABLE_FILE,
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show the models that led to one, and their errors; which predicts held-out data best, and where that rises."""
+    """Show the models that led to one and their errors; which one predicts held-out data best, and which are worse."""
     from dynident.errors import DynidentError
     from dynident_service.adapters.identifications import build_steps, compare_ladders
     from dynident_service.cli import inputs, output, result_tables
@@ -84,7 +84,7 @@ def essential(
 ) -> None:
     """Find the essential parameters of a model by backward elimination.
 
-    --out writes the model with the essential parameters estimated anew, the others at zero.
+    --out writes the model with the essential parameters estimated again, the others at zero.
     """
     from dynident.identification import to_bytes
     from dynident.identification.study.parameter_identifiability import essential_parameters
@@ -102,7 +102,7 @@ def essential(
 
 
 def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> None:
-    """Take effects out of a model.
+    """Remove effects from a model.
 
     No measurement is needed: the model's file holds the reduced data.
     """
@@ -113,7 +113,7 @@ def remove(model: ModelArgument, effects: Effects, result: OutputOptions) -> Non
     identification = inputs.load_model(model)
     removed = inputs.parse_unchecked_effects(effects)
     if not removed:
-        raise DynidentError("say what to remove: --effects", pointer="--effects")
+        raise DynidentError("the effects to remove are missing; give --effects", pointer="--effects")
     reduced_model = remove_effects(identification, removed)
     output.write_extended_model(result, reduced_model, model.stem, identification)
 
@@ -131,7 +131,7 @@ def extend(
 ) -> None:
     """Add effects to a model.
 
-    Give the measurements that it was identified from. Ends with the verdict on the model, as `identify` does.
+    Give the measurements that the model was identified from. Ends with the verdict on the model, as `identify` does.
     """
     from dynident.errors import DynidentError
     from dynident.identification import extend as extend_model
@@ -145,11 +145,13 @@ def extend(
         stored_diagnosis = inputs.load_diagnosis(diagnosis)
         added += stored_diagnosis.recommended
         if not added:
-            why = f"Nothing is added: the diagnosis recommends nothing. {stored_diagnosis.summary}"
+            why = f"Nothing was added, because the diagnosis recommends nothing. {stored_diagnosis.summary}"
             output.write_unchanged_model(result, identification, why)
             return
     if not added:
-        raise DynidentError("say what to add: --effects, or --diagnosis with a file", pointer="--effects")
+        raise DynidentError(
+            "the effects to add are missing; give --effects, or --diagnosis with a file", pointer="--effects"
+        )
     with inputs.read_recordings("extend", measurements, robot, reading, validation) as data:
         extended = extend_model(identification, added, data.recordings, data.other_recordings, data.progress)
         checks = {item.recording.name: item.checks for item in (*data.loaded, *data.others)}
@@ -167,7 +169,7 @@ _FILTERS = ", ".join(
 
 @dataclass(frozen=True)
 class FurtherInputs:
-    """What is given beside the measurements."""
+    """Further input files besides the measurements."""
 
     validation: Validation
     effects: Effects

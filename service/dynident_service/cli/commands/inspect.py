@@ -28,20 +28,20 @@ def inspect(
     robot: Annotated[
         str | None,
         typer.Option(
-            "--robot", "-r", metavar="ROBOT", help="Whose recording it is: without it columns are only listed."
+            "--robot", "-r", metavar="ROBOT", help="The robot of the recording; without it, columns are only listed."
         ),
         KNOWN_ROBOT,
     ] = None,
     rate: Rate = None,
     out: Out = None,
     as_proposed: Annotated[
-        bool, typer.Option("--as-proposed", help="Fail where anything is to be answered, and write nothing then.")
+        bool, typer.Option("--as-proposed", help="Fail if a question is open, and write nothing.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Look at a file: what its columns most probably are, why, and what has to be answered before it can be used.
+    """Inspect a file: what its columns most probably are, why, and what you must answer before you can use it.
 
-    --out writes the proposal as JSON; `dynident identify --metadata` takes it.
+    --out writes the proposal as JSON, for `dynident identify --metadata`.
     """
     from dynident.identification.column_inference import inspect_file
     from dynident_service.cli import files, inputs, metadata, output
@@ -70,10 +70,10 @@ def _to_document(inspection: Inspection) -> dict[str, Any]:
 def _print_inspection(console: Console, inspection: Inspection) -> None:
     from dynident_service.cli import terminal
 
-    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows looked at")
+    console.print(f"{inspection.format}, {len(inspection.columns)} columns, {inspection.n_rows_seen} rows inspected")
     if inspection.proposal is None:
         console.print(", ".join(inspection.columns), soft_wrap=True)
-        console.print("Say whose recording it is, --robot ROBOT, to have the columns told.")
+        console.print("To find out what the columns are, give the robot: --robot ROBOT.")
         return
     rows = [
         [guess.field, guess.value, f"{guess.confidence:.0%}", guess.reason] for guess in inspection.proposal.guesses
@@ -84,4 +84,4 @@ def _print_inspection(console: Console, inspection: Inspection) -> None:
         choices = f" ({', '.join(question.choices[:8])})" if question.choices else ""
         console.print(f"? {question.field}: {question.detail}{choices}", soft_wrap=True)
     if not inspection.proposal.questions:
-        console.print("Nothing is to be answered: identify with --as-proposed.")
+        console.print("No question is open: identify with --as-proposed.")

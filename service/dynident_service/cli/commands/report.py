@@ -27,9 +27,11 @@ from dynident_service.cli.request_options import RequestOptions, TypedValues
 class _ReportExtras:
     """What else the report shows."""
 
-    diagnosis: Annotated[SomeFile, file_option("--diagnosis", help="What `dynident diagnose --out` wrote.")] = None
+    diagnosis: Annotated[
+        SomeFile, file_option("--diagnosis", help="Diagnosis that `dynident diagnose --out` wrote.")
+    ] = None
     validated: Annotated[
-        SomeFiles, file_option("--validated", help="What `dynident validate --out` wrote; repeat it.")
+        SomeFiles, file_option("--validated", help="Validation that `dynident validate --out` wrote; may be repeated.")
     ] = None
 
 
@@ -41,7 +43,8 @@ def report(
     extras: _ReportExtras,
     request_options: Annotated[TypedValues, RequestOptions(ReportChoices)],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The HTML file, or with this ending the PDF: .pdf.")
+        Path,
+        typer.Option("--out", "-o", metavar="FILE", help="The HTML file to write, or a PDF if the name ends in .pdf."),
     ] = Path("report.html"),
     as_json: Json = False,
 ) -> None:

@@ -9,13 +9,13 @@ import typer
 
 
 def serve(
-    host: Annotated[str | None, typer.Option("--host", help="Where to listen; 127.0.0.1 by default.")] = None,
-    port: Annotated[int | None, typer.Option("--port", help="8000 by default.", min=0, max=65535)] = None,
+    host: Annotated[str | None, typer.Option("--host", help="Address to listen on; 127.0.0.1 by default.")] = None,
+    port: Annotated[int | None, typer.Option("--port", help="Port; 8000 by default.", min=0, max=65535)] = None,
     data_dir: Annotated[
-        Path | None, typer.Option("--data-dir", help="Where to keep data; ./dynident-data by default.")
+        Path | None, typer.Option("--data-dir", help="Folder for the data; ./dynident-data by default.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", help="Jobs at a time; one a core by default.", min=1)
+        int | None, typer.Option("--workers", help="Jobs at the same time; one per core by default.", min=1)
     ] = None,
 ) -> None:
     """Run the HTTP service.

@@ -16,7 +16,7 @@ from dynident_service.cli.request_options import RequestOptions, TypedValues
 
 @dataclass(frozen=True)
 class FurtherInputs:
-    """What is given beside the measurements."""
+    """Further input files besides the measurements."""
 
     validation: Validation
     methods: Annotated[
@@ -24,7 +24,8 @@ class FurtherInputs:
         typer.Option(
             "--methods",
             metavar="MODEL/STRATEGY/ESTIMATOR,…",
-            help="For methods: which; filtered or sequential/ols is enough. All that are available if left out.",
+            help="For methods: the methods to compare; filtered or sequential/ols is enough. All available ones by "
+            "default.",
             show_default=False,
         ),
     ] = None
@@ -49,9 +50,10 @@ def validate(
         READABLE_FILE,
     ] = None,
 ) -> None:
-    """Try whether an identified model is to be trusted.
+    """Test whether an identified model can be trusted.
 
-    Ends with pass, fail or not evaluated and the reason; exit code 1 after fail. --out writes the result as JSON.
+    The result is pass, fail or not evaluated, with the reason; the exit code is 1 after fail.
+    --out writes the result as JSON.
     """
     from dynident.errors import DynidentError
     from dynident_service.cli import inputs, model_validation, output

@@ -15,7 +15,7 @@ export function addByHand(model, add) {
   const choose = (id) => {
     const effect = byId.get(id);
     const boxes = model.joints.map((joint) => h("label", {}, h("input", { type: "checkbox", name: "joint", value: joint, checked: joint === model.joint }), ` ${joint}`));
-    put(places, h("legend", {}, "Joints"), effect.scope === "robot" ? h("p", { class: "note" }, "It belongs to the whole robot.") : boxes);
+    put(places, h("legend", {}, "Joints"), effect.scope === "robot" ? h("p", { class: "note" }, "It acts on the whole robot.") : boxes);
     put(shapes, effect.shape_parameters.map(constantField));
     put(about, aboutEffect(model.effects, id, formula));
   };
@@ -42,7 +42,7 @@ export function addByHand(model, add) {
 
 /** A number to be given, or one of a few kinds by its word. */
 function constantField(one) {
-  const searched = "left empty, it is searched for where it can be";
+  const searched = "if empty, it is searched for where possible";
   const pointer = `/effects/0/shape/${one.name}`;
   if (!one.words?.length)
     return field(`${one.name} (${one.unit})`, h("input", { type: "number", step: "any", name: one.name }), { hint: `${one.description}, about ${one.default}; ${searched}`, pointer });

@@ -100,7 +100,7 @@ export function upload(path, file, metadata, { onProgress = null, signal = undef
     request.upload.onprogress = (event) => onProgress?.(event.total ? event.loaded / event.total : 0);
     request.onload = () => settle(request.status, request.responseText, key, resolve, reject);
     request.onerror = () => reject(unreachable());
-    request.onabort = () => reject(new DOMException("The upload was given up.", "AbortError"));
+    request.onabort = () => reject(new DOMException("The upload was cancelled.", "AbortError"));
     signal?.addEventListener("abort", () => request.abort());
     request.send(form);
   });

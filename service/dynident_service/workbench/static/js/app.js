@@ -76,7 +76,7 @@ function askForKey() {
   const dialog = h("dialog", { "aria-labelledby": "key-title" },
     h("form", { method: "dialog" },
       h("h2", { id: "key-title" }, "API key"),
-      h("p", {}, "This service asks for an API key. It is kept in this tab only."),
+      h("p", {}, "This service needs an API key. The key is stored only in this tab."),
       h("label", { for: "api-key" }, "Key"),
       input,
       h("p", {}, h("button", { class: "main" }, "Enter")),
@@ -96,7 +96,7 @@ function askForKey() {
 document.addEventListener("click", follow);
 document.addEventListener("key-needed", askForKey);
 document.addEventListener("service-away", ({ detail: away }) =>
-  put(document.getElementById("away"), away ? "The service does not answer; it is asked again …" : null),
+  put(document.getElementById("away"), away ? "The service does not answer; trying again …" : null),
 );
 addEventListener("popstate", () => show());
 addEventListener("models-changed", () => list.refresh());

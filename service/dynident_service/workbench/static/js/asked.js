@@ -3,7 +3,7 @@
 import { field, h, select } from "./dom.js";
 
 const LONGEST_LABEL = 42;
-const AS_USUAL = ["", "as usual", ""];
+const AS_USUAL = ["", "default", ""];
 
 /**
  * Controls for those of `fields` that a number, a word, a mark or a list can say; `given` are values to begin

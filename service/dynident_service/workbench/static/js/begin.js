@@ -36,7 +36,7 @@ export async function beginPage(target, wanted, signal) {
       return;
     }
     // Steps of the robot before would be taken away under somebody's hands, and until then act on it.
-    for (const place of [steps.measurements, steps.identification]) put(place, h("p", { class: "note" }, `Reading what ${robot.name} has …`));
+    for (const place of [steps.measurements, steps.identification]) put(place, h("p", { class: "note" }, `Loading the data of ${robot.name} …`));
     state.measurements = (await get("/measurements", { robot_id: robot.id, limit: 200 }, signal)).items;
     if (robot !== state.robot || signal.aborted) return;
     state.form = await identificationForm(robot);
@@ -63,7 +63,7 @@ export async function beginPage(target, wanted, signal) {
   put(
     target,
     h("h1", {}, robots.length ? "A new model" : "Begin with a robot"),
-    h("p", {}, "From a description of the robot and recordings of its motion follow the parameters of its dynamics, and what physics is missing in them."),
+    h("p", {}, "dynident identifies the dynamic parameters from a description of the robot and recordings of its motion, and names the physical effects that the model lacks."),
     step("1. Robot", steps.robot),
     step("2. Measurements", steps.measurements),
     step("3. Identification", steps.identification),
@@ -85,7 +85,7 @@ function robotChoice(state, choose) {
       h("span", { class: "note" }, `${counted(robot.joints.length, "joint")}, ${counted(robot.base_parameters.count, "base parameter")}${gains(robot)}`),
     ),
   );
-  return h("fieldset", { class: "list-of-choices" }, h("legend", {}, "Robots that are there"), radios);
+  return h("fieldset", { class: "list-of-choices" }, h("legend", {}, "Existing robots"), radios);
 }
 
 function gains(robot) {

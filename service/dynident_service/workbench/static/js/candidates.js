@@ -13,7 +13,7 @@ export function candidatesTable(model, result, add, signal) {
   const most = Math.max(...result.candidates.map((one) => one.error_drop ?? 0), 1e-9);
   const head = ["rank", "effect", "where", right("error (%)"), "drop, held out", right("p"), right("separable"), ""];
   const rows = result.candidates.flatMap((one) => candidateRows(model, one, most, add, signal));
-  const notes = "Errors are relative, on stretches left out of the fit, on the joints named. Separable: the share of the effect's columns that the model does not explain already; near zero, this data cannot tell it from the model.";
+  const notes = "Errors are relative, on blocks of time that the fit leaves out, on the given joints. Separable: the share of the effect's columns that the model does not explain; near zero, this data cannot distinguish the effect from the model.";
   return [table("Ranked effects", head, rows, { id: "candidates" }), h("p", { class: "note" }, notes)];
 }
 
@@ -52,12 +52,12 @@ export function addButton(model, one, title, add) {
   const where = placeOf(model.effects, one, model.joints);
   const said = h("div");
   const text = one.significant ? "Add" : "Add anyway";
-  const warning = one.significant ? null : "held-out data does not ask for it";
+  const warning = one.significant ? null : "not significant on held-out data";
   return [h("button", { type: "button", class: "small", title: warning, "aria-label": `${text}: ${title} on ${where}`, onclick: () => add([choice], said) }, text), said];
 }
 
 function fillEvidence(cell, model, one, signal) {
   const { words, figure, about } = evidenceOf(model, one, signal);
-  const doubt = `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that it is there.`;
+  const doubt = `Not significant (t = ${number(one.t_value)}, p = ${pValue(one.p_value)}): add it only if you know that the robot has it.`;
   put(cell, words, one.significant ? null : h("p", {}, doubt), h("div", { class: "two" }, figure, about));
 }

@@ -33,7 +33,7 @@ export function changesTable(model, result) {
 }
 
 function changedTable(model, result) {
-  if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "Nothing that these recordings can show has changed since the baseline.");
+  if (!result.changes.length) return h("p", { class: "box good", id: "changes" }, "These recordings show no change since the baseline.");
   const rows = result.changes.flatMap((one) => changeRows(model, one));
   const head = ["changed", "where", "parameter", right("before"), right("difference"), right("95 % interval"), right("p"), "evidence"];
   return h("div", { id: "changes" }, table("Changes since the baseline", head, rows));
@@ -48,10 +48,10 @@ function frictionTable(result) {
     figures("before", (one) => one.before, (value) => number(value)),
     figures("difference", (one) => one.value, (value) => number(value)),
     [right("95 % interval"), (one) => ({ class: "n", text: interval(...one.interval, one.unit) })],
-    figures("of what it was", (one) => (one.before > 0 ? one.value / one.before : null), (value) => percent(value)),
+    figures("relative to before", (one) => (one.before > 0 ? one.value / one.before : null), (value) => percent(value)),
     [`−${percent(reach)} to +${percent(reach)}`, (one) => (one.before > 0 ? spanOf(one, reach) : "")],
   ];
-  return h("div", { id: "friction-since" }, listed("Friction of each joint since the baseline, a finding or not", columns, result.friction));
+  return h("div", { id: "friction-since" }, listed("Friction of each joint since the baseline, significant or not", columns, result.friction));
 }
 
 function shares(one) {
@@ -84,5 +84,5 @@ export function changeRows(model, one, first = []) {
 
 function said(model, one) {
   const others = one.equivalent.map((name) => titleOf(model.effects, name) ?? name).join(", ");
-  return [one.evidence, others ? h("strong", {}, ` Not told apart by this data: ${others}.`) : null];
+  return [one.evidence, others ? h("strong", {}, ` This data cannot distinguish it from: ${others}.`) : null];
 }

@@ -2,7 +2,7 @@
 
 import { h, row, table } from "./dom.js";
 
-const MARKS = { ok: "✓ fine", warning: "! look", error: "✗ wrong" };
+const MARKS = { ok: "✓ fine", warning: "! check", error: "✗ error" };
 const ORDER = { error: 0, warning: 1, ok: 2 };
 
 /**
@@ -22,7 +22,7 @@ export function checksTable(checks, onAccept = null, { onApply = null, inWords =
           ? h("button", { type: "button", class: "small apply", onclick: () => onApply(one) }, `Apply: ${inWords(one.apply)}`)
           : null,
         onAccept && one.status === "error"
-          ? h("button", { type: "button", class: "small", onclick: () => onAccept(one.name) }, "It is right: use it all the same")
+          ? h("button", { type: "button", class: "small", onclick: () => onAccept(one.name) }, "It is right: use it anyway")
           : null,
       ],
     ]),
@@ -34,7 +34,7 @@ export function checksTable(checks, onAccept = null, { onApply = null, inWords =
 export function checksInWords(checks) {
   const count = (status) => checks.filter((one) => one.status === status).length;
   const parts = [`${count("ok")} fine`];
-  if (count("warning")) parts.push(`${count("warning")} to look at`);
+  if (count("warning")) parts.push(`${count("warning")} to check`);
   if (count("error")) parts.push(`${count("error")} wrong`);
   return parts.join(", ");
 }

@@ -36,7 +36,7 @@ function paint(target, days, course, signal) {
     options: { bands: [], hooks: { draw: [(made) => bars(made, course)] } },
   }, signal);
   const last = course.values.findLast((one) => one !== null);
-  if (last !== undefined) target.append(h("p", { class: "note" }, `On the last day that shows it: ${number(last)} ${course.unit}.${course.varies ? "" : " Days are not taken to differ in it: the others' data are used for each."}`));
+  if (last !== undefined) target.append(h("p", { class: "note" }, `On the last day that shows it: ${number(last)} ${course.unit}.${course.varies ? "" : " It is assumed to be constant: the data of all days are used for each day."}`));
 }
 
 /** The interval of each day as an upright bar. */

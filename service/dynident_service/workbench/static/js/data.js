@@ -11,13 +11,13 @@ export function dataSection(model) {
     ["used for", (one) => (one.heldOut ? "held out" : "fit")],
     figures("samples", (one) => one.n_samples, grouped),
     figures("sampling rate", (one) => one.sampling_rate, (value) => quantity(value, "Hz")),
-    ["windows of t", (one) => (one.windows.length ? one.windows.map(([from, to]) => `${number(from)} to ${number(to)} s`).join(", ") : "all of it")],
+    ["windows of t", (one) => (one.windows.length ? one.windows.map(([from, to]) => `${number(from)} to ${number(to)} s`).join(", ") : "all")],
     ["checks", (one) => checksInWords(one.checks)],
   ];
   return section("data", "Data",
     listed("Measurements of this model", columns, model.measurements, { id: "data-table" }),
     h("p", { class: "note" }, "A measurement's page shows its signals, its windows and what its checks found. ",
-      h("a", { href: address({ view: "new", robot: model.robot.id }) }, "Upload more of this robot, or identify anew")),
+      h("a", { href: address({ view: "new", robot: model.robot.id }) }, "Upload more recordings of this robot, or identify again")),
   );
 }
 

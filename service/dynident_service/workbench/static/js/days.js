@@ -27,7 +27,7 @@ export function daysSection(model, signal) {
   const choices = daysForm(model, state, ask, signal);
   orSay(said, known, signal);
   return section("days", "Over the days",
-    h("p", { class: "note" }, "The same robot recorded again and again: what is different, from which day on, and each parameter day by day."),
+    h("p", { class: "note" }, "Recordings of the same robot on many days: what has changed, since which day, and each parameter day by day."),
     choices,
     said,
     body,
@@ -39,7 +39,7 @@ function daysForm(model, state, ask, signal) {
   const places = h("div", { class: "list-of-choices", id: "days-of-series" });
   const wrong = h("div");
   const days = new Map();
-  const submit = h("button", { class: "main", id: "follow-days" }, "Follow them");
+  const submit = h("button", { class: "main", id: "follow-days" }, "Follow the days");
 
   const fill = () => orSay(wrong, async () => {
     const { items } = await get("/measurements", { robot_id: model.robot.id, limit: 200 }, signal);
@@ -49,7 +49,7 @@ function daysForm(model, state, ask, signal) {
     put(
       places,
       kept.size ? h("p", { class: "note" }, `${kept.size} measurements of the series below come first and are not read again.`) : null,
-      own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to go on."),
+      own.length ? own.map((one, index) => line(one, index + 1)) : h("p", { class: "note" }, "Upload another day's measurement to continue."),
     );
     submit.disabled = !own.length;
   }, signal);
@@ -60,7 +60,7 @@ function daysForm(model, state, ask, signal) {
   }
   const send = sending(submit, wrong, async () => {
     const asked = inOrder(days);
-    if (asked.length + (state.latest ? 1 : 0) < 2) return void put(wrong, h("p", { class: "box warning" }, "Give at least two days a number; leave empty what is to be left out."));
+    if (asked.length + (state.latest ? 1 : 0) < 2) return void put(wrong, h("p", { class: "box warning" }, "Give at least two days a number. Leave the number empty to leave a measurement out."));
     await ask({ days: asked, continues: state.latest?.id ?? null });
     await fill();
   }, signal);

@@ -14,8 +14,8 @@ const USES = [["", "leave out"], ["unloaded", "without the load"], ["loaded", "w
 /** A form that identifies the drive gains of a robot; `update(measurements)` keeps what has been chosen. */
 export function driveGainsPanel(robot, onRobot, signal) {
   const uses = usesOf(USES, { usual: (one) => (one.role === "payload" ? "loaded" : ""), called: "Load", about: (one) => quantity(one.request.payload?.mass, "kg").replace("–", "") });
-  const mass = h("input", { id: "known-mass", type: "number", step: "any", min: 0, placeholder: "as stated with it" });
-  const centre = h("input", { id: "known-centre", placeholder: "not known" });
+  const mass = h("input", { id: "known-mass", type: "number", step: "any", min: 0, placeholder: "as stated with the measurement" });
+  const centre = h("input", { id: "known-centre", placeholder: "unknown" });
   const said = h("div");
   const result = h("div", { id: "gains-found" });
   const submit = h("button", { class: "main", id: "identify-gains" }, "Identify the drive gains");
@@ -38,11 +38,11 @@ export function driveGainsPanel(robot, onRobot, signal) {
     if (!body.unloaded.length || !body.loaded.length) return void put(said, complaint("Choose at least one measurement without the load, and one of the same motion with it."));
     put(result);
     await wait(await post("/drive_gains", body, { signal }));
-    announce("The drive gains are there");
+    announce("The drive gains are ready");
   }, signal);
   const wait = async (made) => put(result, found(robot, await awaited("/drive_gains", made, "drive gains", result, signal), onRobot));
   const form = h("form", { onsubmit: send },
-    h("p", { class: "note" }, "The same motion without and with a load whose mass is known tells what torque a current makes: the drive gains, by total least squares."),
+    h("p", { class: "note" }, "The same motion without and with a load of known mass gives the torque per unit of current: the drive gains, by total least squares."),
     h("fieldset", {}, h("legend", {}, "Measurements"), uses.element),
     h("div", { class: "fields" }, field("Mass of the known load (kg)", mass, { pointer: "/mass" }), field("Its centre x, y, z (m)", centre, { pointer: "/centre", hint: "In the last joint's frame." })),
     said,

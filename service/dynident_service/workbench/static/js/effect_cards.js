@@ -35,7 +35,7 @@ function beforeAndAfter(one) {
     h("span", { class: "share" }, h("span", { class: `fill ${css}`, style: { width: `${(100 * value / Math.max(one.error_before, one.error_after, 1e-12)).toFixed(1)}%` } })),
     h("data", { value }, percent(value)),
   ];
-  return h("div", { class: "before-after", title: `relative error on stretches left out of the fit; p ${pValue(one.p_value)}` },
+  return h("div", { class: "before-after", title: `relative error on blocks of time that the fit leaves out; p ${pValue(one.p_value)}` },
     bar("without it", one.error_before, ""),
     bar("with it", one.error_after, "good"),
   );

@@ -31,9 +31,9 @@ function errorsTable(model) {
   ];
   const rowProps = (joint) => ({ class: !joint ? "total" : joint === model.joint ? "chosen" : null });
   const notes = [
-    "Relative errors are ‖y − ŷ‖ / ‖y‖ on the filtered, decimated torque: where the joint moves, and on all rows, where at rest the distance to what static friction may hold counts.",
-    hasFloor ? "The noise floor is what the torque sensor's noise alone leaves; 1 times the floor is as good as a model can be." : "Diagnose the model to see the noise floor.",
-    validation ? "" : "There is no validation data: an error on data that the fit has not seen tells more.",
+    "Relative errors are ‖y − ŷ‖ / ‖y‖ of the filtered, decimated torque: where the joint moves, and on all rows. At standstill, only the distance to the range of static friction counts.",
+    hasFloor ? "The noise floor is the residual that the torque sensor's noise alone causes; no model can be better than 1 times the floor." : "Diagnose the model to see the noise floor.",
+    validation ? "" : "There is no validation data. Hold out a measurement to see the error on data that the fit has not seen.",
   ];
   return [listed("Error per joint", columns, [...model.joints, null], { id: "error-table" }, rowProps), h("p", { class: "note" }, notes.join(" "))];
 }

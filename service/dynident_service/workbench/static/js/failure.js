@@ -35,7 +35,7 @@ export function failureSection(model, signal) {
   model.addEventListener("diagnosis", showSpots);
   showSpots();
   return section("fails", "Where it fails",
-    h("p", { class: "note" }, "A flat mean at zero shows nothing missing; the wash is the spread around the mean."),
+    h("p", { class: "note" }, "If the mean is flat at zero, nothing is missing; the shaded band is the spread around the mean."),
     profiles,
     map,
     spots,
@@ -78,7 +78,7 @@ function failureMap(model) {
     figures("rms there", (one) => one.rms, (value, one) => `${number(value)} ${model.unitOf(one.joint)}`),
     [right("times the joint's own rms"), (one) => numeric(one.ratio === null ? "–" : `${number(one.ratio)} ×`)],
   ];
-  const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the model that was diagnosed, before what has been added";
+  const whose = model.diagnosis.request.identification_id === model.id ? "" : " of the diagnosed model, without later additions,";
   const more = spots.slice(SPOTS);
   return [
     listed(`Where the residual${whose} is largest`, columns, spots.slice(0, SPOTS), { id: "failure-map" }),

@@ -65,7 +65,7 @@ export async function identificationForm(robot) {
   const element = h("form", { onsubmit: send, id: "identify" },
     h("fieldset", { "data-pointer": "/measurement_ids" }, h("legend", {}, "Measurements"), uses.element),
     h("fieldset", { class: "checks-of", "data-pointer": "/effects" }, h("legend", {}, "Effects in the model"), effects),
-    h("p", { class: "note" }, "Begin with those that are marked: the diagnosis says what is missing."),
+    h("p", { class: "note" }, "Begin with the marked effects: the diagnosis names what is missing."),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
     h("details", { class: "methods" }, h("summary", {}, "How to identify"), h("div", { class: "fields" }, ways.map((one) => one.element)), ofEstimator, h("div", { class: "fields" }, more.map((one) => one.element))),
     said,

@@ -45,11 +45,11 @@ export function stepInWords(model) {
   const worse = worseIn(model);
   const where = worse.joints.length ? ` Worse than before on ${worse.joints.join(", ")}: see the table per joint before you keep it.` : "";
   if (after.removed.length) {
-    const loss = worse.total ? " The error is larger without it." : worse.joints.length ? "" : " It was not missed.";
+    const loss = worse.total ? " The error is larger without it." : worse.joints.length ? "" : " The model does not need it.";
     return `Removed ${names(after.removed)}: ${parts.join(", ")}.${loss}${where}`;
   }
   const unseen = before.validation && after.validation ? " on data that the fit has not seen" : "";
-  const advice = worse.total ? ` It did not help${unseen}: think before you keep it.` : "";
+  const advice = worse.total ? ` It did not help${unseen}: consider removing it.` : "";
   return `Added ${names(after.added)}: ${parts.join(", ")}.${advice}${where}`;
 }
 
@@ -100,7 +100,7 @@ function bestInWords(rungs) {
   const [best, rises] = [rungs.findIndex((one) => one.best), rungs.findIndex((one) => one.rises)];
   if (best < 0) return "";
   const found = `Model ${best + 1} predicts held-out data best`;
-  return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: what was added there does not help.`;
+  return rises < 0 ? `${found}.` : `${found}; from model ${rises + 1} on the held-out error is larger: the effects added there do not help.`;
 }
 
 /** A way back to the best rung; what an extension made on its way is no model that could be gone to. */

@@ -25,7 +25,7 @@ export function measurementsTable(measurements) {
       moment(one.created_at),
     ]),
   );
-  return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "each joint stands", "windows", "checks", "uploaded"], rows));
+  return h("div", { class: "stored" }, table("Measurements of this robot", ["name", "role", "samples", "standstill per joint", "windows", "checks", "uploaded"], rows));
 }
 
 /** Share of its time that each joint stands, in the robot's order. */
@@ -46,7 +46,7 @@ export function measurementForm(robot, { forms, metadata, chosen, onStored, onRo
   lookedAtBefore(earlier, robot, stored, (found) => forms.append(fileCard({ found, role: role() }, hands)));
   return h("div", {},
     dropZone("Drop recordings here, or choose them:", { accept: FORMATS, multiple: true, id: "recordings" }, add),
-    h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: what the columns are, and in which units, is guessed and shown before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
+    h("p", { class: "note" }, `CSV, Parquet, NumPy, MATLAB, HDF5, ROS bags, MCAP: dynident guesses the columns and their units, and shows them before anything is stored. Joints: ${robot.joints.map((one) => one.name).join(", ")}.`),
     forms,
     earlier,
     h("details", {}, h("summary", {}, "The recordings have currents: drive gains"), drivesOf(robot, onRobot)),
@@ -64,11 +64,11 @@ async function lookedAtBefore(target, robot, stored, goOn) {
     const line = h("li", { class: "actions" }, h("span", {}, `${one.proposed.name}, ${moment(one.created_at)}`), h("button", { type: "button", class: "small", onclick: () => {
       line.remove();
       goOn(one);
-    } }, "Go on with it"), h("button", { type: "button", class: "small", onclick: () => {
+    } }, "Continue"), h("button", { type: "button", class: "small", onclick: () => {
       line.remove();
       ask("DELETE", `/imports/${one.id}`).catch(() => {});
-    } }, "Forget it"));
+    } }, "Discard"));
     return line;
   });
-  put(target, h("details", {}, h("summary", {}, `${counted(left.length, "file")} looked at before, not stored`), h("ul", {}, lines)));
+  put(target, h("details", {}, h("summary", {}, `${counted(left.length, "file")} inspected before, not stored`), h("ul", {}, lines)));
 }

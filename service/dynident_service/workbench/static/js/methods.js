@@ -3,7 +3,7 @@
 import { choicesOf, choicesOfQuery, fieldsOf } from "./schema.js";
 
 /** What no prior is called, and what it is for. */
-export const NO_PRIOR = ["", "none", "The data alone count."];
+export const NO_PRIOR = ["", "none", "Only the data count."];
 
 /** Of each choice of an identification its [value, name]; and the validations and the formats of exports that there are. */
 export async function methods() {

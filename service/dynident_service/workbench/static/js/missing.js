@@ -42,7 +42,7 @@ export function missingSection(model, signal) {
   model.addEventListener("diagnosis", follow);
   follow();
   return section("missing", "What is missing",
-    h("p", { class: "actions" }, button, h("span", { class: "note" }, "holds every effect of the catalogue against what the model leaves unexplained")),
+    h("p", { class: "actions" }, button, h("span", { class: "note" }, "compares every effect of the catalogue with the residual of the model")),
     said,
     body,
     changesForm(model, async (asked) => runPressed(await post("/diagnoses", asked)), signal),
@@ -66,8 +66,8 @@ async function extend(model, effects, said, signal) {
 function whole(model, add, signal) {
   if (model.diagnosis.request.identification_id === model.id) return shown(model, add, signal);
   return [
-    h("p", {}, "Diagnose this model to see what is left."),
-    h("details", {}, h("summary", {}, "The diagnosis of the model that it came from"), shown(model, add, signal)),
+    h("p", {}, "Diagnose this model to see what is still missing."),
+    h("details", {}, h("summary", {}, "The diagnosis of its parent model"), shown(model, add, signal)),
   ];
 }
 
@@ -98,7 +98,7 @@ function verdict(model, result, add) {
   return h("div", { class: result.verdict === "adequate" ? "box good" : "box warning", id: "verdict", "data-verdict": result.verdict },
     h("p", {}, h("strong", {}, `${HEADLINES[result.verdict]}. `), result.summary),
     items.length ? [h("p", {}, "Recommended, in this order:"), h("ol", {}, items)] : null,
-    left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} that are recommended` : "Add what is recommended")) : null,
+    left.length ? h("p", {}, h("button", { type: "button", class: "main", id: "add-recommended", onclick: () => add(left, said) }, left.length > 1 ? `Add all ${left.length} recommended effects` : "Add the recommended effect")) : null,
     said,
   );
 }
@@ -106,7 +106,7 @@ function verdict(model, result, add) {
 function unknown(result) {
   if (!result.unknown.length) return null;
   const columns = [["joint", (one) => one.joint], ["over", (one) => one.variable.replaceAll("_", " ")], figures("share of its variance", (one) => one.share, (value) => percent(value))];
-  return listed("Left after everything recommended: the residual still depends on", columns, result.unknown);
+  return listed("With all recommended effects, the residual still depends on", columns, result.unknown);
 }
 
 function nextExperiment(model, result) {
@@ -123,7 +123,7 @@ function invisible(model, result) {
   const columns = [["effect", (one) => titleOf(model.effects, one.effect)], ["where", (one) => placeOf(model.effects, one, model.joints)], ["why", (one) => one.reason]];
   return h("details", {},
     h("summary", {}, `Not visible in this data (${result.not_visible.length})`),
-    h("p", { class: "note" }, "“The data could not have shown it” is not “it is not there”."),
-    listed("Effects that this data could not have shown", columns, result.not_visible),
+    h("p", { class: "note" }, "The robot may have these effects: this data cannot show them."),
+    listed("Effects that this data cannot show", columns, result.not_visible),
   );
 }

@@ -121,13 +121,13 @@ function warnings(result) {
   const all = [...result.warnings];
   if (!result.inertia_matrix_positive_definite) all.push("The inertia matrix is not positive definite in every pose that was tried.");
   if (!all.length) return null;
-  return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you rely on it")), h("ul", {}, all.map((one) => h("li", {}, one))));
+  return h("div", { class: "box warning", id: "warnings" }, h("p", {}, h("strong", {}, "Before you use this model")), h("ul", {}, all.map((one) => h("li", {}, one))));
 }
 
 function actions(model, ways) {
   const said = h("div");
   const reports = [["html", "Report"], ["pdf", "Report as PDF"]].map(([format, words]) => h("button", { type: "button", onclick: (event) => makeReport(model, format, ways, event.target, said) }, words));
-  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Take the model along:"), exportLinks(model, ways.exports, said)), said];
+  return [h("p", { class: "actions" }, reports, h("span", { class: "note" }, "Export the model:"), exportLinks(model, ways.exports, said)), said];
 }
 
 async function makeReport(model, format, ways, button, said) {

@@ -30,5 +30,5 @@ function essentialPart(model, signal) {
     put(found, h("p", {}, reason), tables.map((one) => shownTable(one)));
   };
   const button = h("button", { type: "button", onclick: () => pressed(button, find, (error) => put(found, problemBox(error)), signal) }, "Essential parameters");
-  return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "takes out what the data do not show, one by one, and shows the errors along the way")), found];
+  return [h("p", { class: "actions" }, button, h("span", { class: "note" }, "removes the parameters that the data do not determine, one by one, and shows the errors of each step")), found];
 }

@@ -9,7 +9,7 @@ export function problemBox(error, again = null) {
   return h("div", { class: "box error", role: "alert" },
     h("p", {}, h("strong", {}, `${error.title ?? "The page failed"}. `), error.message),
     details.length ? h("ul", {}, details.map((one) => h("li", {}, place(one), one.detail))) : null,
-    error.dependents?.length ? h("p", {}, `Rests on it: ${error.dependents.map((one) => one.id).join(", ")}`) : null,
+    error.dependents?.length ? h("p", {}, `Used by: ${error.dependents.map((one) => one.id).join(", ")}`) : null,
     error.checks?.length ? checksTable(error.checks) : null,
     again ? h("button", { type: "button", onclick: again }, "Try again") : null,
   );

@@ -34,7 +34,7 @@ export async function take(path, said, wayOut = () => null) {
 
 function noteBox(name, notes) {
   return h("div", { class: "box warning", id: "export-notes" },
-    h("p", {}, h("strong", {}, `What to know of ${name}`)), h("ul", {}, notes.map((one) => h("li", {}, one))));
+    h("p", {}, h("strong", {}, `Notes on ${name}`)), h("ul", {}, notes.map((one) => h("li", {}, one))));
 }
 
 /** Have the browser save a file. */

@@ -28,7 +28,7 @@ export function spectraSection(model, signal) {
   model.addEventListener("comparison", draw);
   model.addEventListener("joint", draw);
   return section("spectra", "Spectra of the residual",
-    h("p", { class: "note" }, "A line over time is vibration; a line over the joint's position comes from its gears or its motor. A residual that remembers is not noise."),
+    h("p", { class: "note" }, "A peak over time is vibration; a peak over the joint's position comes from its gears or its motor. A residual with autocorrelation is not noise."),
     place,
   );
 }
@@ -51,11 +51,11 @@ function paintSpectrum(target, found, until) {
 
 function paintMemory(target, found, until) {
   figure(target, {
-    title: `How long the residual of ${found.joint} remembers`,
+    title: `Autocorrelation of the residual of ${found.joint}`,
     x: { name: "lag", label: "lag (s)", words: (raw) => quantity(raw, "s"), values: found.lag },
     y: { label: "autocorrelation", words: number, scale: { range: (_, low, high) => [Math.min(-0.2, low ?? 0), Math.max(1, high ?? 1)] } },
     band: { names: ["95 % upper", "lower"], ends: [1, -1].map((sign) => found.lag.map(() => sign * found.limit)) },
     lines: [{ label: "autocorrelation", values: found.value, stroke: colour("residual"), width: 1.5 }],
   }, until);
-  target.append(h("p", { class: "note" }, `Its ${found.n_samples} samples are worth ${number(found.effective_samples)} independent ones; the wash is where independent ones would stay.`));
+  target.append(h("p", { class: "note" }, `Its ${found.n_samples} samples are worth ${number(found.effective_samples)} independent ones; independent ones would stay inside the shaded band.`));
 }

@@ -86,12 +86,12 @@ function worstStretches(model) {
   const pose = (one) => (one.pose.length ? model.joints.map((joint, index) => `${joint} ${quantity(one.pose[index], positionUnit(model.unitOf(joint)))}`).join(", ") : "");
   const buttons = worst.map((one) => {
     const text = `${one.joint}: ${number(one.from, 4)} to ${number(one.to, 4)} s`;
-    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's own`;
+    const size = `${quantity(one.rms, model.unitOf(one.joint))} rms, ${number(one.ratio, 2)} × the joint's rms`;
     const units = new Set(model.joints.map((joint) => positionUnit(model.unitOf(joint))));
     const short = units.size === 1 ? `pose ${one.pose.map((value) => number(value, 2)).join(", ")} ${[...units][0]}` : pose(one);
     const where = pose(one);
     return h("li", {}, h("button", { type: "button", class: "small", onclick: () => model.zoomTo(one.joint, one.from, one.to) }, text), h("span", { title: where ? `at ${number(one.time, 4)} s: ${where}` : null }, size, where ? h("small", { class: "note" }, h("br"), short) : null));
   });
   const remarks = notes.length ? h("ul", { class: "note", id: "comparison-notes" }, notes.map((one) => h("li", {}, one))) : null;
-  return [remarks, overNoise(model), h("h3", {}, "Worst stretches"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose a stretch to see it.`), h("ol", { class: "worst" }, buttons)];
+  return [remarks, overNoise(model), h("h3", {}, "Worst intervals"), h("p", { class: "note" }, `Error on this measurement, all joints: ${both}. Choose an interval to see it.`), h("ol", { class: "worst" }, buttons)];
 }

@@ -35,7 +35,7 @@ function chooser(model, others, signal) {
   const options = others.map((one) => [one.id, `${one.name || model.robot.name}, ${changeOf(model, one)}, ${moment(one.created_at)}`]);
   const pick = select(options, options[0][0], show, { id: "other-ladder" });
   show(options[0][0]);
-  return [field("Model whose ladder is set beside this one", pick), figure];
+  return [field("Model whose ladder is compared with this one", pick), figure];
 }
 
 /** What a rung changed, in words. */
@@ -50,7 +50,7 @@ function shown(model, found) {
   const kind = heldOut ? "validation" : "residual";
   const totals = (rungs) => rungs.filter((one) => one[kind]).map((one) => one[kind].relative_total);
   return [
-    found.same_data ? null : h("p", { class: "box warning" }, "These models do not all rest on the same measurements: their errors are not of the same data."),
+    found.same_data ? null : h("p", { class: "box warning" }, "Not all of these models use the same measurements, so their errors are not comparable."),
     both(totals(own), totals(other), heldOut),
     differences(model, found, kind),
   ];

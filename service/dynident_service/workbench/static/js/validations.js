@@ -21,8 +21,8 @@ export function validationsSection(model, kinds, signal) {
   known(model, lines, signal).catch((error) => {
     if (!signal.aborted) throw error;
   });
-  return section("validations", "Is it to be trusted",
-    h("p", { class: "actions" }, run, h("span", { class: "note" }, "makes all but the last of these, one after another")),
+  return section("validations", "Can the model be trusted?",
+    h("p", { class: "actions" }, run, h("span", { class: "note" }, "runs all of these except the last, one after another")),
     h("ul", { class: "verdicts" }, [...lines.values()].map((line) => line.element)),
   );
 }
@@ -77,7 +77,7 @@ function lineOf(model, { name: kind, label, words: about }, signal) {
       if (kind === "payload") {
         body.measurement_ids = await loads(model, signal);
         if (!body.measurement_ids.length) {
-          put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with what the load weighs."));
+          put(said, h("p", { class: "note" }, "There is no measurement whose role is payload. Record the motion of the identification with a load, and upload it with the mass of the load."));
           return;
         }
       }

@@ -49,7 +49,7 @@ function useLine({ use, state, reason, next_step }) {
 function driftTable(drift) {
   const head = h("tr", {}, h("th", { scope: "col" }, "joint"), drift.after.map((after) => h("th", { scope: "col" }, `after ${after} s`)));
   const rows = drift.joint_names.map((joint, j) => h("tr", {}, h("th", { scope: "row" }, joint), drift.share.map((each) => h("td", { class: "right" }, each[j] === null ? "–" : percent(each[j], 2)))));
-  return h("details", { id: "drift" }, h("summary", {}, "A simulation left alone under the measured torque is off by, of the joint's way"), h("table", {}, h("thead", {}, head), h("tbody", {}, rows)));
+  return h("details", { id: "drift" }, h("summary", {}, "Drift of an open-loop simulation under the measured torque, relative to the joint's travel"), h("table", {}, h("thead", {}, head), h("tbody", {}, rows)));
 }
 
 /** A gross mistake lies in the data; else what is missing comes before whether the rest is to be trusted. */

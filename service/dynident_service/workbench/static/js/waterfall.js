@@ -19,7 +19,7 @@ export function waterfallFigure(errors, joints, floors, kind) {
   });
   const key = [["first", "first model"], ["falls", "falls"], ["rises", "rises"], ["last", "last model"], ["floor", "noise floor"]];
   return h("figure", { class: "drawn waterfall", id: "waterfall" },
-    h("figcaption", { class: "chart-title" }, `What each rung takes from every joint's relative error, ${kind} (%)`),
+    h("figcaption", { class: "chart-title" }, `How each step changes every joint's relative error, ${kind} (%)`),
     h("p", { class: "key" }, key.map(([css, words]) => h("span", {}, h("span", { class: `swatch ${css}` }), words))),
     h("div", { class: "panels" }, panels),
   );

@@ -61,7 +61,7 @@ export async function mountArm(element, { robotId, times = [0], positions = null
   function keepClear(known) {
     clearances = known;
     near.hidden = false;
-    put(near, " ", h("button", { type: "button", class: "small", onclick: () => moved(known.nearest) }, `Nearest of all: at ${quantity(known.nearest, "s")}`));
+    put(near, " ", h("button", { type: "button", class: "small", onclick: () => moved(known.nearest) }, `Closest approach: at ${quantity(known.nearest, "s")}`));
     show(state.time);
   }
 
@@ -107,11 +107,11 @@ export async function mountArm(element, { robotId, times = [0], positions = null
 
   const open = poses.some((frames) => frames.includes(null));
   const notes = [
-    geometry.capsules.length || geometry.surfaces.length ? "" : "There is no collision geometry that can be read: rods stand for the links.",
-    open ? "Somewhere on this motion the loops cannot be closed: what they move is not drawn there." : "",
+    geometry.capsules.length || geometry.surfaces.length ? "" : "No collision geometry could be read: rods show the links.",
+    open ? "At some times of this motion the loops cannot be closed: their links are not drawn there." : "",
   ].filter(Boolean).join(" ");
   put(element, canvas, h("p", { class: "arm-time" }, times.length > 1 ? [play, slider, clock] : null), near,
-    h("p", { class: "note" }, "Axes x, y, z in orange, green, blue; the line is the way of the last joint's origin. Drag to turn. ", notes));
+    h("p", { class: "note" }, "Axes x, y, z are orange, green, blue; the line is the path of the last joint's origin. Drag to rotate. ", notes));
   const observer = new ResizeObserver(() => canvas.clientWidth && show(state.time));
   observer.observe(canvas);
   signal?.addEventListener("abort", () => observer.disconnect());

@@ -27,7 +27,7 @@ export function clearancesOf({ t, links }) {
 }
 
 function inWords(link, k) {
-  return `Nearest here: ${link.name} and ${link.others[link.to[k]].name}, ${quantity(link.distance[k], "m")} apart; ${quantity(link.wanted[k], "m")} are kept.`;
+  return `Closest here: ${link.name} and ${link.others[link.to[k]].name}, ${quantity(link.distance[k], "m")} apart; required: ${quantity(link.wanted[k], "m")}.`;
 }
 
 /** The nearest sample: those of the clearances are fewer than those of the motion. */

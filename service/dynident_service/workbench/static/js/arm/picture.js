@@ -35,23 +35,23 @@ function meshesForm(robot, onSent, signal) {
   const said = h("div");
   const rows = robot.meshes.map((one) => h("li", {}, one.sha256 ? "✓ " : "missing: ", h("code", {}, one.name), ` of ${one.links.join(", ")}`));
   const send = async (files) => {
-    if (!files.length) return void put(said, h("p", { class: "note" }, "There is no STL, OBJ, DAE or PLY file in it."));
+    if (!files.length) return void put(said, h("p", { class: "note" }, "It contains no STL, OBJ, DAE or PLY file."));
     const given = givenUp(`Reading ${counted(files.length, "file")}`, said);
     signal.addEventListener("abort", given.stop);
     const form = new FormData();
     for (const file of files) form.append("files", file, pathOf(file));
     try {
       const answer = await ask("PUT", `/robots/${robot.id}/meshes`, { body: form, signal: given.signal });
-      announce(lacking(answer) ? `${lacking(answer)} meshes are still missing` : "All meshes are here");
+      announce(lacking(answer) ? `${lacking(answer)} meshes are still missing` : "All meshes are uploaded");
       onSent(answer);
     } catch (error) {
-      if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Given up; nothing was stored."));
+      if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Cancelled; nothing was stored."));
       else put(said, problemBox(error, () => send(files)));
     }
   };
   const missing = lacking(robot);
   return h("div", {},
-    h("p", { class: "note" }, missing ? `The description names meshes that are not here: ${missing} of ${robot.meshes.length}. Designs do not check these links for collision, and the picture has none of them.` : "All meshes of the description are here. They count for collisions in designs."),
+    h("p", { class: "note" }, missing ? `${missing} of ${robot.meshes.length} meshes that the description names are missing. Designs do not check these links for collisions, and the picture does not show them.` : "All meshes of the description are uploaded. Designs check them for collisions."),
     dropZone("Drop the folder of the meshes here, or choose their files:", { accept: ".stl,.obj,.dae,.ply", multiple: true, folders: true, id: "mesh-files" }, send),
     said,
     h("details", {}, h("summary", {}, "Which meshes"), h("ul", {}, rows)));

@@ -59,7 +59,7 @@ export class JointRow {
     const wash = { series: [1, 2], fill: colour("band-wash") };
     const rest = { series: [3, 4], fill: colour("rest-wash") };
     const kinds = {
-      torque: [[first, ...edges(["95 % upper", "lower", "friction may hold", "down to"], value), line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], (one, low, high) => this.#around(one, low, high)],
+      torque: [[first, ...edges(["95 % upper", "lower", "static friction, upper", "static friction, lower"], value), line("measured", colour("measured"), 1.6), line("predicted", colour("predicted"), 1.2)], [wash, rest], (one, low, high) => this.#around(one, low, high)],
       residual: [[first, ...edges(["95 % upper", "lower"], value), line("residual", colour("residual"), 1)], [wash], symmetric],
     };
     shows.forEach((kind) => {

@@ -21,7 +21,7 @@ export class Moment {
   clear() {
     this.asking();
     this.shown = null;
-    put(this.element, h("p", { class: "note" }, "Click a bad stretch to see pose, speed and load there, and what would explain it."));
+    put(this.element, h("p", { class: "note" }, "Click an interval with a large residual to see pose, speed and load there, and effects that would explain it."));
   }
 
   /** Show what was at the moment where the joint's residual is largest between two times of its figure. */
@@ -38,7 +38,7 @@ export class Moment {
     const found = h("div", {}, h("p", { class: "note" }, "Looking for effects that would explain it …"));
     put(
       this.element,
-      h("div", { class: "card", role: "region", "aria-label": "The stretch" }, h("p", {}, h("strong", {}, words)), poseTable(this.model, lines, line.x[at]), found,
+      h("div", { class: "card", role: "region", "aria-label": "The interval" }, h("p", {}, h("strong", {}, words)), poseTable(this.model, lines, line.x[at]), found,
         h("p", { class: "actions" }, h("button", { type: "button", class: "small", onclick: () => this.clear() }, "Close"))),
     );
     announce(words);
@@ -48,7 +48,7 @@ export class Moment {
   async #explain(target, joint, line, inside, until) {
     const { diagnosis } = this.model;
     if (!diagnosis?.result) {
-      put(target, h("p", { class: "note" }, "The model has not been diagnosed: do so under Missing, and the effects that would explain this stretch are named here."));
+      put(target, h("p", { class: "note" }, "The model has no diagnosis yet. Diagnose it under Missing to see here which effects would explain this interval."));
       return;
     }
     const candidates = diagnosis.result.candidates.filter((one) => !one.joints.length || one.joints.includes(joint)).slice(0, MOST);
@@ -59,9 +59,9 @@ export class Moment {
     const all = (await Promise.all(candidates.map(read))).filter((one) => one && one[1] !== null);
     if (until.aborted) return;
     const helpful = all.filter(([, share]) => share > 0.01).sort((a, b) => b[1] - a[1]);
-    const whose = diagnosis.request.identification_id === this.model.id ? "" : " The diagnosis is of the model before what has been added since.";
+    const whose = diagnosis.request.identification_id === this.model.id ? "" : " The diagnosis is of an earlier model, without the effects added since.";
     if (!helpful.length) {
-      put(target, h("p", {}, `Of the effects that the diagnosis ranks for ${joint} none takes more than 1${"\u202f"}% of the residual's squares in this stretch.${whose}`));
+      put(target, h("p", {}, `No effect that the diagnosis ranks for ${joint} explains more than 1${"\u202f"}% of the squared residual in this interval.${whose}`));
       return;
     }
     const { effects, joints } = this.model;
@@ -70,10 +70,10 @@ export class Moment {
       ["where", ([one]) => placeOf(effects, one, joints)],
       ["shape", ([one]) => shapeInWords(effects, one) || "–"],
       ["seen over", ([, , variable]) => variable],
-      figures("takes of this stretch", ([, share]) => share, (share) => percent(share, 2)),
+      figures("share of this interval", ([, share]) => share, (share) => percent(share, 2)),
       ["on held-out data", ([one]) => (one.significant ? h("span", { class: "mark ok" }, "✓ significant") : "not significant")],
     ];
-    put(target, listed("Effects that would explain it", columns, helpful, { id: "explained" }), h("p", { class: "note" }, `Share of the residual's squares in this stretch that the effect's fitted curve takes.${whose}`));
+    put(target, listed("Effects that would explain it", columns, helpful, { id: "explained" }), h("p", { class: "note" }, `Share: the part of the squared residual in this interval that the effect's fitted curve explains.${whose}`));
   }
 }
 

@@ -7,7 +7,7 @@ const POINTS = 1500;
 /** Why the recorded torque of a robot cannot stand behind the filtered one; "" where it can. */
 export function whyNoRaw(robot) {
   const coupled = Object.values(robot.request.drives ?? {}).some((one) => Object.keys(one.coupling ?? {}).length);
-  return coupled ? "Motors of this robot act on several joints: what was recorded is the motors' torque, not the joints'." : "";
+  return coupled ? "Motors of this robot act on several joints: the recording has the torques of the motors, not of the joints." : "";
 }
 
 /** Reads of every joint { t, values } for a stretch, null for all. */

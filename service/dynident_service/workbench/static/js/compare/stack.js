@@ -28,7 +28,7 @@ export class CompareStack {
     const onChoose = (joint) => model.chooseJoint(joint);
     const onClick = (joint, time) => this.#click(joint, time);
     this.rows = Object.fromEntries(model.joints.map((joint) => [joint, new JointRow(this.view, joint, { onClick, onChoose }, signal)]));
-    const group = timeGroup(this.view, "Torque and residual of all joints over time. Up and down choose a joint, Enter looks at what is shown.", keys);
+    const group = timeGroup(this.view, "Torque and residual of all joints over time. Up and down choose a joint, Enter examines the time that is shown.", keys);
     group.append(...Object.values(this.rows).map((one) => one.element));
     this.arm = armBeside({ robotId: model.robot.id, view: this.view, motion: () => this.#motion() }, signal);
     this.element = h("div", {}, timeButtons(this.view), this.#choices(), this.trouble, group, this.said, this.moment.element, this.arm.element);
@@ -127,7 +127,7 @@ export class CompareStack {
   async #readRaw() {
     const wanted = this.wantsRaw.checked && !this.wantsRaw.disabled;
     if (wanted && this.reader?.shifted) {
-      put(this.rawSaid, "Runs that overlap in time are set one after another here: what was recorded is on the measurement's own page.");
+      put(this.rawSaid, "Runs that overlap in time are drawn one after another here; the page of the measurement shows the recording itself.");
       return;
     }
     try {
@@ -167,7 +167,7 @@ export class CompareStack {
     const drawn = residual.filter((value) => value !== null).length;
     const all = drawn === line.samples;
     const band95 = all && moving.length ? `${percent(outside / moving.length, 2)} of the residual is outside its 95 % band; noise alone leaves 5 % there.` : "Noise alone leaves 5 % of the residual outside its 95 % band.";
-    const rest = standing?.includes(true) ? " On the grey ground the joint stands: there the prediction is what static friction may hold, and the residual the distance to that." : "";
+    const rest = standing?.includes(true) ? " On grey ground the joint stands still: there the prediction is the range of static friction, and the residual is the distance to this range." : "";
     put(this.said, `${joint}, ${number(from, 4)} s to ${number(to, 4)} s: ${line.samples} samples, ${all ? "all" : drawn} drawn${all ? "" : " with their extremes"}. ${band95}${rest}`);
   }
 

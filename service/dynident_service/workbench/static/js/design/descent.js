@@ -13,7 +13,7 @@ export function descent(jobId, signal) {
   const [shares, best, random] = [[], [], []];
   const chart = h("div", { class: "chart" });
   const words = h("p", { class: "note", role: "status" });
-  const element = h("section", { hidden: true, id: "descent", "aria-label": "The criterion while it is sought" }, h("h2", {}, "The criterion, falling"), words, chart);
+  const element = h("section", { hidden: true, id: "descent", "aria-label": "The criterion during the search" }, h("h2", {}, "The criterion during the search"), words, chart);
   let drawn = null;
   let ended = false;
 

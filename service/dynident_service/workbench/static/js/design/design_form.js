@@ -48,7 +48,7 @@ export async function designForm(robot, given) {
     h("div", { class: "fields" }, kind.element, open.map((one) => one.element)),
     limits.element,
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" })),
-    h("details", { class: "more", id: "design-more" }, h("summary", {}, "Everything else that may be asked"), h("div", { class: "fields" }, folded.map((one) => one.element))),
+    h("details", { class: "more", id: "design-more" }, h("summary", {}, "More options"), h("div", { class: "fields" }, folded.map((one) => one.element))),
     said,
     h("p", {}, submit),
   );

@@ -26,7 +26,7 @@ export async function page(target, wanted, signal) {
   put(
     target,
     h("h1", {}, "Design an experiment"),
-    h("p", {}, "A motion within the robot's limits that tells its parameters apart as well as can be."),
+    h("p", {}, "A motion within the robot's limits that determines its parameters as accurately as possible."),
     h("div", { class: "bar-of-fields" }, field("Robot", choose)),
     next ? nextBox("Next experiment, filled in below", next) : proposed,
     form,
@@ -44,7 +44,7 @@ async function earlierDesigns(robot, signal) {
     figures("criterion", (one) => one.result?.criterion_values.criterion ?? null, (value) => number(value)),
     figures("best random", (one) => one.result?.baseline_values?.criterion ?? null, (value) => number(value)),
   ];
-  return h("section", { "aria-label": "Designs" }, h("h2", {}, "Designs that are there"), listed("Designs of this robot", columns, items, { id: "designs-table" }));
+  return h("section", { "aria-label": "Designs" }, h("h2", {}, "Existing designs"), listed("Designs of this robot", columns, items, { id: "designs-table" }));
 }
 
 async function onePage(target, id, signal) {
@@ -58,12 +58,12 @@ async function onePage(target, id, signal) {
     h("p", { class: "note" }, `${robot.name}; ${moment(first.created_at)}`), body, course.element, again(robot, first));
   try {
     const design = await awaited("/designs", first, "Designing", body, signal);
-    if (first.status !== "succeeded") announce("The design is there");
+    if (first.status !== "succeeded") announce("The design is ready");
     course.end(design.result);
     await designResult(body, design, robot, signal);
   } catch (error) {
     if (signal.aborted) return;
-    put(body, problemBox(error), h("p", {}, "Change what is asked below and design it once more."));
+    put(body, problemBox(error), h("p", {}, "Change the request below and design again."));
     target.querySelector("#design-again").open = true;
   }
 }
@@ -74,5 +74,5 @@ function again(robot, design) {
   const fill = async (event) => {
     if (event.target.open && !place.firstChild) put(place, await designForm(robot, design.request));
   };
-  return h("details", { id: "design-again", ontoggle: fill }, h("summary", {}, "Change what is asked and design it once more"), place);
+  return h("details", { id: "design-again", ontoggle: fill }, h("summary", {}, "Change the request and design again"), place);
 }

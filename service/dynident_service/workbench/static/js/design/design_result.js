@@ -24,14 +24,14 @@ function worth({ criterion_values: own, baseline_values: random, duration, n_sam
   const better = random?.criterion && own.criterion ? `${besides(random.criterion / own.criterion)} the best of ${random.count} random motions` : "";
   const all = [
     ["criterion", number(own.criterion), better || "smaller is better", "design-criterion"],
-    ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none was asked for"],
+    ["best random motion", number(random?.criterion), random ? `median condition number ${number(random.median_condition_number)}` : "none requested"],
     ["condition number of W", number(own.condition_number), "smaller is better"],
     ["duration", quantity(duration, "s"), `${grouped(samples)} samples at ${quantity(rate, "Hz")}`],
   ];
   const others = notes.filter((one) => !warnings.includes(one));
-  return h("section", { "aria-label": "What the design is worth" },
+  return h("section", { "aria-label": "Quality of the design" },
     tiles(all), warnings.map((one) => h("p", { class: "box warning", role: "alert" }, one)),
-    others.length ? h("details", {}, h("summary", {}, `What to know of it (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
+    others.length ? h("details", {}, h("summary", {}, `Notes (${others.length})`), h("ul", {}, others.map((one) => h("li", {}, one)))) : null);
 }
 
 /** How a design stands beside a random motion whose criterion is so many times its own. */
@@ -75,10 +75,10 @@ function promises({ expected_parameters: expected }) {
     ["link", (one) => one.link],
     ["effect", (one) => one.effect.replaceAll("_", " ")],
     figures("standard deviation", (one) => one.standard_deviation, (value, one) => quantity(value, one.unit)),
-    figures("left beside all others", (one) => one.share, (value) => percent(value)),
+    figures("not explained by others", (one) => one.share, (value) => percent(value)),
   ];
-  return part("What it promises",
-    stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design once more."),
+  return part("Expected accuracy",
+    stated ? null : h("p", { class: "note" }, "Standard deviations need the noise of each joint's torque: state it in the table of limits and design again."),
     listed("Parameters as this motion will determine them", columns, expected, { id: "promises" }));
 }
 
@@ -88,10 +88,10 @@ function margins({ margins: found }, robot) {
     ["limit", (one) => one.limit.replaceAll("_", " ")],
     figures("extreme", (one) => one.value, (value, one) => quantity(value, unitOf(one, robot))),
     figures("bound", (one) => one.bound, (value, one) => quantity(value, unitOf(one, robot))),
-    figures("of the room", (one) => one.share, (value) => percent(value)),
+    figures("of the range", (one) => one.share, (value) => percent(value)),
   ];
-  return h("details", { id: "margins" }, h("summary", {}, `How near it comes to its limits and to itself (${found.length})`),
-    listed("Extremes of the motion beside their limits", columns, found));
+  return h("details", { id: "margins" }, h("summary", {}, `Distance to the limits and to itself (${found.length})`),
+    listed("Extremes of the motion and their limits", columns, found));
 }
 
 function unitOf({ joint, limit }, robot) {

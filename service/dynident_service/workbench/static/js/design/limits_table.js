@@ -28,7 +28,7 @@ export function limitsTable(robot, given) {
     ]);
   });
   const element = h("fieldset", { "data-pointer": "/limits" }, h("legend", {}, "Limits"),
-    h("p", { class: "note" }, "As the robot has them; what you write holds for this experiment. Where a limit of acceleration or jerk is missing, one is assumed and told. With the noise σ (N m or N, of one sample) the standard deviations of the parameters are promised."),
+    h("p", { class: "note" }, "The limits of the robot; your changes apply only to this experiment. If a limit of acceleration or jerk is missing, the design assumes one and reports it. Give the noise σ (N m or N, of one sample) to see the expected standard deviations of the parameters."),
     table("Limits by joint", head, rows, { id: "limits-table" }));
   return { element, read: () => read(robot, inputs) };
 }

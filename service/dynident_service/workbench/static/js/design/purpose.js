@@ -16,9 +16,9 @@ export function purposeChoice(robot, effects, criteria, given) {
   const last = robot.joints.length;
   const ofLast = robot.base_parameters.names.filter((name) => Number(/(\d+)$/.exec(name)?.[1]) === last);
   const purposes = [
-    ["all", "All parameters", "Every base parameter as well as can be.", h("div", { class: "fields" }, field("Measured by", criterion), words), () => ({ name: criterion.value })],
-    ["payload", "The payload", `What the last link carries shows in its parameters: ${ofLast.join(", ") || "none can be told"}. Run it with the load and without.`, null, () => ({ name: "parameters", parameters: ofLast })],
-    ["separate", "Tell these two apart", "Two effects that look alike in the data at hand.", h("div", { class: "fields" }, pair.map((one) => one.element)), () => ({ name: "separation", effects: pair.map((one) => one.read()) })],
+    ["all", "All parameters", "Every base parameter, as accurately as possible.", h("div", { class: "fields" }, field("Measured by", criterion), words), () => ({ name: criterion.value })],
+    ["payload", "The payload", `The load changes these parameters of the last link: ${ofLast.join(", ") || "none can be determined"}. Run the motion with and without the load.`, null, () => ({ name: "parameters", parameters: ofLast })],
+    ["separate", "Distinguish two effects", "Two effects that look alike in the existing data.", h("div", { class: "fields" }, pair.map((one) => one.element)), () => ({ name: "separation", effects: pair.map((one) => one.read()) })],
   ];
   if (proposed) purposes.unshift(["proposed", "As proposed", inWords(proposed, effects), null, () => proposed]);
   const more = h("div");
@@ -27,7 +27,7 @@ export function purposeChoice(robot, effects, criteria, given) {
   const chosen = () => purposes.find(([id]) => id === element.querySelector("input[name=purpose]:checked").value);
   const tell = () => { words.textContent = criteria.find((one) => one.name === criterion.value).words; };
   const choose = () => put(more, chosen()[3]);
-  const element = h("fieldset", { class: "list-of-choices", "data-pointer": "/criterion" }, h("legend", {}, "What it is for"), radios, more);
+  const element = h("fieldset", { class: "list-of-choices", "data-pointer": "/criterion" }, h("legend", {}, "Purpose"), radios, more);
   tell();
   choose();
   return { element, read: () => chosen()[4]() };
@@ -45,5 +45,5 @@ function rival(robot, effects, label, usual) {
 function inWords(criterion, effects) {
   if (criterion.name === "parameters") return `For the parameters ${criterion.parameters.join(", ")}.`;
   const names = criterion.effects.map((one) => `${effects.byId.get(one.effect)?.title ?? one.effect}${one.joints.length ? ` on ${one.joints.join(", ")}` : ""}`);
-  return `To tell ${names.join(" and ")} from ${names.length > 1 ? "each other and " : ""}the rest of the model.`;
+  return `To distinguish ${names.join(" and ")} from ${names.length > 1 ? "each other and " : ""}the rest of the model.`;
 }

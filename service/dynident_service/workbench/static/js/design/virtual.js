@@ -11,7 +11,7 @@ export function virtualRobot(design, robot, signal) {
   const said = h("div");
   const button = h("button", { type: "button", id: "simulate-design", disabled: !robot.has_inertias, onclick: () => run() }, "Simulate it and identify");
   const about = robot.has_inertias
-    ? "A virtual robot with the inertias of the description, friction and noise makes this motion and a random one that is held out."
+    ? "A virtual robot with the inertias of the description, friction and noise runs this motion, and a random motion that is held out."
     : "A virtual robot needs inertias, and this robot's description has none: run the motion on the real one.";
 
   async function simulated(body, words) {

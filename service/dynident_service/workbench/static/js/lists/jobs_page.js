@@ -19,12 +19,12 @@ export async function page(target, _, signal) {
     { id: "kind", name: "job", value: (one) => one.kind, cell: (one) => of(one) },
     { id: "state", name: "state", value: (one) => one.state, cell: (one) => h("span", { class: `mark ${one.state}` }, one.state) },
     { id: "progress", name: "progress", value: (one) => one.progress.fraction, text: () => "", cell: (one) => progress(one) },
-    plainColumn("message", "last said", wordsOf),
-    dateColumn("asked for"),
-    figureColumn("took", "took", seconds, (value) => (value === null ? "–" : `${number(value, 2)} s`)),
+    plainColumn("message", "last message", wordsOf),
+    dateColumn("requested"),
+    figureColumn("took", "duration", seconds, (value) => (value === null ? "–" : `${number(value, 2)} s`)),
     { id: "acts", name: "", cell: (one) => [h("button", { type: "button", class: "small", "aria-label": `Log of ${one.kind} ${one.id}`, onclick: (event) => log(one, event.target) }, "Log"), " ", ENDED.has(one.state) ? null : h("button", { type: "button", class: "small", "aria-label": `Cancel ${one.kind} ${one.id}`, onclick: (event) => stop(one, event.target) }, "Cancel")] },
   ];
-  const list = sortable({ caption: "Jobs", noun: "job", columns, usual: "-date", id: "jobs-table", empty: "No job yet: identifications, diagnoses, designs and reports are listed here once they are asked for.", rowOf: (one) => ({ "data-id": one.id }) });
+  const list = sortable({ caption: "Jobs", noun: "job", columns, usual: "-date", id: "jobs-table", empty: "No job yet: identifications, diagnoses, designs and reports are listed here when they are requested.", rowOf: (one) => ({ "data-id": one.id }) });
   const place = h("div", { id: "job-log" });
 
   async function stop(job, button) {

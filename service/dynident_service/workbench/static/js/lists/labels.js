@@ -54,9 +54,9 @@ function openLabels(path, resource, done) {
     h("h2", {}, "Name and tags"),
     h("div", { class: "fields" }, field("Name", name, { pointer: "/name" }), field("Tags", tags, { pointer: "/tags", hint: "Separated by commas" })),
     said,
-    h("p", { class: "actions" }, h("button", { class: "main" }, "Save"), h("button", { type: "button", onclick: close }, "Leave as it is")),
+    h("p", { class: "actions" }, h("button", { class: "main" }, "Save"), h("button", { type: "button", onclick: close }, "Close without saving")),
     h("p", { class: "actions" }, h("button", { type: "button", onclick: archive }, resource.archived ? "Bring back from the archive" : "Archive"), h("button", { type: "button", onclick: erase }, "Delete")),
-    h("p", { class: "note" }, "What is archived leaves the lists; everything that rests on it works as before."),
+    h("p", { class: "note" }, "Archived resources are not in the lists; everything that uses them works as before."),
   );
   const dialog = h("dialog", { class: "labels", "aria-label": "Name and tags" }, form);
   dialog.addEventListener("close", () => dialog.remove());
@@ -78,7 +78,7 @@ async function removeWith(path, kinds) {
 }
 
 function wayOut({ dependents }, eraseAll) {
-  const advice = h("p", {}, "Delete those first, or archive this one: archived, it leaves the lists and everything that rests on it stays.");
+  const advice = h("p", {}, "Delete those first, or archive this one: then it leaves the lists, and everything that uses it stays.");
   if (!dependents.length || !dependents.every((one) => MADE_OF_IT.has(one.kind))) return advice;
   const kinds = [...new Set(dependents.map((one) => one.kind))].sort();
   const words = kinds.map((kind) => counted(dependents.filter((one) => one.kind === kind).length, kind, PATHS[kind])).join(", ");
@@ -97,5 +97,5 @@ export function tagChips({ tags, archived }) {
 
 /** Whether what is archived is shown, too: a box that says so in the address. */
 export function archivedBox(checked, onchange) {
-  return h("label", {}, h("input", { type: "checkbox", checked, onchange: (event) => onchange(event.target.checked) }), " Show what is archived");
+  return h("label", {}, h("input", { type: "checkbox", checked, onchange: (event) => onchange(event.target.checked) }), " Show archived ones");
 }

@@ -26,7 +26,7 @@ export async function page(target, wanted, signal) {
     if (box.checked) ticked.add(model.id);
     else ticked.delete(model.id);
     compare.disabled = ticked.size !== 2;
-    hint.textContent = ["Tick two models to see how they differ.", "One more.", "", "Two at a time: untick the others."][Math.min(ticked.size, 3)];
+    hint.textContent = ["Tick two models to see how they differ.", "Tick one more.", "", "Only two at a time: untick the others."][Math.min(ticked.size, 3)];
   };
   const onChanged = (before) => {
     ticked.delete(before.id);

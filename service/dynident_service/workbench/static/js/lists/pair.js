@@ -20,7 +20,7 @@ export async function pairSection(target, ids, signal) {
     h("ul", {}, models.map((one, index) => h("li", {}, h("a", { href: address({ identification: one.id }) }, names[index]), `, ${moment(one.created_at)}`))));
   const missing = models.length < 2 || models.some((one) => !one.result);
   if (missing) {
-    put(target, head, h("div", { class: "box warning" }, "Two models that are done are needed: choose them in the list of all models."));
+    put(target, head, h("div", { class: "box warning" }, "Choose two finished models in the list of all models."));
     return;
   }
   put(target, head, settings(models, robots, names, effects, ways), errors(models, names), parameters(models, names), exported(models, names, ways));
@@ -74,8 +74,8 @@ function parameters(models, names) {
     const cells = [one, other].flatMap((own) => [own ? numeric(number(own.value), own.value) : { class: "n", text: "not in it" }, { class: "n", text: own ? interval(...own.interval, "") : "" }]);
     return row([h("code", {}, name), (one ?? other).unit, ...cells, numeric(number(distance, 2), distance)], differs(!one || !other || distance > 2));
   });
-  const head = ["parameter", "unit", ...names.flatMap((name) => [right(name), right("95 % interval")]), right("apart, σ")];
-  return part("Parameters", h("p", { class: "note" }, "Marked: in one model only, or more than two standard deviations of both apart. A parameter may be grouped with others in one model and not in the other: then its value means something else."), table("Parameters with their 95 % intervals", head, rows, { id: "pair-parameters" }));
+  const head = ["parameter", "unit", ...names.flatMap((name) => [right(name), right("95 % interval")]), right("distance, σ")];
+  return part("Parameters", h("p", { class: "note" }, "Marked: parameters of one model only, or with a difference above two joint standard deviations. If only one model groups a parameter with others, its two values do not mean the same."), table("Parameters with their 95 % intervals", head, rows, { id: "pair-parameters" }));
 }
 
 /** Distance of two values over the standard deviation of their difference. */

@@ -42,7 +42,7 @@ export function sortable({ caption, noun, columns, usual, empty, id, rowOf = () 
     const shown = state.items.filter((item) => holds(columns, item, state.filter)).sort((a, b) => order(chosen.value(a), chosen.value(b), down));
     const words = state.filter ? `${counted(shown.length, noun)} of ${state.items.length}` : counted(shown.length, noun);
     count.textContent = words;
-    put(body, shown.length ? shown.map((item) => rowElement(columns, item, rowOf(item))) : h("tr", {}, h("td", { colspan: columns.length }, state.items.length ? "Nothing has all of these words: shorten the filter." : empty)));
+    put(body, shown.length ? shown.map((item) => rowElement(columns, item, rowOf(item))) : h("tr", {}, h("td", { colspan: columns.length }, state.items.length ? "No row contains all of these words: shorten the filter." : empty)));
   }
 
   const element = h("div", { id },

@@ -4,7 +4,7 @@ import { number } from "../format.js";
 
 const KINDS = { q: "positions", tau: "torques" };
 
-/** A body of POST /v1/measurements/{id}/revisions in words: "torque of elbow turned over; windows 2 to 10 s". */
+/** A body of POST /v1/measurements/{id}/revisions in words: "torque of elbow with the opposite sign; windows 2 to 10 s". */
 export function editInWords(edit, joints) {
   const words = {
     windows: (all) => (all.length ? `use ${stretchesInWords(all)}` : "use all of it"),
@@ -12,7 +12,7 @@ export function editInWords(edit, joints) {
     columns: (map) => Object.entries(map).map(([ours, theirs]) => `${signalInWords(ours, joints)} from column ${theirs}`).join(", "),
     units: (map) => Object.entries(map).map(([kind, unit]) => `${signalInWords(kind, joints)} in ${unit}`).join(", "),
     permutation: (map) => Object.entries(map).map(([kind, order]) => `${KINDS[kind]} in the order ${order.join(", ")}`).join(", "),
-    signs: (map) => Object.entries(map).map(([signal, sign]) => `${signalInWords(signal, joints)} ${sign < 0 ? "turned over" : "as in the file"}`).join(", "),
+    signs: (map) => Object.entries(map).map(([signal, sign]) => `${signalInWords(signal, joints)} ${sign < 0 ? "with the opposite sign" : "as in the file"}`).join(", "),
     scale: (map) => Object.entries(map).map(([signal, factor]) => `${signalInWords(signal, joints)} times ${number(factor)}`).join(", "),
     torque_delay: (delay) => `torque ${number(1000 * delay)} ms late`,
     role: (role) => `used for ${role}`,

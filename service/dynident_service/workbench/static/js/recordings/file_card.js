@@ -34,7 +34,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     return { signal, move: (share) => {
       if (share < 1) bar.value = share;
       else bar.removeAttribute("value");
-      put(how, share < 1 ? percent(share, 2) : "looking at it");
+      put(how, share < 1 ? percent(share, 2) : "inspecting");
     } };
   };
 
@@ -53,7 +53,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
       if (signal !== running.signal) return;
       submit.disabled = !found;
       const stopped = error.name === "AbortError";
-      put(doing, stopped ? h("p", { class: "note" }, "Given up; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Look at it after all")) : problemBox(error, look));
+      put(doing, stopped ? h("p", { class: "note" }, "Cancelled; nothing was stored. ", h("button", { type: "button", class: "small", onclick: look }, "Inspect it")) : problemBox(error, look));
     }
   };
   const show = (robot) => {
@@ -65,7 +65,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     submit.disabled = false;
     askOfRobot(robot);
     const { questions } = found;
-    announce(`${nameOfFile()} was looked at: ${questions.length ? `${questions.length} to answer` : "nothing to answer"}`);
+    announce(`${nameOfFile()} is inspected: ${questions.length ? `${questions.length} to answer` : "nothing to answer"}`);
   };
   // Where the file lacks what only the robot can tell, its fields stand here.
   const askOfRobot = (robot) => {
@@ -99,7 +99,7 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     } catch (error) {
       const { checks = [] } = error;
       error.checks = [];
-      if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Given up; nothing was stored. Confirm to try again."));
+      if (error.name === "AbortError") put(said, h("p", { class: "note" }, "Cancelled; nothing was stored. Confirm to try again."));
       else showInForm(form, said, error);
       if (checks.length) said.append(checksTable(checks, accept, { onApply: apply, inWords: inOurWords }));
     }
@@ -139,8 +139,8 @@ export function fileCard({ file = null, found = null, role }, { metadata: known,
     askOfRobot(chosen());
   });
   const applied = h("p", { class: "note" });
-  const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (looked at before)";
-  put(looked, h("h3", {}, "What it seems to be"), guesses.element, robotsFacts, columns.element, h("p", { class: "note" }, "Choose otherwise where a guess is wrong. Two columns cannot be the same signal: they change places."));
+  const size = file ? ` (${number(file.size / 1e6, 2)} MB)` : " (inspected before)";
+  put(looked, h("h3", {}, "What the file seems to contain"), guesses.element, robotsFacts, columns.element, h("p", { class: "note" }, "Change a guess if it is wrong. Two columns cannot be the same signal: if you choose a signal twice, the two columns are exchanged."));
   const form = h("form", { class: "card", onsubmit: send },
     h("p", {}, h("strong", {}, nameOfFile()), size),
     fields.element,
@@ -166,7 +166,7 @@ function forget(found) {
 function saidFields(called, known, role) {
   const name = h("input", { name: "name", required: true, value: called, maxlength: 200 });
   const mass = h("input", { name: "mass", type: "number", step: "any", min: 0, placeholder: "2.5" });
-  const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "What is known to be carried." });
+  const load = field("Mass of the load (kg)", mass, { pointer: "/metadata/payload", hint: "The known load that the robot carries." });
   const roles = select(choicesOf(known.role), role, (value) => { load.hidden = value !== "payload"; }, { name: "role" });
   load.hidden = role !== "payload";
   const windows = h("input", { name: "windows", placeholder: "all; or 2 to 10, 15 to 30" });
@@ -175,7 +175,7 @@ function saidFields(called, known, role) {
     field("Name", name, { pointer: "/metadata/name" }),
     field("Role", roles, { pointer: "/metadata/role" }),
     load,
-    field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The parts to use; they can be dragged once it is stored." }),
+    field("Windows (s of t)", windows, { pointer: "/metadata/windows", hint: "The intervals to use; you can drag them after the file is stored." }),
     field("Delay of the torque (ms)", delay, { pointer: "/metadata/torque_delay" }),
   );
   const values = () => ({

@@ -30,13 +30,13 @@ function header(measurement, robot, parent, revisions) {
   const link = (one) => h("a", { href: address({ view: "recording", measurement: one.id }) }, one.name);
   const facts = [
     ["robot", robot.name],
-    ["used for", measurement.role ?? "not said"],
+    ["used for", measurement.role ?? "not stated"],
     ["samples", `${counted(measurement.n_samples, "sample")} at ${quantity(measurement.sampling_rate, "Hz", 4)}`],
     ["torque", measurement.effort_kind.replaceAll("_", " ")],
-    ["windows", measurement.windows.length ? stretchesInWords(measurement.windows) : "all of it"],
+    ["windows", measurement.windows.length ? stretchesInWords(measurement.windows) : "all"],
     ["stored", moment(measurement.created_at)],
   ];
-  if (revisions.length) facts.push(["revisions of it", revisions.map((one, index) => [index ? ", " : "", link(one)])]);
+  if (revisions.length) facts.push(["revisions", revisions.map((one, index) => [index ? ", " : "", link(one)])]);
   return h("section", { "aria-label": "Recording" },
     h("h1", {}, measurement.name),
     measurement.revision ? revisionBox(measurement, parent, link) : null,
@@ -51,8 +51,8 @@ function revisionBox(measurement, parent, link) {
   const last = measurement.edits.at(-1);
   return h("div", { class: "box good" },
     h("p", {}, `Revision ${measurement.revision} of `, parent ? link(parent) : "a recording", `: ${editInWords(last, measurement.joints)}.`),
-    measurement.edits.length > 1 ? h("details", {}, h("summary", {}, "Everything said since the upload"), h("ol", {}, measurement.edits.map((one) => h("li", {}, editInWords(one, measurement.joints))))) : null,
-    parent ? h("p", { class: "actions" }, undo, h("span", { class: "note" }, "takes this revision back; the file and what was said before stay")) : null,
+    measurement.edits.length > 1 ? h("details", {}, h("summary", {}, "All changes since the upload"), h("ol", {}, measurement.edits.map((one) => h("li", {}, editInWords(one, measurement.joints))))) : null,
+    parent ? h("p", { class: "actions" }, undo, h("span", { class: "note" }, "deletes this revision; the file and earlier changes stay")) : null,
     said,
   );
 }
@@ -85,7 +85,7 @@ function signalsSection(measurement, robot, signal) {
     whyNoRaw(robot) && h("p", { class: "note" }, whyNoRaw(robot)),
     stack.element,
     h("h3", {}, "Windows"),
-    h("p", { class: "note" }, "Blue lines are the ends of what is used: drag them; what is darkened is not used. A stretch that is zoomed to can be added as a whole."),
+    h("p", { class: "note" }, "Blue lines are the ends of the used intervals: drag them. Darkened intervals are not used. The buttons below add the whole interval that is shown."),
     windowsTable(windows, signal),
     h("p", { class: "actions" }, button("Use what is shown", "windows"), button("Leave out what is shown", "exclude")),
     pending,
@@ -99,7 +99,7 @@ function checksSection(measurement) {
   const apply = (check) => revise(measurement, check.apply, said);
   const inWords = (edit) => editInWords(edit, measurement.joints);
   const cures = measurement.checks.filter((one) => one.apply);
-  const hint = cures.length ? "Apply makes a revision of the recording, which can be undone; the file stays as it is." : "Nothing is known that would have to be changed.";
+  const hint = cures.length ? "Apply makes a revision of the recording, which can be undone; the file stays as it is." : "The checks propose no change.";
   return section("checks", "Checks",
     h("p", { class: "note" }, `${checksInWords(measurement.checks)}. ${hint}`),
     said,
@@ -112,5 +112,5 @@ function standstill({ phases, joints }) {
   if (!phases) return null;
   const share = (value) => `${(100 * value).toFixed(1)} %`;
   const rows = joints.map((joint, index) => row([joint, { class: "n", text: share(phases.standing[index]) }, { class: "n", text: share(phases.reversing[index]) }]));
-  return table("Share of its time that each joint", ["joint", right("stands"), right("turns round")], rows, { class: "narrow" });
+  return table("Shares of time per joint", ["joint", right("standstill"), right("reversal")], rows, { class: "narrow" });
 }

@@ -8,13 +8,13 @@ import { problemBox } from "../problem.js";
 
 /** Ask for a revision and go to it; how it stands is shown in `target`, and what was chosen stays if it fails. */
 export async function revise(measurement, edit, target) {
-  const { signal } = givenUp("Checking the file anew", target);
+  const { signal } = givenUp("Checking the file again", target);
   try {
     const made = await post(`/measurements/${measurement.id}/revisions`, edit, { signal });
     announce(`${made.name} is stored`);
     go({ view: "recording", measurement: made.id });
   } catch (error) {
-    if (error.name === "AbortError") put(target, h("p", { class: "note" }, "Given up: nothing was stored."));
+    if (error.name === "AbortError") put(target, h("p", { class: "note" }, "Cancelled; nothing was stored."));
     else put(target, problemBox(error, () => revise(measurement, edit, target)));
   }
 }
@@ -23,10 +23,10 @@ export async function revise(measurement, edit, target) {
 export async function takeBack(measurement, target) {
   try {
     await ask("DELETE", `/measurements/${measurement.id}`);
-    announce(`${measurement.name} is taken back`);
+    announce(`${measurement.name} is deleted`);
     go({ view: "recording", measurement: measurement.parent_id });
   } catch (error) {
-    const open = h("button", { type: "button", onclick: () => go({ view: "recording", measurement: measurement.parent_id }) }, "Show what it was made from");
+    const open = h("button", { type: "button", onclick: () => go({ view: "recording", measurement: measurement.parent_id }) }, "Show the version before it");
     put(target, problemBox(error), h("p", { class: "actions" }, open));
   }
 }

@@ -71,7 +71,7 @@ export function placesOf(robot, onRobot) {
     const { locked_joints, gravity } = factsIn(body);
     return { ...withDrives(robot, "as it is mounted", {}), locked_joints, gravity };
   };
-  return robotWith(body, wanted, "Make a robot that is so", onRobot);
+  return robotWith(body, wanted, "Make a robot with these settings", onRobot);
 }
 
 /** The fields with a button that makes a robot; not a form, for it may stand in one. */

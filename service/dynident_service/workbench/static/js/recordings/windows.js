@@ -113,7 +113,7 @@ export function windowsTable(windows, signal) {
     // Who types in it is not interrupted.
     if (target.contains(document.activeElement) && document.activeElement.matches("input")) return;
     const all = ["windows", "exclude"].flatMap((kind) => windows[kind].map((ends, index) => rowOf(windows, kind, index, ends)));
-    put(target, all.length ? table("Stretches of time", ["what", "from (s)", "to (s)", ""], all, { class: "narrow", id: "windows" }) : h("p", { class: "note" }, "All of the recording is used. Drag an end in the figure, or add a stretch."));
+    put(target, all.length ? table("Intervals of time", ["what", "from (s)", "to (s)", ""], all, { class: "narrow", id: "windows" }) : h("p", { class: "note" }, "The whole recording is used. Drag an end in the figure, or add an interval."));
   };
   windows.addEventListener("change", draw, { signal });
   draw();

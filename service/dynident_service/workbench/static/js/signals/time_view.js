@@ -97,7 +97,7 @@ export function timeButtons(view) {
     button("Zoom out", () => view.scale(2)),
     button("← Earlier", () => view.pan(-0.5)),
     button("Later →", () => view.pan(0.5)),
-    h("span", { class: "note" }, "or turn the wheel, or drag over a stretch; with Shift both move along; double click shows all"),
+    h("span", { class: "note" }, "or use the mouse wheel, or drag over an interval; with Shift, both move the view; a double click shows all"),
   );
 }
 
