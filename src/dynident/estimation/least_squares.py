@@ -407,8 +407,7 @@ def weighted(reduction: Reduction, known: PriorInformation | None = None) -> Sol
     EstimationError
         As in `solve`.
     """
-    # Among themselves equations are weighted by their residuals alone. Against prior knowledge rows count for what they
-    # are worth, which is less where they are correlated.
+    # Equations are weighted by their residuals; against prior knowledge, correlated rows count for less.
     levels = compute_noise_levels if known is None else compute_correlated_noise
     first = replace(ordinary(reduction, known), converged=True)
     return _iterate_weights(reduction, first, lambda values: levels(reduction, values), known)
@@ -488,8 +487,7 @@ def compute_row_noise(reduction: Reduction, values: FloatArray) -> FloatArray:
 
 
 def _compute_deviation(reduction: Reduction, squares: FloatArray) -> FloatArray:
-    # The parameters are shared by all equations, so each loses degrees of freedom in proportion to its rows. The lower
-    # limit keeps the variance finite where there are hardly more rows than parameters.
+    # Equations share the parameters: each loses degrees of freedom by its rows; below the limit variances diverge.
     share = max(1.0 - reduction.n_columns / max(reduction.n_rows, 1), 0.1)
     return np.asarray(np.sqrt(squares / np.maximum(reduction.row_counts * share, 1)))
 

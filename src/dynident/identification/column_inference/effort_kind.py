@@ -22,6 +22,12 @@ from dynident.recordings.metadata import EffortKind
 from dynident.robot import Robot
 from dynident.robot.pinocchio_model import compute_described_torque
 
+NO_MEASUREMENT: dict[EffortKind, str] = {
+    "external": "external torques: the torque of the robot's own dynamics was subtracted from them",
+    "gravity_compensated": "gravity-compensated: the gravity torque was subtracted from them",
+    "commanded": "commanded, not measured",
+}
+
 _BY_THE_CONTROLLER = ("MACur",)
 """Names of currents that makers' handbooks give in per cent of the largest one, and much software takes for A."""
 

@@ -34,7 +34,7 @@ from dynident.identification.column_inference.column_statistics import (
     find_changing_columns,
 )
 from dynident.identification.column_inference.dynamics_fits import DynamicsFits, PoseFits, condition_sample
-from dynident.identification.column_inference.effort_kind import ask_for_gains, classify_effort
+from dynident.identification.column_inference.effort_kind import NO_MEASUREMENT, ask_for_gains, classify_effort
 from dynident.identification.column_inference.proposal import Proposal, Question
 from dynident.identification.column_inference.robot_check import check_against_dynamics
 from dynident.identification.column_inference.unnamed_columns import (
@@ -52,12 +52,6 @@ from dynident.recordings.conditioning.registers import decode_registers
 from dynident.recordings.metadata import EffortKind
 from dynident.recordings.units import find_conversion
 from dynident.robot import Robot
-
-NO_MEASUREMENT: dict[EffortKind, str] = {
-    "external": "external torques: the torque of the robot's own dynamics was subtracted from them",
-    "gravity_compensated": "gravity-compensated: the gravity torque was subtracted from them",
-    "commanded": "commanded, not measured",
-}
 
 _FEWEST_ROWS = 3
 """Rows with a time, below which that column is not the time."""
@@ -116,8 +110,7 @@ class _ColumnInference(WorkingProposal):
         self.values = fill_gaps(sample.values[good])
         self.t = self.t[good]
         labels = None if segment is None else segment[good]
-        # From here on every guess can be tested: the better the columns are understood, the more the dynamics
-        # explain.
+        # From here on every guess can be tested: right columns let the dynamics explain more of the torque.
         self.fits = PoseFits(self.robot, self.t) if self.of_poses else DynamicsFits(self.robot, self.t, labels)
         others = [name for index, name in enumerate(self.column_names) if index != clock.column]
         places = [index for index in range(len(self.column_names)) if index != clock.column]
