@@ -146,6 +146,13 @@ def test_a_robot_that_cannot_move_cannot_choose_filters(identified, training):
     assert refused.value.title == "Identification cannot be simulated"
 
 
+def test_multiples_of_a_stated_cutoff_that_no_filter_reaches_are_left_out(identified, training):
+    near = 0.35 * training.sampling_rate
+    result = filters_by_simulation(identified, training, cutoffs=[near], longest=2.0)
+    stated = [trial.preprocessing for trial in result.trials[1:]]
+    assert [p.torque_cutoff for p in stated] == pytest.approx([0.5 * near, near], rel=5e-3)
+
+
 def test_cutoffs_beyond_nyquist_are_refused(identified, training):
     with pytest.raises(DynidentError) as refused:
         filters_by_simulation(identified, training, cutoffs=[5.0, 60.0], longest=2.0)

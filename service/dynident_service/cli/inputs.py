@@ -44,7 +44,7 @@ _REWORDED = (
     (re.compile(r'"columns": \{"(\w+)": "(\w+)"\}'), r"--columns \1=\2"),
     (re.compile(r'Name it by columns, \{"(\w+)": "…"\}'), r"Name it by --columns \1=…"),
     (re.compile(r'say "rate": …'), "say --rate HZ"),
-    (re.compile(r'say "role": "friction" for'), "give it as --friction if it is"),
+    (re.compile(r'with "role": "friction"'), "given as --friction"),
     (re.compile(r'State "gravity": \[([^\]]+)\] with the robot'), r"Say --gravity \1"),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give --drive-gains in N m/A"),
 )

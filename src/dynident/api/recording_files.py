@@ -147,7 +147,7 @@ _REWORDINGS = (
     (re.compile(r'"columns": (\{[^}]*\})'), r"columns=\1"),
     (re.compile(r'"locked_joints": (\{[^}]*\})'), r"load_robot(…, locked_joints=\1)"),
     (re.compile(r'Name it by columns, (\{"\w+": "…"\})'), r"Name it by columns=\1"),
-    (re.compile(r'say "role": "(\w+)" for'), r'say metadata=dy.RecordingMetadata(role="\1") for'),
+    (re.compile(r'with "role": "(\w+)"'), r'with metadata=dy.RecordingMetadata(role="\1")'),
     (re.compile(r'give the robot "drives": .* in N m/A \(or [^)]*\)'), "give drive_gains in N m/A"),
 )
 

@@ -278,9 +278,9 @@ def _build_grid(own: Preprocessing, recording: Recording, cutoffs: Sequence[floa
                 "torque_cutoff": float(f"{position * factor:.3g}"),
                 "filter_order": own.filter_order,
             }
-            # Multiples that no filter can be designed for are left out. Cut-offs of the user are tried whatever they
-            # are, so that the error says why one is impossible.
-            if max(request["position_cutoff"], request["torque_cutoff"]) <= highest or cutoffs is not None:
+            # Multiples that no filter can be designed for are left out; the cut-offs of the user were checked above.
+            largest = max(request["position_cutoff"], request["torque_cutoff"])
+            if largest <= highest or (cutoffs is not None and largest < 0.5 * recording.sampling_rate):
                 grid.append(replace(preprocessing_from_request(request, [recording]), reasons=()))
     # The own choice may be among the multiples: it is tried once, in its place at the front.
     return list(dict.fromkeys(grid))
