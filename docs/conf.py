@@ -45,6 +45,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 autodoc_default_options = {"members": True, "imported-members": True, "undoc-members": True, "show-inheritance": True}
+# Attributes become fields of the class: their own entries come from the class's members.
+napoleon_use_ivar = True
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True
