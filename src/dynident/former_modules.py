@@ -50,7 +50,7 @@ MODULES = {
     "dynident.estimation.bootstrap": "dynident.estimation.block_bootstrap",
     "dynident.estimation.clusters": "dynident.estimation.uncertainty",
     "dynident.estimation.correlation": "dynident.estimation.residual_correlation",
-    "dynident.estimation.dependence": "dynident.estimation.collinearity",
+    "dynident.estimation.dependence": "dynident.estimation.parameter_correlation",
     "dynident.estimation.deviations": "dynident.estimation.uncertainty",
     "dynident.estimation.essential": "dynident.estimation.backward_elimination",
     "dynident.estimation.information": "dynident.estimation.prior_information",
@@ -59,11 +59,11 @@ MODULES = {
     "dynident.estimation.linearised": "dynident.estimation.shape_constant_uncertainty",
     "dynident.estimation.nuisance": "dynident.estimation.marginalisation",
     "dynident.estimation.recursive": "dynident.estimation.kalman_filter",
-    "dynident.estimation.robust": "dynident.estimation.row_weights",
+    "dynident.estimation.robust": "dynident.estimation.robust_weights",
     "dynident.estimation.semidefinite": "dynident.estimation.constrained_least_squares",
     "dynident.estimation.triangles": "dynident.estimation.qr",
     "dynident.estimation.turned": "dynident.estimation.rest_and_reversal_rows",
-    "dynident.estimation.turning_noise": "dynident.estimation.row_weights",
+    "dynident.estimation.turning_noise": "dynident.estimation.reversal_weights",
     "dynident.estimation.whitening": "dynident.estimation.qr",
     "dynident.excitation.formats.ros2": "dynident.excitation.formats.design_files",
     "dynident.excitation.optimising.budget": "dynident.excitation.optimising.design_problem",
@@ -86,7 +86,7 @@ MODULES = {
     "dynident.identification.methods.strategies.separate_friction": "dynident.identification.methods.strategies.solution_order",  # noqa: E501
     "dynident.identification.methods.strategies.sequential": "dynident.identification.methods.strategies.solution_order",  # noqa: E501
     "dynident.identification.shapes.shape_columns": "dynident.identification.shapes.shape_refinement",
-    "dynident.identification.study.dependence": "dynident.identification.study.parameter_identifiability",
+    "dynident.identification.study.dependence": "dynident.identification.study.correlated_and_essential_parameters",
     "dynident.identification.study.estimate": "dynident.identification.study.result",
     "dynident.identification.study.removing": "dynident.identification.study.solve_again",
     "dynident.identification.study.same_recordings": "dynident.identification.study.identifying",
@@ -176,7 +176,7 @@ NAMES: dict[str, dict[str, str]] = {
         "MANY": "FEWEST_BLOCKS_FOR_PAIRS",
         "bootstrap": "bootstrap_estimates",
     },
-    "dynident.estimation.collinearity": {
+    "dynident.estimation.parameter_correlation": {
         "CLOSE": "STRONG_CORRELATION",
         "CloseTogether": "CorrelatedPair",
         "Dependence": "Collinearity",
@@ -232,9 +232,11 @@ NAMES: dict[str, dict[str, str]] = {
         "beside_all": "join_rest_rows",
         "distance_to_band": "compute_band_distance",
     },
-    "dynident.estimation.row_weights": {
-        "robust_scale": "estimate_robust_scale",
+    "dynident.estimation.reversal_weights": {
         "turning_weights": "estimate_reversal_weights",
+    },
+    "dynident.estimation.robust_weights": {
+        "robust_scale": "estimate_robust_scale",
     },
     "dynident.estimation.uncertainty": {
         "Spread": "ClusterCovariance",

@@ -23,7 +23,7 @@ from dynident.identification.choices import EssentialChoices
 from dynident.identification.loads.known_load import KnownLoad
 from dynident.identification.loads.payload_data import parse_payload
 from dynident.identification.methods.bases import ESTIMATORS
-from dynident.identification.study.parameter_identifiability import essential_parameters
+from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
 from dynident.motion.collision.surroundings import Box, ToolRange, Wall
 from dynident.progress import ignore_progress
 from dynident.recordings.metadata import PreprocessingChoices

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.estimation import FactorAccumulator, ordinary, statistics
-from dynident.estimation.collinearity import Collinearity, find_collinearity
+from dynident.estimation.parameter_correlation import Collinearity, find_collinearity
 
 M = 2000
 

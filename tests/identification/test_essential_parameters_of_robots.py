@@ -10,7 +10,7 @@ from scipy import stats
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, from_bytes, identify, to_bytes
-from dynident.identification.study.parameter_identifiability import essential_parameters
+from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
 
 ROBOT = arm("ur10")

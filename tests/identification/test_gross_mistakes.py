@@ -18,7 +18,7 @@ from dynident.identification.recording_faults.column_faults import Motion as Mot
 from dynident.identification.recording_faults.column_faults import estimate_delay
 from dynident.identification.recording_faults.fault_search import find_motion_faults
 from dynident.identification.recording_faults.filtered_motion import filter_motion, filter_whole_motion
-from dynident.identification.recording_faults.gravity import find_mounting
+from dynident.identification.recording_faults.gravity_in_torque import find_mounting
 from dynident.identification.recording_faults.held_out_fit import HeldOutFit
 from dynident.identification.recording_faults.torque_scale import (
     compute_described_load,

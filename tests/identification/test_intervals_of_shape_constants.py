@@ -20,7 +20,7 @@ from dynident.identification import (
     remove,
     to_bytes,
 )
-from dynident.identification.study.parameter_identifiability import essential_parameters
+from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
 from dynident.recordings import Preprocessing
 from dynident.regressors.row_cache import MOST_VALUES
 

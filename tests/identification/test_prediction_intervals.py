@@ -9,7 +9,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.study.parameter_identifiability import parameter_dependence
+from dynident.identification.study.correlated_and_essential_parameters import parameter_dependence
 from dynident.identification.study.prediction import predict
 from dynident.recordings import Preprocessing
 

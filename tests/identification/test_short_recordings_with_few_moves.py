@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
-from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity
+from dynident.identification.recording_faults import ColumnFault, find_recording_faults, gravity_in_torque
 from dynident.identification.recording_faults.column_faults import Motion as MotionRows
 from dynident.identification.recording_faults.description_fit import DescriptionFit, measure_left_by_description
 from dynident.identification.recording_faults.filtered_motion import filter_motion
@@ -97,14 +97,16 @@ def test_gravity_is_not_said_to_be_missing_where_the_description_bears_it_out_or
     assert motion is not None
     load = compute_described_torque(ROBOT, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
     given = replace(motion, tau=motion.tau - taken_out * load)
-    told = gravity.LoadShares(gravity=0.76, motion=5.9, motion_error=error)
-    monkeypatch.setattr(gravity, "measure_load_shares", lambda *_: told)
-    monkeypatch.setattr(gravity, "measure_unexplained_share", lambda robot, _: 0.08 if robot.gravity.any() else 0.07)
-    assert gravity.detect_compensated_gravity(ROBOT, given) == (told if is_refused else None)
+    told = gravity_in_torque.LoadShares(gravity=0.76, motion=5.9, motion_error=error)
+    monkeypatch.setattr(gravity_in_torque, "measure_load_shares", lambda *_: told)
+    monkeypatch.setattr(
+        gravity_in_torque, "measure_unexplained_share", lambda robot, _: 0.08 if robot.gravity.any() else 0.07
+    )
+    assert gravity_in_torque.detect_compensated_gravity(ROBOT, given) == (told if is_refused else None)
 
 
 def test_the_share_of_motion_is_told_with_its_error_which_few_moves_make_large() -> None:
-    few, many = (gravity.measure_load_shares(ROBOT, one) for one in (filter_motion(recorded(3)), fourier()))
+    few, many = (gravity_in_torque.measure_load_shares(ROBOT, one) for one in (filter_motion(recorded(3)), fourier()))
     assert few is not None
     assert many is not None
     assert many.motion == pytest.approx(1.0, abs=4 * many.motion_error)

@@ -10,7 +10,7 @@ import pytest
 from test_real_robots import CHOICES, DATA, UR10E_GAINS, UR10E_ROWS, held_out, pytestmark, robot  # noqa: F401
 
 from dynident.identification import identify
-from dynident.identification.study.parameter_identifiability import essential_parameters, parameter_dependence
+from dynident.identification.study.correlated_and_essential_parameters import essential_parameters, parameter_dependence
 from dynident.recordings import RecordedJoints, RecordingMetadata, import_recording
 
 

@@ -11,9 +11,9 @@ from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
 from dynident_service.storage import job_transitions
+from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.job_transitions import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints
 from dynident_service.storage.records import NewJob
 from dynident_service.storage.tables import CheckpointRow
 

@@ -12,8 +12,8 @@ from dynident.identification import Identification, IdentificationChoices, Ident
 from dynident.identification.equations.reduce_data import split_friction_tests
 from dynident.identification.shapes.shape_constants import ShapeConstant
 from dynident.identification.shapes.shape_search import check_choices
+from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
 from dynident.identification.study.held_out_gain import find_best_of_errors
-from dynident.identification.study.parameter_identifiability import EssentialPath, parameter_dependence
 from dynident.recordings import Preprocessing, Recording, preprocessing_from_request
 from dynident.reports.report_tables import ReportedTable
 from dynident.reports.result_rows import build_essential_tables, build_parameter_table, build_shape_table

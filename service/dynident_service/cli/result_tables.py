@@ -13,8 +13,8 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.effects.text_format import format_effect
 from dynident.estimation import Errors
 from dynident.identification import Identification
+from dynident.identification.study.correlated_and_essential_parameters import EssentialPath, parameter_dependence
 from dynident.identification.study.held_out_gain import find_best_step
-from dynident.identification.study.parameter_identifiability import EssentialPath, parameter_dependence
 from dynident.recordings import phase_shares
 from dynident.recordings.phases import Phase
 from dynident.reports.labels import (

@@ -20,7 +20,8 @@ from dynident.robot import Robot
 from dynident_service.cli.files import write_atomically
 from dynident_service.cli.result_tables import format_choice
 from dynident_service.cli.terminal import build_table, show_progress_bar
-from dynident_service.demo.experiment import (
+from dynident_service.demo.scenario import Scenario
+from dynident_service.demo.user_steps import (
     Analysis,
     MeasuredRun,
     analyse_recordings,
@@ -28,7 +29,6 @@ from dynident_service.demo.experiment import (
     record_runs,
     write_hidden_effect,
 )
-from dynident_service.demo.scenario import Scenario
 
 _SHOWN_CANDIDATES = 5
 # A residual below this multiple of the noise floor cannot be told from noise.

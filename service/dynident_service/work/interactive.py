@@ -9,7 +9,7 @@ from typing import TypedDict
 
 from dynident.export import ExportedFile, ExportFormat
 from dynident.identification import Identification, from_bytes
-from dynident.identification.study.parameter_identifiability import essential_parameters, parameter_dependence
+from dynident.identification.study.correlated_and_essential_parameters import essential_parameters, parameter_dependence
 from dynident.recordings import Check, RecordingError, open_recording
 from dynident.recordings.metadata import Status
 from dynident.robot.collision import list_collision_meshes

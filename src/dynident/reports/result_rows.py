@@ -10,7 +10,7 @@ from dynident.diagnosis import Change, FrictionDifference, RankedEffect
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentifiedParameter
 from dynident.identification.shapes.shape_constants import ShapeConstant
-from dynident.identification.study.parameter_identifiability import EssentialPath
+from dynident.identification.study.correlated_and_essential_parameters import EssentialPath
 from dynident.reports.labels import (
     PARAMETER_JUDGEMENTS,
     SHAPE_JUDGEMENTS,

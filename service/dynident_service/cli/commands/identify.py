@@ -87,7 +87,7 @@ def essential(
     --out writes the model with the essential parameters estimated again, the others at zero.
     """
     from dynident.identification import to_bytes
-    from dynident.identification.study.parameter_identifiability import essential_parameters
+    from dynident.identification.study.correlated_and_essential_parameters import essential_parameters
     from dynident_service.adapters.identifications import describe_essential
     from dynident_service.cli import inputs, output, result_tables
 

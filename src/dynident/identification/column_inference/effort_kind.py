@@ -16,7 +16,7 @@ from dynident.identification.recording_faults.fault_search import (
     measure_gain_by_other_scales,
     measure_unexplained_share,
 )
-from dynident.identification.recording_faults.gravity import detect_compensated_gravity, find_mounting
+from dynident.identification.recording_faults.gravity_in_torque import detect_compensated_gravity, find_mounting
 from dynident.identification.recording_faults.torque_scale import compute_median_scale
 from dynident.recordings.metadata import EffortKind
 from dynident.robot import Robot

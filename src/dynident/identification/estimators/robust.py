@@ -18,7 +18,7 @@ from dynident.array_types import FloatArray
 from dynident.errors import DynidentError
 from dynident.estimation import PriorInformation, Reduction, compute_noise_levels, solve, statistics, weighted
 from dynident.estimation.least_squares import compute_correlated_noise, floor_noise
-from dynident.estimation.row_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
+from dynident.estimation.robust_weights import BISQUARE, HUBER, Influence, estimate_robust_scale
 from dynident.identification.equations.reduce_data import Data
 from dynident.identification.fit import Fit
 from dynident.identification.problem import Problem

@@ -23,7 +23,7 @@ from dynident.identification.recording_faults.fault_search import (
     search_faults,
 )
 from dynident.identification.recording_faults.filtered_motion import thin_out
-from dynident.identification.recording_faults.gravity import (
+from dynident.identification.recording_faults.gravity_in_torque import (
     Mounting,
     StaticTorque,
     detect_compensated_gravity,

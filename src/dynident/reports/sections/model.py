@@ -13,7 +13,7 @@ from dynident.effects import EffectChoice, get_effect
 from dynident.effects.effect_columns import find_joints
 from dynident.estimation import CovarianceName
 from dynident.identification import Identification
-from dynident.identification.study.parameter_identifiability import parameter_dependence
+from dynident.identification.study.correlated_and_essential_parameters import parameter_dependence
 from dynident.reports.figures.svg import draw_formula
 from dynident.reports.labels import format_shape_constants
 from dynident.reports.number_format import format_number, format_percent, format_range

@@ -23,7 +23,7 @@ from dynident.estimation import (
     statistics,
 )
 from dynident.estimation.backward_elimination import Stop
-from dynident.estimation.collinearity import (
+from dynident.estimation.parameter_correlation import (
     NOT_DETERMINED,
     Collinearity,
     CorrelatedPair,
