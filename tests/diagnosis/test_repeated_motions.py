@@ -172,6 +172,6 @@ def test_a_clean_comparison_is_at_the_noise_floor_and_a_lacking_one_above_it(run
     lacking = experiment(on_joint(2, lambda q, v, load: 12.0 * np.sin(3 * q)))
     found = judge(compare(lacking.identification, lacking.validation), lacking.validation, BAND)
     assert found.over_noise[2] > 2
-    assert any(NAMES[2] in note and "missing" in note for note in found.notes)
+    assert any(NAMES[2] in note and "lacks an effect" in note for note in found.notes)
     # What a missing effect leaves is remembered longer than filtered noise.
     assert found.effective_samples[2] < 0.5 * clean.effective_samples[2]

@@ -18,7 +18,7 @@ from sqlalchemy import func, select
 from test_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
-from dynident_service.cli.commands.backup import check_stored_resource
+from dynident_service.routes.stored_resource_check import check_stored_resource
 from dynident_service.services import Services
 from dynident_service.storage import bundle as bundle_module
 from dynident_service.storage.bundle import export_robot, import_robot
