@@ -71,10 +71,16 @@ def test_readiness_is_asked_once_a_second_however_many_ask(
     monkeypatch.setattr(readiness, "FRESH", 60.0)
     asked: list[object] = []
     read = own_services.database.read
-    monkeypatch.setattr(own_services.database, "read", lambda: asked.append(None) or read())
+
+    def count_and_read() -> object:
+        # The engine looks for jobs in the same database, every few moments.
+        if sys._getframe(1).f_globals["__name__"] == readiness.__name__:
+            asked.append(None)
+        return read()
+
+    monkeypatch.setattr(own_services.database, "read", count_and_read)
     assert {own.get("/readyz").status_code for _ in range(20)} == {200}
-    # Twenty requests, one question; housekeeping may have read for itself.
-    assert len(asked) <= 3
+    assert len(asked) <= 1
 
 
 def test_a_service_says_that_it_starts_until_the_first_child_has_answered(tmp_path: Path) -> None:
