@@ -78,3 +78,20 @@ def test_a_public_function_that_refuses_something_says_what(name: str, function:
     raised = re.findall(r"^\s+raise (\w+Error)\(", inspect.getsource(function), re.MULTILINE)
     said = inspect.getdoc(function) or ""
     assert not raised or "Raises" in said or any(one in said for one in raised), f"{name} raises {', '.join(raised)}"
+
+
+def documented_parameters(value: object) -> set[str]:
+    """Names in the Parameters section that have a description, as numpydoc wants them."""
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[\w ]*\n---|\Z)", inspect.getdoc(value) or "", re.M | re.S)
+    entries = re.findall(r"^(\S[^\n:]*)(?::[^\n]*)?\n(?=[ ]{4}\S)", section[1] if section else "", re.MULTILINE)
+    return {name.strip().lstrip("*") for entry in entries for name in entry.split(",")}
+
+
+@pytest.mark.parametrize(("name", "value"), NAMES, ids=called)
+def test_every_parameter_of_a_public_name_is_described(name: str, value: object) -> None:
+    own = isinstance(value, FunctionType) or "__init__" in vars(value)
+    if not own or (isinstance(value, type) and issubclass(value, dict | tuple)):
+        return
+    signature = inspect.signature(value if isinstance(value, FunctionType) else vars(value)["__init__"])
+    parameters = {one for one in signature.parameters if one not in ("self", "cls") and not one.startswith("_")}
+    assert parameters - documented_parameters(value) == set(), name
