@@ -49,7 +49,7 @@ def loaded_command(folder: Path) -> Iterator[Path]:
 
 def serve(listening: socket.socket) -> None:
     """Do what is asked, one after the other or at the same time."""
-    importlib.import_module("dynident_service.cli.app").program()
+    importlib.import_module("dynident_service.cli.app").create_application()
     importlib.import_module("dynident_service.work")
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
