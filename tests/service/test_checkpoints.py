@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
-from dynident_service.storage import job_transitions
+from dynident_service.storage import checkpoints
 from dynident_service.storage.checkpoints import MAX_CHECKPOINT_BYTES, CheckpointStore, JobCheckpoints
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue
@@ -62,7 +62,7 @@ def test_checkpoints_are_kept_from_time_to_time_and_never_stop_the_work(
     for _ in range(100):
         seldom.save(make)
     assert made == []
-    monkeypatch.setattr(job_transitions, "CHECKPOINT_INTERVAL", 0.0)
+    monkeypatch.setattr(checkpoints, "CHECKPOINT_INTERVAL", 0.0)
     broken = CheckpointStore(database)
     monkeypatch.setattr(broken, "save", _away)
     JobCheckpoints(broken, claim).save(make)
