@@ -74,8 +74,12 @@ class Scene:
         fitting = AmplitudeScaler(self.family, self.bounds, self.model).scale_down(x)
         if fitting is None:
             return float("inf")
-        yardstick = build_design_criterion(self.model, CriterionChoice(), {})
-        return CandidateEvaluator(self.family, self.model, yardstick, n_samples=1000).evaluate(fitting).condition_number
+        design_criterion = build_design_criterion(self.model, CriterionChoice(), {})
+        return (
+            CandidateEvaluator(self.family, self.model, design_criterion, n_samples=1000)
+            .evaluate(fitting)
+            .condition_number
+        )
 
 
 def main() -> None:
@@ -137,10 +141,10 @@ def pivoted(model: DesignModel) -> DesignModel:
 
 def our_design(scene: Scene) -> float:
     """Search until the goal is reached."""
-    yardstick = build_design_criterion(scene.model, CriterionChoice(), {})
-    judge = CandidateEvaluator(scene.family, scene.model, yardstick)
+    design_criterion = build_design_criterion(scene.model, CriterionChoice(), {})
+    judge = CandidateEvaluator(scene.family, scene.model, design_criterion)
     candidates = draw_candidates(scene.family, scene.bounds, scene.model, judge, count=N_STARTS, seed=scene.seed)
-    problem = DesignProblem(scene.family, scene.model, yardstick.smooth_criterion, scene.bounds)
+    problem = DesignProblem(scene.family, scene.model, design_criterion.smooth_criterion, scene.bounds)
     shrinking = AmplitudeScaler(scene.family, scene.bounds, scene.model)
     best = np.inf
     for found in search_stepwise(

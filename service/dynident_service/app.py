@@ -44,14 +44,14 @@ PROBLEM = {
 log = logging.getLogger("dynident.service")
 
 
-def create_app(settings: Settings | None = None, nursery: ForkServer | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None, fork_server: ForkServer | None = None) -> FastAPI:
     """Assemble the application; nothing is opened before it starts.
 
     Parameters
     ----------
     settings : Settings, optional
         Settings; those of the environment by default.
-    nursery : ForkServer, optional
+    fork_server : ForkServer, optional
         Process that child processes are forked from. Several applications of one process may share it; whoever made it
         closes it.
 
@@ -66,7 +66,7 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         set_threads(settings)
-        science = nursery or ForkServer()
+        science = fork_server or ForkServer()
         # Opened and closed in a thread: migrations and the end of jobs take seconds, in which the event loop has to
         # live.
         opening = open_services(settings, science)
@@ -80,7 +80,7 @@ def create_app(settings: Settings | None = None, nursery: ForkServer | None = No
             yield
         finally:
             await to_thread.run_sync(opening.__exit__, None, None, None)
-            if nursery is None:
+            if fork_server is None:
                 science.close()
             if settings.traces:
                 await to_thread.run_sync(tracing.end_tracing)

@@ -40,8 +40,8 @@ class InteractiveCompute:
     The children are shared by key, and one of several is reserved for short computations.
     """
 
-    def __init__(self, size: int, nursery: ForkServer, confinement: Confinement | None = None) -> None:
-        self._pool = ChildPool(size, nursery, confinement)
+    def __init__(self, size: int, fork_server: ForkServer, confinement: Confinement | None = None) -> None:
+        self._pool = ChildPool(size, fork_server, confinement)
         self._waiting = SharedPlaces(MAX_WAITING)
         self._queue = SharedQueue(size)
         self._threads = anyio.CapacityLimiter(size)

@@ -36,8 +36,8 @@ class _Follower:
 class JobEventNotifier:
     """Watches for new events of jobs while anybody waits for some."""
 
-    def __init__(self, ledger: JobQueue) -> None:
-        self._ledger = ledger
+    def __init__(self, job_queue: JobQueue) -> None:
+        self._job_queue = job_queue
         self._followers: set[_Follower] = set()
         self._unseen: set[str] = set()
         """Jobs with followers that came after the last query; earlier events are reported to them too."""
@@ -84,7 +84,7 @@ class JobEventNotifier:
                 self._woken.clear()
                 try:
                     newest, self._seen = await to_thread.run_sync(
-                        self._ledger.find_newest_events, self._seen, job_ids, limiter=thread
+                        self._job_queue.find_newest_events, self._seen, job_ids, limiter=thread
                     )
                 except AWAY:
                     log.warning("the database does not answer; those who follow jobs wait")

@@ -52,7 +52,7 @@ class _JobsCollector(Collector):
         self._strain = strain
 
     def collect(self) -> Iterable[Metric]:
-        family = GaugeMetricFamily("dynident_jobs", "Jobs in the ledger.", labels=("state",))
+        family = GaugeMetricFamily("dynident_jobs", "Jobs in the queue.", labels=("state",))
         for state, number in self._counts().items():
             family.add_metric((state,), number)
         yield family

@@ -60,14 +60,14 @@ class Services:
 
 
 @contextmanager
-def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]:
+def open_services(settings: Settings, fork_server: ForkServer) -> Iterator[Services]:
     """Open the storage, migrate the database, and start the engine in the background.
 
     Parameters
     ----------
     settings : Settings
         Settings of the service.
-    nursery : ForkServer
+    fork_server : ForkServer
         Process that child processes are forked from.
 
     Yields
@@ -82,18 +82,18 @@ def open_services(settings: Settings, nursery: ForkServer) -> Iterator[Services]
         migrate(database)
         # After the migration: no other part may see tables of an older version.
         objects = ObjectStore(settings.objects, settings.cache_dir)
-        ledger = JobQueue(database, settings.max_attempts)
-        following = JobEventNotifier(ledger)
-        engine = Engine(settings, ledger, nursery, following.wake)
+        job_queue = JobQueue(database, settings.max_attempts)
+        following = JobEventNotifier(job_queue)
+        engine = Engine(settings, job_queue, fork_server, following.wake)
         engine.start()
         housekeeping = Housekeeping(settings, database, objects, abandoned_before)
         housekeeping.start()
-        awaited = InteractiveCompute(settings.request_workers, nursery, confine_readers(settings, objects))
+        awaited = InteractiveCompute(settings.request_workers, fork_server, confine_readers(settings, objects))
         resources = Resources(database, objects, get_quota_limits(settings))
         try:
             readiness = Readiness(database, objects, awaited)
             yield Services(
-                settings, database, objects, resources, ledger, engine, housekeeping, awaited, following, readiness
+                settings, database, objects, resources, job_queue, engine, housekeeping, awaited, following, readiness
             )
         finally:
             # In reverse: first what requests wait for, then maintenance, and last the engine, which gives its jobs

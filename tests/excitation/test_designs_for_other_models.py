@@ -116,7 +116,7 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
     # Of the same random motions the one is chosen that is worth most together with the run. (In which valley a search
     # ends depends on the last digits of the processor, and that makes more of a difference.)
     model = build_design_model(scara, EFFECTS)
-    yardstick = build_design_criterion(model, wished.criterion, {})
+    design_criterion = build_design_criterion(model, wished.criterion, {})
     gained = []
     for seed in range(6):
         drawn = replace(wished, kind="random", seed=seed)
@@ -128,7 +128,7 @@ def test_a_design_complements_what_earlier_runs_have_told(scara):
                 for k in [(d.t >= d.exciting[0]) & (d.t < d.exciting[1])]
             ]
             w = np.concatenate(rows)
-            both.append(yardstick.evaluate(w, len(w) // scara.n).criterion)
+            both.append(design_criterion.evaluate(w, len(w) // scara.n).criterion)
         gained.append(both[0] - both[1])
     # The run has the rows of its way there and back as well, and filtered ones.
     assert min(gained) > -0.1

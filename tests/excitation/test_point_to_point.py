@@ -105,9 +105,9 @@ def test_a_few_samples_of_a_move_tell_what_the_whole_is_worth(scara):
     ours = stack_rows(legs).T @ stack_rows(legs)
     sizes = np.sqrt(np.diag(exact))
     np.testing.assert_allclose(ours / np.outer(sizes, sizes), exact / np.outer(sizes, sizes), atol=0.2)
-    yardstick = build_design_criterion(model, QUICK.criterion, {})
-    assert yardstick.smooth_criterion(stack_rows(legs))[0] == pytest.approx(
-        yardstick.smooth_criterion(w / np.sqrt(len(w) / 4))[0], abs=0.2
+    design_criterion = build_design_criterion(model, QUICK.criterion, {})
+    assert design_criterion.smooth_criterion(stack_rows(legs))[0] == pytest.approx(
+        design_criterion.smooth_criterion(w / np.sqrt(len(w) / 4))[0], abs=0.2
     )
 
 

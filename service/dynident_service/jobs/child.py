@@ -74,7 +74,7 @@ class JobRunner:
         Raises
         ------
         Exception
-            One of `INFRASTRUCTURE` if the end cannot be written.
+            One of `INFRASTRUCTURE_ERRORS` if the end cannot be written.
         """
         with tracing.trace_task(f"job {claim.function}", claim.trace, **{"dynident.attempt": claim.attempt}):
             end = self._attempt(claim)
@@ -91,7 +91,7 @@ class JobRunner:
             raise
         except (LostClaim, Cancelled):
             log.info("job %s attempt %d: no longer wanted", claim.job_id, claim.attempt)
-            return lambda ledger: ledger.record_cancellation(claim)
+            return lambda job_queue: job_queue.record_cancellation(claim)
         except (DynidentError, ProblemError) as error:
             return _make_failure(claim, to_problem(error))
         except Exception as error:
@@ -102,7 +102,7 @@ class JobRunner:
             log.exception("job %s attempt %d failed unexpectedly", claim.job_id, claim.attempt)
             detail = f"The computation failed unexpectedly; the service's log says where, under job {claim.job_id}."
             return _make_failure(claim, make_problem(500, detail))
-        return lambda ledger: None
+        return lambda job_queue: None
 
     def _record_success(self, claim: Claim, outcome: Outcome) -> None:
         # This may be repeated after a commit whose confirmation was lost. It then finds the job ended and raises
@@ -127,8 +127,8 @@ class JobRunner:
 class Reporter:
     """Writes progress into the queue, at a limited rate."""
 
-    def __init__(self, ledger: JobQueue, claim: Claim) -> None:
-        self._ledger = ledger
+    def __init__(self, job_queue: JobQueue, claim: Claim) -> None:
+        self._job_queue = job_queue
         self._claim = claim
         self._last_time = time.monotonic()
         self._last_fraction = 0.0
@@ -141,7 +141,7 @@ class Reporter:
             return
         fraction = min(1.0, max(0.0, float(fraction)))
         try:
-            self._ledger.record_progress(self._claim, fraction, message)
+            self._job_queue.record_progress(self._claim, fraction, message)
         except INFRASTRUCTURE_ERRORS as error:  # the work goes on; the next report may get through
             log.warning("job %s: progress could not be written: %s", self._claim.job_id, describe_error(error))
         self._last_time, self._last_fraction, self._last_message = time.monotonic(), fraction, message
@@ -153,7 +153,7 @@ def _make_disk_full_problem() -> Problem:
 
 
 def _make_failure(claim: Claim, problem: Problem) -> End:
-    return lambda ledger: ledger.record_failure(claim, problem)
+    return lambda job_queue: job_queue.record_failure(claim, problem)
 
 
 def _store_outcome(session: Session, objects: ObjectStore, claim: Claim, outcome: Outcome) -> None:

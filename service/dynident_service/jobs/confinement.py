@@ -188,7 +188,7 @@ class Confinement:
         Bytes of address space beyond what is loaded when it begins.
     scratch : Path or None
         Folder of its own for temporary files; without it the system's folder is used.
-    folders : Folders or None
+    folders : AllowedFolders or None
         Folders that it may read and write besides those of its program, without a network; None means no restriction.
     """
 

@@ -28,16 +28,16 @@ LOOK = 1.0
 log = logging.getLogger("dynident.supervisor")
 
 
-def supervise_part(part: JobPart, pool: ChildPool, ledger: JobQueue) -> bytes:
+def supervise_part(part: JobPart, pool: ChildPool, job_queue: JobQueue) -> bytes:
     """Have a child do a part while its job runs.
 
     Parameters
     ----------
-    part : Part
+    part : JobPart
         What to compute.
     pool : ChildPool
         Child processes of this worker.
-    ledger : Ledger
+    job_queue : JobQueue
         Queue, which knows whether the job still runs.
 
     Returns
@@ -54,7 +54,7 @@ def supervise_part(part: JobPart, pool: ChildPool, ledger: JobQueue) -> bytes:
     try:
         child.send(_make_call(part))
         while (answer := child.receive(LOOK)) is None:
-            if pool.closed or not _is_job_running(part.claim, ledger):
+            if pool.closed or not _is_job_running(part.claim, job_queue):
                 raise PartFailed(f"job {part.claim.job_id} has ended in the meantime")
     except EOFError as error:
         pool.replace(child)
@@ -85,9 +85,9 @@ def _make_call(part: JobPart) -> Call:
     )
 
 
-def _is_job_running(claim: Claim, ledger: JobQueue) -> bool:
+def _is_job_running(claim: Claim, job_queue: JobQueue) -> bool:
     try:
-        return ledger.get_standing(claim) == "held"
+        return job_queue.get_standing(claim) == "held"
     # While the database is away, nobody can have cancelled the job.
     except AWAY as error:
         log.warning("job %s: %s", claim.job_id, describe_error(error))
@@ -113,18 +113,20 @@ class ChildPoolPlugin(WorkerPlugin):
             raise RuntimeError(
                 f"this worker has dynident {__version__}, the service has {self.version}; install the same version"
             )
-        self.nursery = ForkServer()
-        self.pool = ChildPool(worker.state.nthreads, self.nursery, Confinement(self.place.memory))
-        self.ledger = JobQueue(Database(self.place.database_url), self.place.max_attempts)
+        self.fork_server = ForkServer()
+        self.pool = ChildPool(worker.state.nthreads, self.fork_server, Confinement(self.place.memory))
+        self.job_queue = JobQueue(Database(self.place.database_url), self.place.max_attempts)
 
     def teardown(self, worker: Worker) -> None:
         """Kill the child processes when the worker ends; their jobs are given back."""
         self.pool.close()
-        self.nursery.close()
+        self.fork_server.close()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the attributes that belong to one worker, so that the plugin can be sent to others."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("nursery", "pool", "ledger")}
+        return {
+            name: value for name, value in self.__dict__.items() if name not in ("fork_server", "pool", "job_queue")
+        }
 
 
 def run_claim(claim: Claim, place: JobEnvironment, version: str) -> None:
@@ -135,8 +137,8 @@ def run_claim(claim: Claim, place: JobEnvironment, version: str) -> None:
     place = replace(place, colleagues=ClusterAddresses(worker.scheduler.address, worker.address))
     with plugin.pool.mark_in_use(), set_log_context(claim.job_id, claim.request_id):
         # It may have come here late.
-        if plugin.pool.closed or retry_while_away(lambda: plugin.ledger.renew(claim), PATIENCE) != "lost":
-            supervise_job(claim, place, plugin.pool, plugin.ledger)
+        if plugin.pool.closed or retry_while_away(lambda: plugin.job_queue.renew(claim), PATIENCE) != "lost":
+            supervise_job(claim, place, plugin.pool, plugin.job_queue)
 
 
 def run_part(part: JobPart, version: str) -> bytes | None:
@@ -147,7 +149,7 @@ def run_part(part: JobPart, version: str) -> bytes | None:
     secede()
     plugin = _get_plugin(get_worker(), part.place, version)
     with plugin.pool.mark_in_use_if_spare() as spare, set_log_context(part.claim.job_id, part.claim.request_id):
-        return supervise_part(part, plugin.pool, plugin.ledger) if spare else None
+        return supervise_part(part, plugin.pool, plugin.job_queue) if spare else None
 
 
 def _get_plugin(worker: Any, place: JobEnvironment, version: str) -> ChildPoolPlugin:

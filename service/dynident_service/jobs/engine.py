@@ -45,20 +45,20 @@ class Engine:
     ----------
     settings : Settings
         Settings of the service.
-    ledger : Ledger
+    job_queue : JobQueue
         Queue of the jobs.
-    nursery : Nursery
+    fork_server : ForkServer
         Process that child processes are forked from.
     news : callable
         Called when a job has begun or ended here, for those who follow it.
     """
 
     def __init__(
-        self, settings: Settings, ledger: JobQueue, nursery: ForkServer, news: Callable[[], None] = lambda: None
+        self, settings: Settings, job_queue: JobQueue, fork_server: ForkServer, news: Callable[[], None] = lambda: None
     ) -> None:
         self._settings = settings
-        self._nursery = nursery
-        self._ledger = ledger
+        self._fork_server = fork_server
+        self._job_queue = job_queue
         self._news = news
         """Called when a job has begun or ended here, for those who follow it."""
         self._place = JobEnvironment(
@@ -145,7 +145,7 @@ class Engine:
         address = self._settings.dask_scheduler
         if not address:
             confinement = Confinement(self._settings.job_memory, self._settings.processes_dir)
-            return LocalExecutor(self._settings.workers, self._nursery, self._place, self._ledger, confinement)
+            return LocalExecutor(self._settings.workers, self._fork_server, self._place, self._job_queue, confinement)
         from dynident_service.jobs.dask_executor import DaskExecutor
 
         return DaskExecutor(address, self._place)
@@ -155,7 +155,7 @@ class Engine:
         self._handing_out = True  # set before looking, so that a drain that begins now waits
         try:
             if slots > 0 and not self._draining.is_set() and self._is_look_due(slots):
-                claims = self._ledger.claim(slots, self._list_own_jobs())
+                claims = self._job_queue.claim(slots, self._list_own_jobs())
             for claim in claims:
                 self._hand_out(workers, claim)
             if claims:

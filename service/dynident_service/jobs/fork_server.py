@@ -62,7 +62,7 @@ class ForkServer:
                 self._send_fork(jobs, lifeline)
 
     def get_exit(self, pid: int, *, reap: bool) -> ProcessExit | None:
-        """Return how a child ended; None while it runs, or if the nursery itself has died.
+        """Return how a child ended; None while it runs, or if the fork server itself has died.
 
         With `reap` the child is waited for, after which its process id may be used again; only then its peak memory is
         known.

@@ -27,16 +27,16 @@ class LocalExecutor:
     address = "this machine"
 
     def __init__(
-        self, size: int, nursery: ForkServer, place: JobEnvironment, ledger: JobQueue, confinement: Confinement
+        self, size: int, fork_server: ForkServer, place: JobEnvironment, job_queue: JobQueue, confinement: Confinement
     ) -> None:
         self._size = size
-        self._nursery = nursery
+        self._fork_server = fork_server
         self._place = place
-        self._ledger = ledger
+        self._job_queue = job_queue
         self._confinement = confinement
 
     def __enter__(self) -> LocalExecutor:
-        self._pool = ChildPool(self._size, self._nursery, self._confinement)
+        self._pool = ChildPool(self._size, self._fork_server, self._confinement)
         return self
 
     def count_slots(self) -> int:
@@ -53,7 +53,7 @@ class LocalExecutor:
     def _run_job(self, claim: Claim, ended: Callable[[], None]) -> None:
         try:
             with self._pool.mark_in_use(), set_log_context(claim.job_id, claim.request_id):
-                supervise_job(claim, self._place, self._pool, self._ledger)
+                supervise_job(claim, self._place, self._pool, self._job_queue)
         except Exception:
             log.exception("job %s attempt %d is left to its lease", claim.job_id, claim.attempt)
         finally:

@@ -28,8 +28,8 @@ MEMORY_LIMIT = 2_000_000_000
 class ChildProcess:
     """Child process and the pipe to it."""
 
-    def __init__(self, nursery: ForkServer, confinement: Confinement) -> None:
-        self._nursery = nursery
+    def __init__(self, fork_server: ForkServer, confinement: Confinement) -> None:
+        self._fork_server = fork_server
         self.pid: int | None = None
         self.heartbeats = 0
         self._scratch = _make_scratch(confinement.scratch)
@@ -37,7 +37,7 @@ class ChildProcess:
         # The child holds the other end of this pipe: when this process ends, however that happens, the child is killed.
         lifeline, self._lifeline = os.pipe()
         try:
-            nursery.fork(theirs.fileno(), lifeline)
+            fork_server.fork(theirs.fileno(), lifeline)
         finally:
             theirs.close()
             os.close(lifeline)
@@ -92,9 +92,9 @@ class ChildProcess:
             self.receive(0.0)  # its Hello, with the process id, may have arrived
         ended = None
         if self.pid is not None:
-            had_ended = self._nursery.get_exit(self.pid, reap=False) is not None
+            had_ended = self._fork_server.get_exit(self.pid, reap=False) is not None
             self.kill_process_group()
-            end = self._nursery.get_exit(self.pid, reap=True)
+            end = self._fork_server.get_exit(self.pid, reap=True)
             # A process that was just ending closes its pipe first; it then has an exit code other than our signal.
             if end is not None and (had_ended or end.code != -signal.SIGKILL):
                 ended = end
@@ -116,19 +116,19 @@ def _make_scratch(folder: Path | None) -> Path | None:
 class ChildPool:
     """Pool of idle children.
 
-    The nursery outlives the pool. The child that worked last is taken first, as its caches are the most useful.
+    The fork server outlives the pool. The child that worked last is taken first, as its caches are the most useful.
 
     Parameters
     ----------
     size : int
         Number of children.
-    nursery : Nursery
+    fork_server : ForkServer
         Process that forks them.
     confinement : Confinement, optional
         Limits of each child.
     """
 
-    def __init__(self, size: int, nursery: ForkServer, confinement: Confinement | None = None) -> None:
+    def __init__(self, size: int, fork_server: ForkServer, confinement: Confinement | None = None) -> None:
         self._size = size
         self.confinement = confinement or Confinement()
         self._idle: deque[ChildProcess] = deque()
@@ -136,9 +136,9 @@ class ChildPool:
         self._lock = threading.Condition()
         self._users = 0
         self.closed = False
-        self._nursery = nursery
+        self._fork_server = fork_server
         for _ in range(size):
-            self._idle.append(ChildProcess(self._nursery, self.confinement))
+            self._idle.append(ChildProcess(self._fork_server, self.confinement))
 
     def take(self) -> ChildProcess:
         """Return an idle child, or start one."""
@@ -149,7 +149,7 @@ class ChildPool:
                 if not child.is_alive():
                     child.kill()
                     child = None
-            child = child or ChildProcess(self._nursery, self.confinement)
+            child = child or ChildProcess(self._fork_server, self.confinement)
             self._busy.add(child)
             return child
 
@@ -173,7 +173,7 @@ class ChildPool:
         ended = child.kill()
         with self._lock:
             if not self.closed and len(self._idle) + len(self._busy) < self._size:
-                self._idle.appendleft(ChildProcess(self._nursery, self.confinement))
+                self._idle.appendleft(ChildProcess(self._fork_server, self.confinement))
         return ended
 
     @contextlib.contextmanager

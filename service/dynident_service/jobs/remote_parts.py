@@ -60,7 +60,7 @@ class PartFailed(Exception):
 
 @dataclass(frozen=True)
 class JobPart:
-    """Part of a job: a function and its argument, pickled by `packing`."""
+    """Part of a job: a function and its argument, pickled by `_Packer`."""
 
     claim: Claim
     place: JobEnvironment

@@ -24,7 +24,7 @@ class StoredFilesReader:
         self._objects = objects
         folder = objects.local_folder
         self._confinement = Confinement(REQUEST_MEMORY, folders=AllowedFolders(folder, (folder,), ()))
-        self._nursery = ForkServer()
+        self._fork_server = ForkServer()
         self._child: ChildProcess | None = None
 
     def __enter__(self) -> StoredFilesReader:
@@ -32,7 +32,7 @@ class StoredFilesReader:
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._replace()
-        self._nursery.close()
+        self._fork_server.close()
 
     def find_problem(self, resource: Resource) -> str | None:
         """Return what cannot be read of a resource, and why; None if everything can.
@@ -52,7 +52,7 @@ class StoredFilesReader:
             "files": files,
         }
         try:
-            self._child = self._child or ChildProcess(self._nursery, self._confinement)
+            self._child = self._child or ChildProcess(self._fork_server, self._confinement)
             self._child.send(Call(FUNCTION, arguments))
             answer = self._child.receive(LONGEST)
         except EOFError:

@@ -44,36 +44,36 @@ REST_LOOK = 0.2
 log = logging.getLogger("dynident.supervisor")
 
 
-def supervise_job(claim: Claim, place: JobEnvironment, pool: ChildPool, ledger: JobQueue) -> None:
+def supervise_job(claim: Claim, place: JobEnvironment, pool: ChildPool, job_queue: JobQueue) -> None:
     """Have a child do a job; return when it has ended, was cancelled, or was lost to another worker.
 
     Parameters
     ----------
     claim : Claim
         The job.
-    place : Place
+    place : JobEnvironment
         Where its data is.
     pool : ChildPool
         Child processes.
-    ledger : Ledger
+    job_queue : JobQueue
         Queue of the jobs.
     """
     if pool.closed:
-        retry_while_away(lambda: ledger.release(claim), LAST_PATIENCE)
+        retry_while_away(lambda: job_queue.release(claim), LAST_PATIENCE)
         return
     child = pool.take()
     try:
         child.send(JobOrder(claim, place))
-        ended = _watch_child(claim, child, ledger, place.deadline)
+        ended = _watch_child(claim, child, job_queue, place.deadline)
     except EOFError:
         end = pool.replace(child)
         if pool.closed:
-            retry_while_away(lambda: ledger.release(claim), LAST_PATIENCE)
+            retry_while_away(lambda: job_queue.release(claim), LAST_PATIENCE)
         # A job that exhausts the memory fails at once: repeated attempts would only kill the process again.
         elif end is not None and end.code < 0 and end.peak_memory > MUCH_MEMORY * place.memory:
-            retry_while_away(lambda: ledger.record_failure(claim, make_memory_problem(place.memory)), PATIENCE)
+            retry_while_away(lambda: job_queue.record_failure(claim, make_memory_problem(place.memory)), PATIENCE)
         else:
-            retry_while_away(lambda: ledger.record_death(claim, _describe_exit(end)), PATIENCE)
+            retry_while_away(lambda: job_queue.record_death(claim, _describe_exit(end)), PATIENCE)
         return
     except BaseException:
         pool.replace(child)
@@ -81,19 +81,19 @@ def supervise_job(claim: Claim, place: JobEnvironment, pool: ChildPool, ledger: 
     if isinstance(ended, Receipt):
         pool.put_back(child, ended)
         if ended.trouble:
-            _wait_before_retry(claim, pool, ledger)
-            retry_while_away(lambda: ledger.record_loss(claim, ended.trouble), PATIENCE)
+            _wait_before_retry(claim, pool, job_queue)
+            retry_while_away(lambda: job_queue.record_loss(claim, ended.trouble), PATIENCE)
     else:
         pool.replace(child)
-        retry_while_away(lambda: ended(ledger), PATIENCE)
+        retry_while_away(lambda: ended(job_queue), PATIENCE)
 
 
-def _wait_before_retry(claim: Claim, pool: ChildPool, ledger: JobQueue) -> None:
+def _wait_before_retry(claim: Claim, pool: ChildPool, job_queue: JobQueue) -> None:
     """Wait before a job begins again, while it is still wanted; shorter than its lease."""
     until = time.monotonic() + min(LONGEST_REST, FIRST_REST * 2.0 ** min(claim.attempt, 10))
     while time.monotonic() < until and not pool.closed:
         try:
-            if ledger.get_standing(claim) != "held":
+            if job_queue.get_standing(claim) != "held":
                 return
         except AWAY as error:
             log.warning("job %s: %s", claim.job_id, describe_error(error))
@@ -101,7 +101,7 @@ def _wait_before_retry(claim: Claim, pool: ChildPool, ledger: JobQueue) -> None:
         time.sleep(REST_LOOK)
 
 
-def _watch_child(claim: Claim, child: ChildProcess, ledger: JobQueue, deadline: float) -> Receipt | End:
+def _watch_child(claim: Claim, child: ChildProcess, job_queue: JobQueue, deadline: float) -> Receipt | End:
     """Wait for the end of a job; return the child's receipt, or what to record once the child is killed."""
     began = renewed = looked = time.monotonic()
     vitals = ActivityMonitor(STILL_FOR)
@@ -113,7 +113,7 @@ def _watch_child(claim: Claim, child: ChildProcess, ledger: JobQueue, deadline: 
                 return end
         try:
             is_due = moment - renewed >= RENEW
-            standing = ledger.renew(claim) if is_due else ledger.get_standing(claim)
+            standing = job_queue.renew(claim) if is_due else job_queue.get_standing(claim)
         except AWAY as error:  # the work goes on: if it ends, its end is written down once the database is there
             log.warning("job %s: %s", claim.job_id, describe_error(error))
             time.sleep(AWAY_PAUSE)
@@ -123,7 +123,7 @@ def _watch_child(claim: Claim, child: ChildProcess, ledger: JobQueue, deadline: 
         if standing != "held":
             # The child may just have ended the job by itself.
             ended = child.receive(0.0)
-            return ended if isinstance(ended, Receipt) else (lambda ledger: ledger.record_cancellation(claim))
+            return ended if isinstance(ended, Receipt) else (lambda job_queue: job_queue.record_cancellation(claim))
     assert isinstance(receipt, Receipt)
     return receipt
 
@@ -135,14 +135,16 @@ def _find_trouble(
     if took > deadline:
         detail = f"The computation took longer than {deadline:.0f} s (DYNIDENT_JOB_DEADLINE_SECONDS) and was stopped."
         problem = make_problem(500, detail, title="Deadline passed")
-        return lambda ledger: ledger.record_failure(claim, problem)
+        return lambda job_queue: job_queue.record_failure(claim, problem)
     if child.pid is None:
-        return None if took < START_UP else lambda ledger: ledger.record_loss(claim, "its process did not start")
+        return None if took < START_UP else lambda job_queue: job_queue.record_loss(claim, "its process did not start")
     match vitals.check_activity(child.pid, child.heartbeats):
         case "stopped":
-            return lambda ledger: ledger.record_loss(claim, "its process was stopped from outside")
+            return lambda job_queue: job_queue.record_loss(claim, "its process was stopped from outside")
         case "still":
-            return lambda ledger: ledger.record_death(claim, f"its process made no progress for {STILL_FOR:.0f} s")
+            return lambda job_queue: job_queue.record_death(
+                claim, f"its process made no progress for {STILL_FOR:.0f} s"
+            )
     return None
 
 

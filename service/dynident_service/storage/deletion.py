@@ -3,9 +3,9 @@
 Objects are stored under the hash of their bytes, so two resources may own the same one, and one resource may be deleted
 in the moment in which the other is created. Three rules protect owned objects:
 
-1. Before an object is put, its tombstone is raised (`announce`); a resource that gives up an object raises it in the
-   same transaction. Wherever a process is cut off, every object has an owner or a tombstone.
-2. Who comes to own an object checks that it is there, and holds its lock until the ownership is committed (`hold`).
+1. Before an object is put, its tombstone is raised (`raise_tombstones`); a resource that gives up an object raises it
+   in the same transaction. Wherever a process is cut off, every object has an owner or a tombstone.
+2. Who comes to own an object checks that it is there, and locks it until the ownership is committed (`lock_objects`).
 3. The sweep deletes an object only if its tombstone is old, the sweep has the lock for itself, and nobody owns it.
 
 By 2 and 3, either the sweep sees the owner and spares the object, or the owner sees that the object is gone and puts it

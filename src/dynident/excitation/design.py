@@ -78,14 +78,14 @@ def design_experiment(
         moving = select_moving_joints(request.trajectory.joints, robot.joint_names)
         model, bounds = lock_model(model, home, moving), lock_bounds(bounds, home, moving)
         notes.append(note_locked_joints(robot.joint_names, moving))
-    yardstick = build_design_criterion(
+    design_criterion = build_design_criterion(
         model,
         request.criterion,
         request.noise,
         one_equation=request.model in ("energy", "power"),
         earlier=build_earlier_rows(model, earlier, request) if earlier else None,
     )
-    task = DesignTask(request, model, yardstick, limits, bounds, progress, checkpoints or NoCheckpoints())
+    task = DesignTask(request, model, design_criterion, limits, bounds, progress, checkpoints or NoCheckpoints())
     progress(0.0, f"{model.n_parameters} base parameters")
     experiment = design_joint_by_joint(task) if request.kind in JOINT_BY_JOINT else _design_joint_motion(task, budget)
     motion = sample_pieces(experiment.pieces, task.rate)

@@ -111,10 +111,10 @@ def rehearse_motion(
     trajectory = request.trajectory
     # The period need not be a whole number of samples: nothing is recorded.
     family = build_family(trajectory, trajectory.duration)
-    yardstick = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
+    design_criterion = build_design_criterion(model, request.criterion, request.noise, earlier=earlier)
     budget = Budget(request.starts_or_default, request.time_budget)
     # The same search with the same seed as the design makes, so that its result foretells the design's.
-    best = search_trajectory(request, family, model, bounds, yardstick, budget).best
+    best = search_trajectory(request, family, model, bounds, design_criterion, budget).best
     parts, elapsed = [], 0.0
     for pace in trajectory.paces:
         slow = family.with_period(trajectory.duration / pace)

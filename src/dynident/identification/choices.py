@@ -95,7 +95,7 @@ class IdentificationChoices:
         Links, named by their joints, that the prior does not hold for, such as the last one where it carries an unknown
         payload.
     prior_error : float
-        Share by which the description's inertias are usually off (`robot.inertia_uncertainty`, and for the prior
+        Share by which the description's inertias are usually off (`robot.pseudo_inertia`, and for the prior
         description_entropic `identification.prior.entropic`).
     pole : float or None
         The a of [12.29] in rad/s, for the filtered model; None where the data decide.

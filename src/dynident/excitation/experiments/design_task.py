@@ -131,7 +131,7 @@ class DesignTask:
         The design request.
     model : DesignModel
         Model of the design.
-    yardstick : DesignCriterion
+    design_criterion : DesignCriterion
         Measure of a motion.
     limits : Bounds
         Limits that must hold.
@@ -145,7 +145,7 @@ class DesignTask:
 
     request: DesignRequest
     model: DesignModel
-    yardstick: DesignCriterion
+    design_criterion: DesignCriterion
     limits: Bounds
     bounds: Bounds
     progress: Progress
@@ -191,12 +191,12 @@ class DesignTask:
         dq = motion.dq[samples]
         # The equation of a joint that stands holds for any torque below its static friction: it tells nothing.
         w = self.model.observe_along(motion, samples) * (np.abs(dq) > STANDSTILL_VELOCITY).reshape(-1, 1)
-        earlier = self.yardstick.earlier
+        earlier = self.design_criterion.earlier
         if earlier is not None:
             # They count in proportion to how long the experiment is, not to how long it was asked for.
             earlier = earlier * np.sqrt(compute_planned_seconds(self.request) / (exciting[1] - exciting[0]))
         expected = self.predict_uncertainties(w.reshape(*dq.shape, -1), dq, DYNAMIC_ROWS, len(inside), earlier)
-        return MotionValues(replace(self.yardstick, earlier=earlier).evaluate(w, len(samples)), expected)
+        return MotionValues(replace(self.design_criterion, earlier=earlier).evaluate(w, len(samples)), expected)
 
     def predict_uncertainties(
         self, w: FloatArray, dq: FloatArray, rows: RowModel, n_samples: float, earlier: FloatArray | None

@@ -85,8 +85,10 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
     notes = []
     if abs(family.period - requested_period) > 1e-9 * requested_period:
         notes.append(f"The period is {family.period:.9g} s: a whole number of sampling periods.")
-    notes += task.yardstick.notes
-    search = search_trajectory(request, family, model, bounds, task.yardstick, budget, task.progress, task.checkpoints)
+    notes += task.design_criterion.notes
+    search = search_trajectory(
+        request, family, model, bounds, task.design_criterion, budget, task.progress, task.checkpoints
+    )
     candidates, best = search.candidates, search.best
     baseline = compute_baseline([candidate.values for candidate in candidates])
     notes += search.notes
@@ -94,7 +96,7 @@ def design_periodic(task: DesignTask, budget: Budget) -> DesignedExperiment:
         notes.append("W does not have full rank: this motion does not determine all base parameters.")
     # The baseline and the result are reported on the same samples, more than the search could afford.
     finer = 0 if request.criterion.is_sample_dependent else _VALUED_SAMPLES
-    fine = CandidateEvaluator(family, model, task.yardstick, n_samples=finer, rows=request.model)
+    fine = CandidateEvaluator(family, model, task.design_criterion, n_samples=finer, rows=request.model)
     # The search looks at the samples of a period; between them a motion may swing out a little further.
     motions, margins = fit_within_limits(task, family, best)
     placed = plan_home_moves(request.home, motions[0].start, bounds, model, rate)
@@ -140,7 +142,7 @@ def search_trajectory(
     family: Family,
     model: DesignModel,
     bounds: Bounds,
-    yardstick: DesignCriterion,
+    design_criterion: DesignCriterion,
     budget: Budget,
     progress: Progress = ignore_progress,
     checkpoints: Checkpoints | None = None,
@@ -159,7 +161,7 @@ def search_trajectory(
         Model of the design.
     bounds : Bounds
         Limits of the motion.
-    yardstick : DesignCriterion
+    design_criterion : DesignCriterion
         Measure of a motion.
     budget : Budget
         Time and number of starts.
@@ -178,7 +180,7 @@ def search_trajectory(
     ImpossibleLimitsError
         No trajectory fits into the limits.
     """
-    judge = CandidateEvaluator(family, model, yardstick, rows=request.model)
+    judge = CandidateEvaluator(family, model, design_criterion, rows=request.model)
     before = None if checkpoints is None else read_checkpoint(checkpoints.load_last())
     # The random trajectories of the stopped search are used again, since drawing them may have been cut short by time.
     if before is not None:
@@ -200,7 +202,7 @@ def search_trajectory(
     # The best random motion is the result where none is optimised.
     if request.kind != "optimized":
         return SearchResult(tuple(candidates), candidates[0])
-    problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds, request.model)
+    problem = DesignProblem(family, model, design_criterion.smooth_criterion, bounds, request.model)
     shrinking = AmplitudeScaler(family, bounds, model)
     course = Resumption(checkpoints or NoCheckpoints(), before)
     result = optimise_trajectories(
@@ -215,7 +217,8 @@ def _evaluate_motion(task: DesignTask, judge: CandidateEvaluator, motion: Period
     n_samples = task.request.trajectory.periods * motion.family.period * task.rate
     w, dq = judge.observe(motion.x), judge.compute_velocity(motion.x)
     return MotionValues(
-        judge.evaluate(motion.x), task.predict_uncertainties(w, dq, judge.row_model, n_samples, task.yardstick.earlier)
+        judge.evaluate(motion.x),
+        task.predict_uncertainties(w, dq, judge.row_model, n_samples, task.design_criterion.earlier),
     )
 
 

@@ -59,13 +59,13 @@ def design_point_to_point(task: DesignTask, budget: Budget) -> DesignedExperimen
     candidates = draw_sequences(
         space,
         legs,
-        task.yardstick,
+        task.design_criterion,
         count=request.random_trajectories,
         rng=rng,
         progress=scale_progress(task.progress, 0.0, 0.2),
         enough=lambda: budget.share_spent > _RANDOM_SHARE,
     )
-    best, notes = candidates[0], [*task.yardstick.notes]
+    best, notes = candidates[0], [*task.design_criterion.notes]
     if request.kind == "optimized":
         best, note = _improve_candidates(task, space, legs, candidates, budget)
         notes.append(note)
@@ -127,7 +127,7 @@ def _improve_candidates(
             candidates[start].sequence,
             space,
             legs,
-            task.yardstick,
+            task.design_criterion,
             variations=_VARIATIONS_OF_A_POINT * space.count,
             # A generator of its own for every start: its course does not depend on how far the others came.
             rng=np.random.default_rng((task.request.seed, start)),
@@ -137,7 +137,7 @@ def _improve_candidates(
         completed += finished
         moves = legs.plan_sequence(sequence)
         assert moves is not None
-        reached = EvaluatedSequence(sequence, evaluate_moves(moves, task.yardstick))
+        reached = EvaluatedSequence(sequence, evaluate_moves(moves, task.design_criterion))
         if reached.values.criterion < best.values.criterion:
             best = reached
     ended = f"{completed} start{'' if completed == 1 else 's'} completed"

@@ -43,19 +43,19 @@ class CandidateEvaluator:
         self,
         family: Family,
         model: DesignModel,
-        yardstick: DesignCriterion,
+        design_criterion: DesignCriterion,
         *,
         n_samples: int = 0,
         rows: RowModelName = "dynamic",
     ) -> None:
-        self._model, self._yardstick = model, yardstick
+        self._model, self._design_criterion = model, design_criterion
         self.n_samples = max(n_samples, count_period_samples(model, family))
         self._basis = family.basis(np.arange(self.n_samples) * family.period / self.n_samples)
         self.row_model = build_row_model(rows, self.n_samples, family.period, family.highest_frequency)
 
     def evaluate(self, x: FloatArray) -> CriterionValues:
         """Return the criterion values of coefficients (m, n)."""
-        return self._yardstick.evaluate(
+        return self._design_criterion.evaluate(
             self.row_model.build_rows(self.observe(x), self.compute_velocity(x)), self.n_samples
         )
 

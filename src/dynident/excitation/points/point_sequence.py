@@ -198,7 +198,7 @@ class EvaluatedSequence:
 def draw_sequences(
     space: PointSpace,
     legs: MovePlanner,
-    yardstick: DesignCriterion,
+    design_criterion: DesignCriterion,
     *,
     count: int,
     rng: np.random.Generator,
@@ -213,7 +213,7 @@ def draw_sequences(
         Sequences to search in.
     legs : MovePlanner
         Plans the moves of sequences.
-    yardstick : DesignCriterion
+    design_criterion : DesignCriterion
         Measure of a motion.
     count : int
         Number of sequences to draw.
@@ -237,7 +237,7 @@ def draw_sequences(
         sequence = _draw_within_limits(space, legs, rng)
         moves = legs.plan_sequence(sequence)
         if moves is not None:
-            sequences.append(EvaluatedSequence(sequence, evaluate_moves(moves, yardstick)))
+            sequences.append(EvaluatedSequence(sequence, evaluate_moves(moves, design_criterion)))
     if not sequences:
         raise ImpossibleLimitsError(
             f"None of {count} random sequences of moves, each point drawn up to {_REDRAWN} times, stays within the "
@@ -266,7 +266,7 @@ def improve_sequence(
     first: PointSequence,
     space: PointSpace,
     legs: MovePlanner,
-    yardstick: DesignCriterion,
+    design_criterion: DesignCriterion,
     *,
     variations: int,
     rng: np.random.Generator,
@@ -283,7 +283,7 @@ def improve_sequence(
         Sequences to search in.
     legs : MovePlanner
         Plans the moves of sequences.
-    yardstick : DesignCriterion
+    design_criterion : DesignCriterion
         Measure of a motion.
     variations : int
         Number of variations to try.
@@ -294,7 +294,7 @@ def improve_sequence(
     progress : Progress
         Called with the fraction done and a message; may raise to cancel.
     """
-    criterion = yardstick.smooth_criterion
+    criterion = design_criterion.smooth_criterion
     # The first sequence was drawn within the limits, so that its moves exist.
     moves = legs.plan_sequence(first)
     assert moves is not None
@@ -454,14 +454,14 @@ def stack_rows(legs: Sequence[PlannedMove]) -> FloatArray:
     return rows
 
 
-def evaluate_moves(legs: Sequence[PlannedMove], yardstick: DesignCriterion) -> CriterionValues:
+def evaluate_moves(legs: Sequence[PlannedMove], design_criterion: DesignCriterion) -> CriterionValues:
     """Return the values of moves by the true criteria.
 
     Parameters
     ----------
     legs : sequence of PlannedMove
         Moves, one after the other.
-    yardstick : DesignCriterion
+    design_criterion : DesignCriterion
         Measure of a motion.
     """
-    return yardstick.evaluate(stack_rows(legs), 1)
+    return design_criterion.evaluate(stack_rows(legs), 1)

@@ -130,8 +130,8 @@ class RunSearch:
             No motion of the kind was found that keeps the limits.
         """
         b = len(information)
-        yardstick = DesignCriterion(CriterionChoice("d_optimal"), np.ones(b), ParameterSelection.select_all(b))
-        return self._search_motion(run, yardstick, information, budget, progress)
+        design_criterion = DesignCriterion(CriterionChoice("d_optimal"), np.ones(b), ParameterSelection.select_all(b))
+        return self._search_motion(run, design_criterion, information, budget, progress)
 
     def search_again(self, run: PlannedRun, information: FloatArray, budget: Budget, progress: Progress) -> RunMotion:
         """Return the motion of a run that is the best by the requested criterion.
@@ -154,7 +154,7 @@ class RunSearch:
         ImpossibleLimitsError
             No motion of the kind was found that keeps the limits.
         """
-        return self._search_motion(run, self._task.yardstick, information, budget, progress)
+        return self._search_motion(run, self._task.design_criterion, information, budget, progress)
 
     def _search_motion(
         self, run: PlannedRun, by: DesignCriterion, information: FloatArray, budget: Budget, progress: Progress
@@ -164,18 +164,18 @@ class RunSearch:
         # Only the equations of moving joints count: a locked one may be held by its brake.
         within = replace(task, model=replace(task.model, counted=moving), progress=progress)
         # Information is an integral over time; divided by the duration of a run it stands beside W / √N of that run.
-        yardstick = replace(by, earlier=factor_information(information / task.request.trajectory.duration))
+        design_criterion = replace(by, earlier=factor_information(information / task.request.trajectory.duration))
         if isinstance(run.how, FreeMotion) and task.request.trajectory.family != "point_to_point":
-            return self._search_periodic(within, moving, yardstick, budget)
-        return self._search_points(within, run, moving, yardstick, budget)
+            return self._search_periodic(within, moving, design_criterion, budget)
+        return self._search_points(within, run, moving, design_criterion, budget)
 
     def _search_periodic(
-        self, task: DesignTask, moving: BoolArray, yardstick: DesignCriterion, budget: Budget
+        self, task: DesignTask, moving: BoolArray, design_criterion: DesignCriterion, budget: Budget
     ) -> RunMotion:
         """Return a periodic trajectory with the other joints locked in the best of some postures."""
         trajectory, model = task.request.trajectory, task.model
         family = build_family(trajectory, max(round(trajectory.duration * task.rate), 1) / task.rate)
-        judge = CandidateEvaluator(family, model, yardstick)
+        judge = CandidateEvaluator(family, model, design_criterion)
         candidates_of_postures = []
         # Where the other joints are locked decides which parameters show, so that several postures are tried.
         for _ in range(_LOCKED_POSTURES):
@@ -196,7 +196,7 @@ class RunSearch:
             raise ImpossibleLimitsError("no motion with locked joints was found within the limits", pointer="/limits")
         # The bounds are those of the posture in which this candidate has the other joints locked.
         best, bounds = min(candidates_of_postures, key=lambda pair: pair[0].values.criterion)
-        problem = DesignProblem(family, model, yardstick.smooth_criterion, bounds)
+        problem = DesignProblem(family, model, design_criterion.smooth_criterion, bounds)
         shrinking = AmplitudeScaler(family, bounds, model)
         best = optimise_trajectories(
             problem, shrinking, judge, [best], budget, scale_progress(task.progress, 0.2, 0.9)
@@ -208,7 +208,7 @@ class RunSearch:
         return RunMotion((motion,), trajectory.periods, motion.start, random)
 
     def _search_points(
-        self, task: DesignTask, run: PlannedRun, moving: BoolArray, yardstick: DesignCriterion, budget: Budget
+        self, task: DesignTask, run: PlannedRun, moving: BoolArray, design_criterion: DesignCriterion, budget: Budget
     ) -> RunMotion:
         """Return moves between points, the best of some random ones improved."""
         trajectory, rng = task.request.trajectory, self._rng
@@ -217,7 +217,7 @@ class RunSearch:
         legs = self._legs.restrict_to_joints(moving)
         space = self._build_space(task, run, moving)
         candidates = draw_sequences(
-            space, legs, yardstick, count=_CANDIDATES, rng=rng, progress=scale_progress(task.progress, 0.0, 0.2)
+            space, legs, design_criterion, count=_CANDIDATES, rng=rng, progress=scale_progress(task.progress, 0.0, 0.2)
         )
         of_points = (
             _VARIATIONS_OF_TWO_POINTS if isinstance(space, TwoPoints) else _VARIATIONS_OF_A_POINT * trajectory.points
@@ -226,7 +226,7 @@ class RunSearch:
             candidates[0].sequence,
             space,
             legs,
-            yardstick,
+            design_criterion,
             variations=of_points,
             rng=rng,
             budget=budget,

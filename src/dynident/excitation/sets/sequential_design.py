@@ -178,7 +178,7 @@ def _evaluate_runs(task: DesignTask, placed_runs: Sequence[_PlacedRun]) -> Crite
     """Return the values of all runs together by the requested criterion, from their information matrices."""
     seconds = sum(len(placed.motion.t) for placed in placed_runs) / task.rate
     information = sum((placed.information for placed in placed_runs), start=0.0 * placed_runs[0].information)
-    return task.yardstick.evaluate(factor_information(information / seconds), 1)
+    return task.design_criterion.evaluate(factor_information(information / seconds), 1)
 
 
 def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: FloatArray) -> DesignedExperiment:
@@ -194,7 +194,7 @@ def _assemble(task: DesignTask, runs: list[_PlacedRun], retreat: Piece, home: Fl
     # Rounds repeat the same pieces, which need to be verified once.
     margins = verify_pieces(task, tuple(dict.fromkeys([*pieces, retreat])))
     valued = _evaluate_samples(task, runs)
-    notes = [*task.yardstick.notes, *_note_not_shown(task, valued), note_home(home)]
+    notes = [*task.design_criterion.notes, *_note_not_shown(task, valued), note_home(home)]
     notes.append(
         f"{len(runs)} runs, {sum(run.end - run.start for run in spans):.4g} s together; in each run, only the "
         "equations of the moving joints count."
@@ -217,7 +217,7 @@ def _evaluate_samples(task: DesignTask, placed_runs: list[_PlacedRun]) -> Motion
     every = max(1, total // _MOST_VALUED)
     w = np.concatenate([placed.w[::every] for placed in placed_runs])
     dq = np.concatenate([placed.motion.dq[::every] for placed in placed_runs])
-    values = task.yardstick.evaluate(w.reshape(-1, w.shape[-1]), len(w))
+    values = task.design_criterion.evaluate(w.reshape(-1, w.shape[-1]), len(w))
     return MotionValues(values, task.predict_uncertainties(w, dq, DYNAMIC_ROWS, total, None))
 
 
@@ -247,5 +247,5 @@ def _compute_baseline(task: DesignTask, placed_runs: list[_PlacedRun]) -> Baseli
             (placed.run_motion.random[k % len(placed.run_motion.random)] for placed in placed_runs),
             start=0.0 * placed_runs[0].information,
         )
-        values.append(task.yardstick.evaluate(factor_information(information / seconds), 1))
+        values.append(task.design_criterion.evaluate(factor_information(information / seconds), 1))
     return compute_baseline(values)

@@ -4,7 +4,7 @@ The standard parameters φ are the unknowns and the base parameters are β = G �
 parameters that a real robot could have: the pseudo-inertia of every link and payload has no negative eigenvalue, and no
 rotor inertia is negative, nor friction where it is Coulomb and viscous alone. The data determine β alone. Of the φ that
 give it, those nearest to the description are taken; the distance is measured by how far descriptions usually are off
-(`robot.inertia_uncertainty`), and without a prior this decides nothing that the data can decide. With the entropic
+(`robot.pseudo_inertia`), and without a prior this decides nothing that the data can decide. With the entropic
 prior the distance from the description's bodies is part of the cost (`prior.entropic`).
 """
 
