@@ -17,7 +17,7 @@ from dynident.diagnosis.candidates.accumulate import PhasedProducts, gather_prod
 from dynident.diagnosis.candidates.pool import Pool, build_pool
 from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS
-from dynident.diagnosis.residuals.resolution import compute_resolution
+from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.search.contacts import find_contacts
 from dynident.diagnosis.search.forward_selection import search_findings

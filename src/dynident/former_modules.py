@@ -34,7 +34,7 @@ MODULES = {
     "dynident.desk.recordings": "dynident.api.recordings",
     "dynident.desk.reporting": "dynident.api.reporting",
     "dynident.desk.robots": "dynident.api.robot_files",
-    "dynident.desk.texts": "dynident.result_display",
+    "dynident.desk.texts": "dynident.text_and_html_tables",
     "dynident.desk.validating": "dynident.api.model_validation",
     "dynident.desk.xacro_files": "dynident.api.robot_files",
     "dynident.diagnosis.comparing.autocorrelation": "dynident.diagnosis.comparing.autocorrelation_and_spectra",
@@ -295,7 +295,7 @@ NAMES: dict[str, dict[str, str]] = {
         "reduce_and_keep": "reduce_and_cache",
         "reduce_with_more": "reduce_with_columns",
     },
-    "dynident.result_display": {
+    "dynident.text_and_html_tables": {
         "block": "join_html",
         "folded": "render_details",
         "listed": "render_list",

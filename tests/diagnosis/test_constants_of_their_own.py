@@ -10,7 +10,7 @@ import pytest
 from hidden_physics import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
 
 from dynident.diagnosis import diagnose
-from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.residuals.resolvable_motion import Resolution
 from dynident.diagnosis.search.refine import merge_alike
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice

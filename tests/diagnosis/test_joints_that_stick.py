@@ -14,7 +14,7 @@ from test_scoring_and_gate import judged
 
 from dynident.diagnosis import compare, diagnose
 from dynident.diagnosis.candidates.significance import ScoredCandidate
-from dynident.diagnosis.search import selection
+from dynident.diagnosis.search import next_finding
 from dynident.diagnosis.search.acceptance import is_acceptable, is_shadowed, is_too_small_for_runs
 from dynident.diagnosis.search.state import State
 from dynident.diagnosis.search.static_friction import Halts, find_halts, is_extrapolated
@@ -209,12 +209,14 @@ def test_what_nature_forbids_takes_the_name_of_its_own_shadow_alone(monkeypatch,
     gains = np.linspace(1.0, 2.0, 40)
     larger, smaller = judged(2.0 * gains, name=rival), judged(gains, columns=(6,), name=name)
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger)
+    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(
+        next_finding, "is_physically_possible", lambda data, pool, base, noise, item: item is not larger
+    )
     # Beside the one, nothing of the other is left.
-    monkeypatch.setattr(selection, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
+    monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(0.0 * gains, name=rival)])
     data = rows_of(turns=False)
-    found = selection.select_candidate(data, None, state, [larger, smaller])
+    found = next_finding.select_candidate(data, None, state, [larger, smaller])
     assert (found and found[0].candidate.effect) == named
 
 
@@ -226,11 +228,11 @@ def test_what_a_payload_of_some_runs_explains_away_is_no_spring_though_the_paylo
     spring, carried = judged(gains, columns=(6,), name="joint_spring"), judged(4.0 * gains, name="payload")
     carried = replace(carried, candidate=replace(carried.candidate, runs=("2",)))
     state = State((), np.ones(1), np.ones(1), ())
-    monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: item is not carried)
-    monkeypatch.setattr(selection, "is_too_small_for_runs", lambda state, data, item: item is carried)
-    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    monkeypatch.setattr(selection, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
-    found = selection.select_candidate(rows_of(turns=False), None, state, [carried, spring])
+    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: item is not carried)
+    monkeypatch.setattr(next_finding, "is_too_small_for_runs", lambda state, data, item: item is carried)
+    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "score_all", lambda *_: [judged(left * gains, columns=(6,), name="joint_spring")])
+    found = next_finding.select_candidate(rows_of(turns=False), None, state, [carried, spring])
     assert (found and found[0].candidate.effect) == named
 
 
@@ -260,22 +262,22 @@ def test_warmth_that_says_nearly_as_much_of_it_leaves_no_wear(monkeypatch):
     gains = np.linspace(1.0, 2.0, 40)
     worn = judged(gains, name="coulomb")
     worn = replace(worn, candidate=replace(worn.candidate, runs=("later",)))
-    monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), (), ("later",))
 
     def nothing_left(data, pool, base, others, noise):
         return [judged(0.0 * gains, name=one.effect) for one in others]
 
-    monkeypatch.setattr(selection, "score_all", nothing_left)
+    monkeypatch.setattr(next_finding, "score_all", nothing_left)
     for share, name, other, named in (
         (0.95, "temperature_friction", (6, 7), "temperature_friction"),
         (0.5, "temperature_friction", (6, 7), "coulomb"),
         (0.95, "load_dependent_friction", (6, 7), "coulomb"),
     ):
         warm = judged(share * gains, columns=other, name=name)
-        found = selection.select_candidate(data, None, state, [worn, warm])
+        found = next_finding.select_candidate(data, None, state, [worn, warm])
         assert found is not None
         assert found[0].candidate.effect == named
 
@@ -292,11 +294,11 @@ def test_friction_that_remembers_the_path_is_named_where_it_lowers_the_error_of_
         asked.append(kinds)
         return [judged(gains, name="presliding", before=2.0 * rows, after=left * rows)]
 
-    monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: True)
-    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
-    monkeypatch.setattr(selection, "score_all", where_it_moves)
+    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: True)
+    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "score_all", where_it_moves)
     state = State((), np.ones(1), np.ones(1), ())
-    found = selection.select_candidate(rows_of(turns=True), None, state, [sliding])
+    found = next_finding.select_candidate(rows_of(turns=True), None, state, [sliding])
     assert (found and found[0].candidate.effect) == named
     assert asked == [(False, False)]
 
@@ -321,12 +323,12 @@ def test_what_says_as_much_with_fewer_constants_gives_the_name_though_it_just_mi
     spring = judged(1.01 * gains, name="gravity_compensator", p=0.008)
     offset = judged(gains, columns=(6,), name="offset", p=0.012)
     poor = judged(0.5 * gains, columns=(7,), name="offset", p=0.012)
-    monkeypatch.setattr(selection, "is_acceptable", lambda state, data, item: item.p <= 0.01)
-    monkeypatch.setattr(selection, "is_physically_possible", lambda data, pool, base, noise, item: True)
+    monkeypatch.setattr(next_finding, "is_acceptable", lambda state, data, item: item.p <= 0.01)
+    monkeypatch.setattr(next_finding, "is_physically_possible", lambda data, pool, base, noise, item: True)
     data = rows_of(turns=False)
     state = State((), np.ones(1), np.ones(1), ())
     for rival, name in ((offset, "offset"), (poor, "gravity_compensator")):
-        found = selection.select_candidate(data, None, state, [spring, rival])
+        found = next_finding.select_candidate(data, None, state, [spring, rival])
         assert (found and found[0].candidate.effect, found and found[0].p) == (name, 0.008)
 
 

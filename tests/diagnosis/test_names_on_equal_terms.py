@@ -13,8 +13,8 @@ from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.pool import build_pool_of_choices
 from dynident.diagnosis.changes import identify_on_both
 from dynident.diagnosis.search.model_comparison import compare_names
+from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.refine import RecordedSource
-from dynident.diagnosis.search.selection import select_candidate
 from dynident.diagnosis.search.state import State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify

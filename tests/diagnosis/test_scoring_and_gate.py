@@ -30,7 +30,7 @@ from dynident.diagnosis.candidates.significance import (
 )
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import compute_stability
-from dynident.diagnosis.search.selection import find_richer_changes
+from dynident.diagnosis.search.next_finding import find_richer_changes
 from dynident.diagnosis.search.state import State
 from dynident.estimation import FactorAccumulator
 

@@ -21,7 +21,7 @@ from dynident.identification import Identification, check_same_recordings
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings.phases import Phase
 from dynident.reports.number_format import format_number, format_percent
-from dynident.result_display import format_text_table, join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
 _SHOWN = 5
 _PHASES = np.array([phase.name.lower() for phase in Phase])

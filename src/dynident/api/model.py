@@ -24,7 +24,8 @@ from dynident.identification.study.prediction import PredictedTorque, predict
 from dynident.progress import Progress, ignore_progress
 from dynident.reports.labels import format_joints, format_shape_constants, get_effect_title, get_step_mark
 from dynident.reports.number_format import format_count, format_number, format_percent
-from dynident.result_display import (
+from dynident.robot import Robot
+from dynident.text_and_html_tables import (
     format_text_table,
     join_html,
     render_details,
@@ -32,7 +33,6 @@ from dynident.result_display import (
     render_paragraph,
     render_table,
 )
-from dynident.robot import Robot
 from dynident.verdict import ModelVerdict, Outcome, verdict
 
 NO_RECORDINGS = Recordings(())

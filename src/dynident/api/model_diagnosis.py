@@ -28,7 +28,7 @@ from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress
 from dynident.reports.labels import format_hidden_effects, format_joints, format_shape_constants, get_effect_title
 from dynident.reports.result_rows import CANDIDATE_COLUMNS, format_candidates
-from dynident.result_display import format_text_table, join_html, render_list, render_paragraph, render_table
+from dynident.text_and_html_tables import format_text_table, join_html, render_list, render_paragraph, render_table
 
 _MOST_BARS, _MOST_PANELS = 12, 8
 

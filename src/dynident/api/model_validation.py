@@ -11,7 +11,7 @@ from dynident.api.model_identification import as_model
 from dynident.api.recordings import SomeRecordings, as_recordings
 from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
-from dynident.result_display import format_text_table, join_html, render_paragraph, render_table
+from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 from dynident.validation import (
     LARGEST_ERROR,
     ValidationOutcome,

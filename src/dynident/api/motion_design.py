@@ -21,8 +21,8 @@ from dynident.progress import Progress, ignore_progress
 from dynident.recordings.arrow import table_column_to_numbers
 from dynident.recordings.stored_rows import list_signal_units
 from dynident.reports.number_format import format_number, format_percent
-from dynident.result_display import join_html, render_details, render_list, render_paragraph, render_table
 from dynident.robot import Robot
+from dynident.text_and_html_tables import join_html, render_details, render_list, render_paragraph, render_table
 
 _FILE_ENDINGS = (".csv", ".parquet", ".yaml")
 _SHOWN_MARGINS = 5

@@ -11,7 +11,7 @@ from dynident.estimation import Errors
 from dynident.identification import Identification, IdentifiedParameter
 from dynident.reports.labels import PARAMETER_JUDGEMENTS
 from dynident.reports.number_format import format_estimate, format_number, format_percent
-from dynident.result_display import format_text_table, join_html, render_paragraph, render_table
+from dynident.text_and_html_tables import format_text_table, join_html, render_paragraph, render_table
 
 _SHOWN = 30
 _LONGEST = 40

@@ -20,8 +20,8 @@ from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.recordings import Check, Recording, RecordingError, RecordingMetadata, Revision
 from dynident.recordings.metadata import RevisionFields
 from dynident.recordings.recording_files import check_readable_path, make_unique_names
-from dynident.result_display import join_html, render_list, render_paragraph, render_table
 from dynident.robot import Robot
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph, render_table
 
 _COLUMNS = ("what", "proposed", "confidence", "why")
 _SHOWN, _NAMES = 30, 12

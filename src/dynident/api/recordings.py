@@ -17,8 +17,8 @@ from dynident.errors import DynidentError
 from dynident.recordings import Check, Recording, RecordingMetadata, Revision
 from dynident.recordings.recording_files import compute_digest, split_path
 from dynident.recordings.stored_rows import StoredSamples, load_stored_samples
-from dynident.result_display import join_html, render_list, render_paragraph, render_table
 from dynident.robot import Robot
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph, render_table
 
 _MARKS = {"ok": "✓", "warning": "!", "error": "✕"}
 _SHOWN = 8

@@ -19,7 +19,7 @@ from dynident.identification import Identification
 from dynident.progress import Progress, ignore_progress, scale_progress
 from dynident.reports.labels import format_hidden_effects, format_joints
 from dynident.reports.result_rows import CHANGE_COLUMNS, FRICTION_COLUMNS, format_change, format_friction_difference
-from dynident.result_display import (
+from dynident.text_and_html_tables import (
     format_text_table,
     join_html,
     render_details,

@@ -31,7 +31,7 @@ from dynident.diagnosis.comparing.noise import estimate_sensor_noise
 from dynident.diagnosis.disturbances import PUSH, leave_out_disturbances
 from dynident.diagnosis.request import DEFAULT_MOST_EFFECTS, check_candidates
 from dynident.diagnosis.residuals.patterns import build_failure_map, find_unknown_patterns
-from dynident.diagnosis.residuals.resolution import compute_resolution
+from dynident.diagnosis.residuals.resolvable_motion import compute_resolution
 from dynident.diagnosis.residuals.shape_proposals import propose_shapes
 from dynident.diagnosis.result import Change, Diagnosis, FrictionDifference, Invisible
 from dynident.diagnosis.search.contacts import find_contacts

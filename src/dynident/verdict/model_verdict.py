@@ -14,8 +14,8 @@ from dynident.identification import Identification
 from dynident.identification.recording_faults import CAUSES, VETOES, check_recording_faults
 from dynident.identification.thresholds import LARGEST_ERROR, OVERFIT, STOP, USUAL, USUAL_IN_FULL
 from dynident.recordings import Check, Recording, Revision
-from dynident.result_display import join_html, render_list, render_paragraph
 from dynident.robot import Robot
+from dynident.text_and_html_tables import join_html, render_list, render_paragraph
 from dynident.validation.simulation import Drift
 from dynident.verdict.detectable_loads import DetectableForce, compute_detectable_force, compute_detectable_mass
 from dynident.verdict.evidence import HeldOutEvidence, Outcome

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dynident.array_types import BoolArray
-from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.residuals.resolvable_motion import Resolution
 from dynident.diagnosis.residuals.shape_proposals import ShapeProposals
 from dynident.effects import CATALOGUE, Column, Effect, EffectChoice, build_columns, get_effect, get_role
 from dynident.effects.effect_columns import is_lasting_change

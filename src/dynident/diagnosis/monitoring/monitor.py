@@ -25,8 +25,8 @@ from dynident.diagnosis.monitoring.parameter_tracks import (
     widen_intervals,
 )
 from dynident.diagnosis.search.identifiability import is_determined
+from dynident.diagnosis.search.next_finding import select_candidate
 from dynident.diagnosis.search.pruning import prune_findings
-from dynident.diagnosis.search.selection import select_candidate
 from dynident.diagnosis.search.state import Finding, State, estimate_residual_noise, score_all
 from dynident.diagnosis.summary import rank_effects
 from dynident.effects import get_effect

@@ -17,7 +17,7 @@ from dynident.diagnosis.candidates.pool import Candidate, Pool, build_pool_of_ch
 from dynident.diagnosis.candidates.significance import ALPHA, ScoredCandidate, are_indistinguishable
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import FOUND_AGAIN, compute_stability
-from dynident.diagnosis.search.selection import is_seldom_change, select_candidate
+from dynident.diagnosis.search.next_finding import is_seldom_change, select_candidate
 from dynident.diagnosis.search.state import State, score_all
 from dynident.effects import EffectChoice
 from dynident.identification.shapes.shape_search import list_between

@@ -19,7 +19,7 @@ from dynident.diagnosis.candidates.pool import (
     select_columns_on,
 )
 from dynident.diagnosis.candidates.significance import ScoredCandidate, are_indistinguishable
-from dynident.diagnosis.residuals.resolution import Resolution
+from dynident.diagnosis.residuals.resolvable_motion import Resolution
 from dynident.diagnosis.residuals.time_blocks import compute_t
 from dynident.diagnosis.search.acceptance import compute_explained_error
 from dynident.diagnosis.search.contacts import drop_faded_contacts
