@@ -166,7 +166,8 @@ def from_bytes(content: bytes) -> Identification:
         raise
     except Exception as error:  # what damaged bytes raise is no closed list: zip, zlib, numpy, json, missing keys
         raise DynidentError(
-            "this version cannot read the file as an identified model", title="Unreadable model"
+            "this version cannot read the file as an identified model; give a file that an identification wrote",
+            title="Unreadable model",
         ) from error
 
 
