@@ -108,10 +108,10 @@ def main() -> None:
     told = f"median {np.median(conditions):.0f}, best {conditions[0]:.0f}"
     print(f"{model.n_parameters} columns; {N_STARTS} random trajectories: {told}")
     rows = [("method", "seconds", "condition number", "times ours")]
-    ours, reached = timed(lambda: our_design(scene), scene)
+    ours, reached = timed(lambda: our_design(scene))
     rows.append(("exact gradients, augmented Lagrangian", f"{ours:.2f}", f"{reached:.1f}", "1"))
     for name, rival in (("IPOPT, finite differences", ipopt), ("SLSQP, finite differences", slsqp)):
-        seconds, reached = timed(lambda rival=rival: rival(scene), scene)
+        seconds, reached = timed(lambda rival=rival: rival(scene))
         mark = "" if reached <= scene.goal else "> "
         compared(
             f"exciting trajectory of a Franka arm, seed {asked.seed}", ours, f"{name}{mark and ', not there'}", seconds
@@ -120,7 +120,7 @@ def main() -> None:
     show(f"Time to a condition number of {scene.goal:.1f}", rows)
 
 
-def timed(run: Callable[[], float], scene: Scene) -> tuple[float, float]:
+def timed(run: Callable[[], float]) -> tuple[float, float]:
     """Seconds, and the best condition number that was reached."""
     began = time.process_time()
     reached = run()

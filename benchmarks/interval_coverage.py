@@ -81,7 +81,7 @@ class Hidden:
     own: float | None = None
 
 
-def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
+def _stop(q: FloatArray, _dq: FloatArray) -> FloatArray:
     """Presliding by the stop operator, from a state of zero."""
     signal, z, out = MemorySignal("stop", 0, 0.02), 0.0, np.zeros(len(q))
     for k in range(1, len(q)):
@@ -90,7 +90,7 @@ def _stop(q: FloatArray, dq: FloatArray) -> FloatArray:
     return out
 
 
-def _counterbalance(q: FloatArray, dq: FloatArray) -> FloatArray:
+def _counterbalance(q: FloatArray, _dq: FloatArray) -> FloatArray:
     x, r = q - 0.4, 0.45
     return -1200.0 * np.sin(x) * (1 - 0.4 / np.sqrt(1 + r**2 + 2 * r * np.cos(x)))
 

@@ -76,7 +76,7 @@ class Model:
 
     @property
     def fit(self) -> Errors:
-        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,), …"""
+        """Errors on all rows of the data of the fit: `fit.relative_total`, `fit.relative` (n,) and more."""
         return self.identification.fit
 
     @property
