@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     # Told is processor time, and the rivals try one start after the other, too.
-    augmented_lagrangian.count_processors = lambda: 1
+    augmented_lagrangian.count_processors = lambda: 1  # type: ignore[attr-defined]  # a name that it imports
     robot = robot_from_library("franka_panda")
     model = pivoted(build_design_model(robot, EFFECTS))
     family: Family = FourierFamily(5, 10.0)
@@ -258,7 +258,7 @@ class _Callback(ca.Callback):
     def get_sparsity_out(self, _index: int) -> ca.Sparsity:
         return ca.Sparsity.dense(1 + 5 * self._plain.scene.robot.n)
 
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         value, limits = self._plain.values(np.asarray(arguments[0]).ravel())
         return [ca.DM(np.concatenate([[value], limits]))]
 
@@ -286,7 +286,7 @@ class _Watch(ca.Callback):
     def get_sparsity_in(self, index: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(index), 0), 1)
 
-    def eval(self, arguments: list[ca.DM]) -> list[int]:
+    def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         try:
             self._plain.look(np.asarray(arguments[0]).ravel())
         except Reached:

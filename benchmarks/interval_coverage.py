@@ -21,7 +21,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import pinocchio
@@ -315,7 +314,7 @@ def main() -> None:
         main_of_shapes(int(sys.argv[2]) if len(sys.argv) > 2 else 100)
         return
     recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    estimator = cast(EstimatorName, sys.argv[2]) if len(sys.argv) > 2 else "wls"
+    estimator = sys.argv[2] if len(sys.argv) > 2 else "wls"
     for memory in (None, *MEMORIES):
         begun = time.perf_counter()
         found = study(recordings, estimator=estimator, memory=memory)

@@ -183,7 +183,7 @@ def test_beyond_the_reach_of_a_loop_positions_are_numbers_and_the_loop_is_open()
     assert np.isfinite(closure.compute_rates(apart, closure.solve_passive(apart))).all()
 
 
-CHANGED_JOINTS = {
+CHANGED_JOINTS: dict[str, dict[str, dict[str, Any]]] = {
     "itself": {"flange": {"tie": {"flange": 2}}},
     "each other": {"flange": {"tie": {"yaw": 2}}, "yaw": {"tie": {"flange": 1}}},
     "nobody": {"flange": {"tie": {"elbow": 1}}},
