@@ -21,7 +21,7 @@ from dynident.diagnosis.result import Invisible
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import CATALOGUE, EffectChoice, get_effect
 from dynident.excitation import design_experiment
-from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.design_model import build_design_model
 from dynident.identification import IdentificationChoices, identify
 from dynident.motion.limits.bounds import build_bounds
 

@@ -12,8 +12,8 @@ from one_joint import ONE_JOINT, one_joint_recordings, one_joint_robot
 
 import dynident as dy
 from dynident.excitation.criteria.criterion_choice import CRITERIA
-from dynident.excitation.observation.row_model_names import ROW_MODELS
 from dynident.excitation.request import FAMILIES, JOINT_BY_JOINT
+from dynident.excitation.row_model_names import ROW_MODELS
 from dynident.export import ExportFormat, export_model
 from dynident.identification.choices import (
     AVAILABLE_COVARIANCES,

@@ -15,7 +15,7 @@ from dynident.diagnosis.search.refine import merge_alike
 from dynident.diagnosis.search.state import Finding
 from dynident.effects import EffectChoice
 from dynident.identification import extend
-from dynident.identification.shapes.shape_search import are_nearly_alike
+from dynident.identification.shape_search import are_nearly_alike
 
 SHORT, LONG = 0.006, 0.024
 

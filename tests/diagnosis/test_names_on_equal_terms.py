@@ -18,8 +18,8 @@ from dynident.diagnosis.search.refine import RecordedSource
 from dynident.diagnosis.search.state import State, estimate_residual_noise, score_all
 from dynident.effects import EffectChoice, get_effect
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.shapes.shape_refinement import list_shape_variables
-from dynident.identification.shapes.shape_search import list_between
+from dynident.identification.shape_refinement import list_shape_variables
+from dynident.identification.shape_search import list_between
 from dynident.robot import Robot
 
 

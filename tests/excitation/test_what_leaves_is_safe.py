@@ -11,7 +11,7 @@ import pytest
 from dynident.effects import EffectChoice
 from dynident.errors import DynidentError
 from dynident.excitation import DesignRequest, TrajectoryRequest, design_experiment
-from dynident.excitation.observation.design_model import build_design_model
+from dynident.excitation.design_model import build_design_model
 from dynident.motion import Box, Surroundings
 from dynident.motion.collision.free_space import build_free_space
 from dynident.motion.limits.bounds import ImpossibleLimitsError

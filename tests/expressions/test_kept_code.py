@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dynident.expressions import code_cache, machine_code
-from dynident.expressions.machine_code import Compiled
+from dynident.expressions import code_cache, program
+from dynident.expressions.program import Compiled
 
 pytest.importorskip("llvmlite")
 
@@ -27,14 +27,14 @@ def folder(tmp_path, monkeypatch) -> Path:
 def builds(monkeypatch) -> list[str]:
     """What is compiled, as text."""
     texts = []
-    parse = machine_code.llvm.parse_assembly
+    parse = program.llvm.parse_assembly
 
     def counted(text: str):
         if text:
             texts.append(text)
         return parse(text)
 
-    monkeypatch.setattr(machine_code.llvm, "parse_assembly", counted)
+    monkeypatch.setattr(program.llvm, "parse_assembly", counted)
     return texts
 
 
@@ -76,7 +76,7 @@ def test_damaged_code_is_compiled_again(folder, builds):
 
 def test_another_processor_or_compiler_has_code_of_its_own(folder, builds, monkeypatch):
     of(1.25)
-    monkeypatch.setattr(machine_code, "_read_versions", lambda: "another one")
+    monkeypatch.setattr(program, "_read_versions", lambda: "another one")
     of(1.25)
     assert len(builds) == 2
 

@@ -14,7 +14,7 @@ from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectErr
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, EstimationError, Reduction, statistics
 from dynident.identification import IdentificationChoices, extend, identify, identify_model
-from dynident.identification.parameters.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
+from dynident.identification.standard_parameters import compute_smallest_inertia_eigenvalue, draw_postures
 from dynident.recordings import Preprocessing
 from dynident.regressors.model import build_model
 from dynident.robot import to_pinocchio

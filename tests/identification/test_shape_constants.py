@@ -10,7 +10,7 @@ from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParamete
 from dynident.effects.hysteresis_states import step_state
 from dynident.errors import DynidentError
 from dynident.identification import IdentificationChoices, extend, identify
-from dynident.identification.shapes.shape_search import (
+from dynident.identification.shape_search import (
     check_shapes_given,
     complete_shapes,
     find_shapes,

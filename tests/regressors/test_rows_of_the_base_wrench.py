@@ -14,8 +14,8 @@ from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError
 from dynident.estimation import EquationFactors, Reduction, compute_errors, ordinary, solve, statistics, weighted
-from dynident.estimation.marginalisation import marginalise_parameters
 from dynident.identification import IdentificationChoices, extend, identify
+from dynident.identification.equations.model_equations import marginalise_parameters
 from dynident.identification.study.solve_again import remove
 from dynident.recordings import FurtherColumns, Preprocessing, Recording, filtered_blocks, recording_from_arrays
 from dynident.regressors.equation_forms import build_wrench_form, build_wrench_model

@@ -15,9 +15,8 @@ from test_uploads import as_csv, sound, upload
 
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.job_queue import JobQueue
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import Dependency, NewJob, NewResource
 from dynident_service.storage.resources import Resources

@@ -17,7 +17,7 @@ from sqlalchemy.exc import OperationalError
 
 from dynident_service.jobs import engine as engine_module
 from dynident_service.jobs import supervisor
-from dynident_service.jobs.local_executor import LocalExecutor
+from dynident_service.jobs.engine import LocalExecutor
 from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue

@@ -13,9 +13,8 @@ import pytest
 from service_helpers import TWO_JOINTS
 
 from dynident_service.problems import ProblemError
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.deletion import ObjectGone, sweep_objects
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.records import NewResource, OwnedObject, Resource
 from dynident_service.storage.resources import Resources

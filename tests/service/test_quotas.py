@@ -27,8 +27,7 @@ from dynident_service.services import Services
 from dynident_service.settings import Settings
 from dynident_service.storage.backup import back_up, restore
 from dynident_service.storage.bundle import export_robot, import_robot
-from dynident_service.storage.database import WRITES, Database
-from dynident_service.storage.migrate import build_alembic_config, migrate
+from dynident_service.storage.database import WRITES, Database, build_alembic_config, migrate
 from dynident_service.storage.objects import ObjectStore
 from dynident_service.storage.quotas import (
     Account,

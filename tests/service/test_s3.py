@@ -20,10 +20,9 @@ from test_uploads import as_csv, sound, upload
 from dynident_service.app import create_app
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
-from dynident_service.storage.database import Database
+from dynident_service.storage.database import Database, migrate
 from dynident_service.storage.deletion import ObjectGone, sweep_objects
 from dynident_service.storage.integrity_check import check_storage
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.objects import CHUNK, ObjectStore
 from dynident_service.storage.records import NewResource, OwnedObject
 from dynident_service.storage.resources import Resources

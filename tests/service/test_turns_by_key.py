@@ -9,10 +9,9 @@ import time
 import pytest
 
 from dynident_service.storage import job_transitions
-from dynident_service.storage.database import Database, get_database_time
+from dynident_service.storage.database import Database, get_database_time, migrate
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.job_transitions import Claim
-from dynident_service.storage.migrate import migrate
 from dynident_service.storage.records import NewJob
 
 JOB = NewJob("report", "nowhere:nothing")

@@ -10,7 +10,7 @@ from oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import IdentificationChoices, identify
-from dynident.identification.parameters.standard_parameters import (
+from dynident.identification.standard_parameters import (
     compute_smallest_inertia_eigenvalue,
     draw_postures,
     get_joint_range,
