@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
-from oracles import fourier_motion
+from support.hidden_effects import BAND, CASES, NAMES, ROBOT, WITH_OFFSET, Experiment, experiment, nothing, recorded
+from support.oracles import fourier_motion
 
 from dynident.advice import NextExperiment
 from dynident.advice.experiments import EXPERIMENTS, Question, choose_experiment

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
-from running_commands import dynident
+from support.oracles import arm, fourier_motion, pinocchio_rows, pinocchio_torque
+from support.running_commands import dynident
 
 from dynident_service.wire_types.drive_gains import DriveGainsResult
 

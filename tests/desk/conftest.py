@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from small_arm import ARM, write_run
+from support.small_arm_files import ARM, write_run
 
 import dynident as dy
 from dynident.robot import urdf_from_robot

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from absurd import absurd_requests
-from one_joint import one_joint_recordings, one_joint_robot, one_joint_urdf
+from support.implausible_numbers import absurd_requests
+from support.one_joint_robots import one_joint_recordings, one_joint_robot, one_joint_urdf
 
 import dynident as dy
 from dynident.diagnosis import DiagnosisChoices

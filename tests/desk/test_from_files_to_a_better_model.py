@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_arm import write_run
+from support.small_arm_files import write_run
 
 import dynident as dy
 from dynident import diagnosis, identification

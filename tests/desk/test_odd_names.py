@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from oracles import fourier_motion, pinocchio_torque, record
+from support.oracles import fourier_motion, pinocchio_torque, record
 
 import dynident as dy
 from dynident.api.recordings import CheckedRecording

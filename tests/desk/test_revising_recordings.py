@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_arm import ARM
+from support.small_arm_files import ARM
 
 import dynident as dy
 

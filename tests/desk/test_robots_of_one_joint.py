@@ -8,7 +8,7 @@ from functools import cache
 from typing import get_args
 
 import pytest
-from one_joint import ONE_JOINT, one_joint_recordings, one_joint_robot
+from support.one_joint_robots import ONE_JOINT, one_joint_recordings, one_joint_robot
 
 import dynident as dy
 from dynident.excitation.criteria.criterion_choice import CRITERIA

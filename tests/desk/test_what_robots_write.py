@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import robot_logs
-from oracles import arm, fourier_motion, pinocchio_torque
-from robot_logs import Signals
+from support import vendor_logs
+from support.oracles import arm, fourier_motion, pinocchio_torque
+from support.vendor_logs import Signals
 
 import dynident as dy
 from dynident.api.robot_files import set_drive_gains
@@ -56,7 +56,7 @@ def lerobot(s: Signals, path: Path, count: int = 2, **how) -> Path:
     """Episodes, whose time starts again."""
     m = len(s.t) // count
     parts = [Signals(**{name: v[k * m : (k + 1) * m] for name, v in vars(s).items()}) for k in range(count)]
-    return robot_logs.lerobot(parts, path, **how)
+    return vendor_logs.lerobot(parts, path, **how)
 
 
 def panda_names(prefix: str) -> list[str]:
@@ -67,32 +67,32 @@ Writer = Callable[[Signals, Path], Path]
 LOGS: dict[str, tuple[str, Writer, dict[str, str], dict[str, str]]] = {
     "ur_rtde": (
         "ur10",
-        robot_logs.ur_rtde,
+        vendor_logs.ur_rtde,
         {"t": "timestamp", "q1": "actual_q_0", "dq1": "actual_qd_0", "current1": "actual_current_0"},
         {},
     ),
     "RTDE record.py": (
         "ur10",
-        robot_logs.rtde_record,
+        vendor_logs.rtde_record,
         {"t": "timestamp", "q6": "actual_q_5", "dq1": "actual_qd_0", "current6": "actual_current_5"},
         {},
     ),
     "RSI": (
         "ur10",
-        robot_logs.rsi,
+        vendor_logs.rsi,
         {"t": "IPOC", "q1": "AIPos.A1", "current6": "MACur.A6"},
         {"t": "ms", "q": "deg"},
     ),
     "libfranka": (
         "franka_panda",
-        robot_logs.libfranka,
+        vendor_logs.libfranka,
         {"t": "time", "q1": "state.q[0]", "dq1": "state.dq[0]", "tau7": "state.tau_J[6]"},
         {"t": "ms"},
     ),
-    "pyFRI": ("franka_panda", robot_logs.pyfri, {"t": "time", "q1": "mp1", "tau7": "mt7"}, {}),
+    "pyFRI": ("franka_panda", vendor_logs.pyfri, {"t": "time", "q1": "mp1", "tau7": "mt7"}, {}),
     "LBRState as CSV": (
         "franka_panda",
-        robot_logs.lbr_state,
+        vendor_logs.lbr_state,
         {"t": "time_stamp_time", "q1": "measured_joint_position[0]", "tau7": "measured_torque[6]"},
         {},
     ),
@@ -135,19 +135,19 @@ LOGS: dict[str, tuple[str, Writer, dict[str, str], dict[str, str]]] = {
 BAGS: dict[str, tuple[str, Writer, dict[str, str], dict[str, str]]] = {
     "franka_ros": (
         "franka_panda",
-        robot_logs.franka_ros,
+        vendor_logs.franka_ros,
         {"t": "t", "q1": "franka_states/position_1", "tau7": "franka_states/torque_7"},
         {},
     ),
     "franka_ros2": (
         "franka_panda",
-        lambda s, path: robot_logs.ros_2(s, path, "franka_ros2", panda_names("fr3")),
+        lambda s, path: vendor_logs.ros_2(s, path, "franka_ros2", panda_names("fr3")),
         {"t": "t", "q1": "robot_state/position_fr3_joint1", "tau7": "robot_state/torque_fr3_joint7"},
         {},
     ),
     "LBRState": (
         "franka_panda",
-        lambda s, path: robot_logs.ros_2(s, path, "lbr", []),
+        lambda s, path: vendor_logs.ros_2(s, path, "lbr", []),
         {"t": "t", "q1": "robot_state/position_1", "tau7": "robot_state/torque_7"},
         {},
     ),
@@ -217,7 +217,7 @@ def test_commanded_positions_alone_are_asked_about(tmp_path, log):
 
 def test_currents_of_rtde_that_are_given_as_torques_are_told_to_be_without_gravity(tmp_path):
     s, robot = signals("ur10"), machine("ur10")
-    path = robot_logs.rtde_record(s, tmp_path / "log")
+    path = vendor_logs.rtde_record(s, tmp_path / "log")
     bare = s.tau - pinocchio_torque(arm("ur10"), s.q, 0 * s.q, 0 * s.q)
     head, *rows = path.read_text(encoding="utf-8").splitlines()
     names = " ".join(f"actual_current_as_torque_{j}" for j in range(6))
@@ -233,7 +233,7 @@ def test_currents_of_rtde_that_are_given_as_torques_are_told_to_be_without_gravi
 @pytest.mark.parametrize("largest", [4.0, 20.0, 64.0])
 def test_currents_in_telegrams_that_may_be_per_cent_are_asked_about_unless_the_drive_gains_fit(tmp_path, largest):
     s, per = signals("ur10"), largest / 100.0
-    percent = robot_logs.rsi(replace(s, current=s.current / per), tmp_path / "percent")
+    percent = vendor_logs.rsi(replace(s, current=s.current / per), tmp_path / "percent")
     asked = {one.field for one in dy.inspect(percent, machine("ur10")).questions}
     assert asked == {"drives"}
     fitting = set_drive_gains(arm("ur10"), tuple(per * gain for gain in GAINS["ur10"]))
@@ -243,7 +243,7 @@ def test_currents_in_telegrams_that_may_be_per_cent_are_asked_about_unless_the_d
 
 def test_telegrams_are_found_between_what_a_logger_adds_and_those_that_are_cut_off(tmp_path):
     s = signals("ur10").thinned(4)
-    plain = robot_logs.rsi(s, tmp_path / "plain")
+    plain = vendor_logs.rsi(s, tmp_path / "plain")
     lines = plain.read_text(encoding="utf-8").splitlines()
     answer = '<Sen Type="ImFree"><AK A1="0.0"/><IPOC>1</IPOC></Sen>'
     mixed = [f"2025-01-01 12:00:00 INFO {line.replace('><', f'>{chr(10)}  <')}\n{answer}" for line in lines]
@@ -319,7 +319,7 @@ def test_a_data_set_of_many_short_episodes_has_a_clock_that_starts_again_with_ea
 def test_a_log_that_was_polled_and_repeats_rows_is_the_same_recording(tmp_path):
     s, robot = signals("ur10"), machine("ur10")
     twice = np.sort(np.concatenate([np.arange(len(s.t)), np.arange(0, len(s.t), 7)]))
-    path = robot_logs.ur_rtde(Signals(**{name: values[twice] for name, values in vars(s).items()}), tmp_path / "log")
+    path = vendor_logs.ur_rtde(Signals(**{name: values[twice] for name, values in vars(s).items()}), tmp_path / "log")
     found = dy.inspect(path, robot)
     assert found.questions == ()
     (read,) = dy.read_recordings(path, robot=robot, **found.said)
@@ -346,12 +346,12 @@ def test_a_bag_that_does_not_say_how_its_messages_are_built_says_so(tmp_path):
 
 
 REAL: dict[str, Writer] = {
-    "ur_rtde": robot_logs.ur_rtde,
-    "RTDE record.py": robot_logs.rtde_record,
-    "RSI": robot_logs.rsi,
-    "libfranka": robot_logs.libfranka,
-    "pyFRI": robot_logs.pyfri,
-    "LeRobot": lambda s, path: robot_logs.lerobot([s], path, None),
+    "ur_rtde": vendor_logs.ur_rtde,
+    "RTDE record.py": vendor_logs.rtde_record,
+    "RSI": vendor_logs.rsi,
+    "libfranka": vendor_logs.libfranka,
+    "pyFRI": vendor_logs.pyfri,
+    "LeRobot": lambda s, path: vendor_logs.lerobot([s], path, None),
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from hidden_physics import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
+from support.hidden_effects import EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, experiment, hysteresis
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.residuals.resolvable_motion import Resolution

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_physics import CASES, NAMES, experiment
+from support.hidden_effects import CASES, NAMES, experiment
 
 from dynident.diagnosis import RankedEffect, evidence
 from dynident.effects import EffectChoice

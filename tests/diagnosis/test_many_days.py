@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from disturbed import loaded
-from hidden_physics import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
+from support.further_hidden_effects import loaded
+from support.hidden_effects import BAND, EFFORT, NAMES, ROBOT, WITH_OFFSET, Hidden, motions, nothing, on_joint, recorded
 
 from dynident.diagnosis.candidates.products import ProductStack
 from dynident.diagnosis.monitoring import (

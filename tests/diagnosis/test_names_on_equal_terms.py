@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
-from oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
+from support.hidden_effects import BAND, NAMES, ROBOT, WITH_OFFSET, nothing, on_joint, recorded
+from support.oracles import FloatArray, Motion, fourier_motion, pinocchio_torque
 
 from dynident.diagnosis import diagnose
 from dynident.diagnosis.candidates.pool import build_pool_of_choices

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_physics import NAMES, ROBOT, compared, experiment
+from support.hidden_effects import NAMES, ROBOT, compared, experiment
 
 from dynident.diagnosis.ambiguities import find_misnamed, is_only_helpful_at_first
 from dynident.diagnosis.candidates.pool import Candidate

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_physics import BAND, NAMES, ROBOT, on_joint, recorded
-from oracles import fourier_motion
+from support.hidden_effects import BAND, NAMES, ROBOT, on_joint, recorded
+from support.oracles import fourier_motion
 
 from dynident.diagnosis.candidates.pool import build_pool_of_choices
 from dynident.diagnosis.search.forward_selection import merge_findings

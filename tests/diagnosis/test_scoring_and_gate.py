@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from support.scored_candidates import judged
 
 from dynident.diagnosis.candidates.blocks import JointBlocks
 from dynident.diagnosis.candidates.pool import Candidate
@@ -240,17 +241,6 @@ def test_t_of_too_little_or_nothing_is_zero():
 def scored(before: np.ndarray, after: np.ndarray, columns=(5,)) -> Score:
     amplitudes, measured = np.ones(len(columns)), np.ones(before.shape[1])
     return Score(Candidate("c", (), (), columns), before, after, 0.5, amplitudes, measured)
-
-
-def judged(gains: np.ndarray, columns=(5,), name: str = "c", t: float = 5.0, **more) -> ScoredCandidate:
-    one = np.ones((len(gains), 1))
-    values = {
-        "candidate": Candidate(name, (), (), columns), "joints": (0,), "before": one, "after": one, "drop": 0.5,
-        "total_drop": 0.5, "t": t,
-        "gains": gains, "separability": 1.0, "amplitudes": np.ones(len(columns)), "share_improved": 1.0,
-        "measured": np.ones(1), "after_weighted": np.ones(len(gains)),
-    }  # fmt: skip
-    return ScoredCandidate(**{**values, **more})
 
 
 def test_what_says_a_little_more_of_a_change_with_more_parameters_is_told_beside_it():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from hidden_physics import WITH_OFFSET
-from oracles import FloatArray, arm, fourier_motion, pinocchio_torque, record
+from support.hidden_effects import WITH_OFFSET
+from support.oracles import FloatArray, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import Diagnosis, diagnose
 from dynident.estimation import FactorAccumulator, find_outlying_spans

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from oracles import arm
+from support.oracles import arm
 
 from dynident.effects import CATALOGUE, EffectChoice
 from dynident.effects.effect_columns import check_shape_constants

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from test_own_effects import ROOT, block, run
+from support.own_effects_page import ROOT, block, run
 
 SHOWN = """
 import contextlib, io, json, runpy, sys, tempfile

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safe_robots import safe_robot
 from scipy.optimize import minimize
+from support.robots_with_collision_geometry import safe_robot
 
 from dynident.effects import EffectChoice
 from dynident.excitation import CriterionChoice, DesignRequest

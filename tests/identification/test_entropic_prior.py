@@ -8,8 +8,8 @@ from functools import cache
 import cvxpy as cp
 import numpy as np
 import pytest
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 from scipy.optimize import minimize
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from scipy.interpolate import make_interp_spline
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification.recording_faults import ColumnFault, build_dynamics_checks, find_recording_faults
 from dynident.identification.recording_faults import held_out_fit as judging

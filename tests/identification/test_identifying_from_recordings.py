@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 from scipy import signal
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters, UnknownEffectError
 from dynident.errors import DynidentError

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.identification import identify
 from dynident.identification.column_inference.column_statistics import Sample

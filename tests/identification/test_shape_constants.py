@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import STOP, EffectChoice, MemorySignal, ReferenceParameters
 from dynident.effects.hysteresis_states import step_state

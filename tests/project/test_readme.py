@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from written_commands import run_commands
+from support.page_commands import run_commands
 
 from dynident.identification import thresholds
 from dynident.robot import robot_from_library, urdf_from_robot

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from mutations import DESCRIPTIONS, MESHES, MUTABLE_FILES, mutant, read_mutants
+from support.file_mutations import DESCRIPTIONS, MESHES, MUTABLE_FILES, mutant, read_mutants
 
 RECORDINGS = [kind for kind in MUTABLE_FILES if kind not in (*MESHES, *DESCRIPTIONS)]
 PEAK = 600 * 2**20

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
+from support.oracles import arm, crooked_urdf, fourier_motion, pinocchio_torque, random_states
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.errors import DynidentError

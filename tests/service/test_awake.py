@@ -16,9 +16,10 @@ import anyio
 import pytest
 from anyio import to_thread
 from fastapi import Request
-from nurseries import StandingBack
+from fork_servers import StandingBack
 from service_helpers import SCIENCE, serving, wait_for
-from test_jobs import is_running
+from support.processes import is_running
+from support.service_client import Client
 
 from dynident_service import interactive_compute as awaited_module
 from dynident_service import job_events as following_module
@@ -30,17 +31,6 @@ from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings
 from dynident_service.storage.job_queue import JobQueue
 from dynident_service.storage.records import NewJob
-
-
-class Client:
-    """Stands for a request whose client may leave."""
-
-    def __init__(self) -> None:
-        self.has_left = False
-        self.scope: dict[str, Any] = {}
-
-    async def is_disconnected(self) -> bool:
-        return self.has_left
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, wait_for
 from sqlalchemy import select
-from test_nothing_is_lost import Store, open_store
+from support.stores import Store, open_store
 from typer.testing import CliRunner
 
 from dynident.errors import DynidentError

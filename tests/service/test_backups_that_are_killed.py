@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.stores import Store, open_store
 from test_backup import Open, at, hashes
-from test_nothing_is_lost import Store, open_store
 
 from dynident.errors import DynidentError
 from dynident_service.storage.backup import back_up, open_archive_for_writing, restore

@@ -11,7 +11,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import event
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.problems import ProblemError
 from dynident_service.settings import Settings

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nurseries import WithoutScience
-from test_nothing_is_lost import CONTENT, Store, open_store
+from fork_servers import WithoutScience
+from support.stores import CONTENT, Store, open_store
 from typer.testing import CliRunner
 
 from dynident_service.cli import stored_resource_checks

@@ -15,7 +15,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS
 from sqlalchemy import func, select
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident.errors import DynidentError
 from dynident_service.cli.stored_resource_checks import check_stored_resource

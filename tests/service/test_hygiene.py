@@ -18,7 +18,7 @@ from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from sqlalchemy import update
 from sqlalchemy.exc import OperationalError
-from test_uploads import as_csv, files_in, sound, upload
+from support.measurement_uploads import as_csv, files_in, sound, upload
 
 from dynident_service.routes.uploads import _SentFile
 from dynident_service.services import Services

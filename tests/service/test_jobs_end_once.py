@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from nurseries import HEARTBEAT
+from fork_servers import HEARTBEAT
 from service_helpers import app_of, wait_for
 from sqlalchemy.exc import OperationalError
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from service_helpers import SCIENCE, TWO_JOINTS
-from test_uploads import as_csv, sound
+from support.measurement_uploads import as_csv, sound
 
 from dynident.identification.robot_recordings import import_for_robot
 from dynident.recordings import Recording, RecordingMetadata, open_recording

@@ -18,7 +18,7 @@ from distributed import Client
 from fastapi.testclient import TestClient
 from service_helpers import TWO_JOINTS, app_of, wait_for
 from shared_parts import NOTES, WORKER, Note, notes_in
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.services import Services
 from dynident_service.settings import Settings

@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
+from support.installed_versions import older_than_locked
 from typer.testing import CliRunner
-from versions import older_than_locked
 
 from dynident.diagnosis import DiagnosisChoices
 from dynident.errors import DynidentError

@@ -15,7 +15,7 @@ import pytest
 from fastapi.testclient import TestClient
 from s3_server import BUCKET, S3, s3_server
 from service_helpers import TWO_JOINTS, wait_for
-from test_uploads import as_csv, sound, upload
+from support.measurement_uploads import as_csv, sound, upload
 
 from dynident_service.app import create_app
 from dynident_service.problems import ProblemError

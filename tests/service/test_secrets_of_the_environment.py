@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx2
 import pytest
-from nurseries import WithoutScience
+from fork_servers import WithoutScience
 from service_helpers import free_port, wait_for
 
 from dynident_service import environment_secrets

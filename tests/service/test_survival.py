@@ -13,7 +13,7 @@ from typing import Any
 import httpx2
 import pytest
 from service_helpers import free_port, let_leases_run_out, wait_for
-from test_jobs import is_running
+from support.processes import is_running
 
 from dynident_service.storage.database import Database
 from dynident_service.storage.job_queue import JobQueue

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from measured_arm import BAND, IA, ROBOT, with_values
-from oracles import arm, fourier_motion, pinocchio_torque, record
+from support.measured_arm import BAND, IA, ROBOT, with_values
+from support.oracles import arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters
 from dynident.identification import IdentificationChoices, identify

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.effects import EffectChoice, ReferenceParameters, count_reference_parameters
 from dynident.effects.hysteresis_states import MemoryStates

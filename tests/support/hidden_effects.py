@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from oracles import FloatArray, Motion, arm, fourier_motion, pinocchio_torque, record
+from support.oracles import FloatArray, Motion, arm, fourier_motion, pinocchio_torque, record
 
 from dynident.diagnosis import Comparison, compare
 from dynident.effects import EffectChoice

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import Motion, crooked_urdf, fourier_motion, record
+from support.oracles import Motion, crooked_urdf, fourier_motion, record
 
 from dynident.recordings import Recording
 from dynident.robot import Robot, robot_from_urdf

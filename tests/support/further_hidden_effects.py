@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from hidden_physics import EFFORT, ROBOT, Case, Hidden, drives, on_joint
-from oracles import FloatArray, Motion, pinocchio_torque
+from support.hidden_effects import EFFORT, ROBOT, Case, Hidden, drives, on_joint
+from support.oracles import FloatArray, Motion, pinocchio_torque
 
 from dynident.robot import Robot, to_pinocchio
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from oracles import FloatArray, pinocchio_rows, random_states
+from support.oracles import FloatArray, pinocchio_rows, random_states
 
 from dynident.effects import Column, EffectChoice, RunSignal, Signals, build_columns
 from dynident.robot import Robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from oracles import fourier_motion, pinocchio_torque, record
+from support.oracles import fourier_motion, pinocchio_torque, record
 
 import dynident as dy
 from dynident.api.recordings import CheckedRecording

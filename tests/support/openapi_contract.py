@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx2
 
-CONTRACT = json.loads((Path(__file__).parents[1] / "openapi" / "openapi.json").read_text(encoding="utf-8"))
+CONTRACT = json.loads((Path(__file__).parents[2] / "openapi" / "openapi.json").read_text(encoding="utf-8"))
 OPERATIONS = frozenset(
     str(operation["operationId"]) for path in CONTRACT["paths"].values() for operation in path.values()
 )

@@ -1,6 +1,7 @@
 """Small valid files of every format that is read, what damages them, and what reads them in a process of its own.
 
-As a program it reads mutants one by one and prints a line a mutant: `python tests/mutations.py mcap 1 0 100`.
+As a program it reads mutants one by one and prints a line a mutant:
+`python tests/support/file_mutations.py mcap 1 0 100`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-LOCK = Path(__file__).resolve().parents[1] / "uv.lock"
+LOCK = Path(__file__).resolve().parents[2] / "uv.lock"
 
 
 def older_than_locked(name: str) -> bool:

@@ -1,6 +1,7 @@
 """Files that ask for what no recording, mesh or robot needs: memory, time, other files, programs.
 
-As a program it reads all of them as the library does, and prints a line a file: `python tests/hostile_files.py`.
+As a program it reads all of them as the library does, and prints a line a file:
+`PYTHONPATH=tests python -m support.hostile_files`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from mutations import (
+from support.file_mutations import (
     JOINT_STATE,
     MJCF,
     MUTABLE_FILES,

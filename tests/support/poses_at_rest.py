@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from oracles import FloatArray, pinocchio_torque
+from support.oracles import FloatArray, pinocchio_torque
 
 from dynident.robot import Robot
 

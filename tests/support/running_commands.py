@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-from oracles import arm, fourier_motion, pinocchio_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque
 from typer.testing import CliRunner
 
 from dynident_service.cli.app import app

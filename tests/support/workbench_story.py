@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from playwright.sync_api import Locator, Page, expect
-from two_link_arm import NOISE, URDF
+from support.two_link_arm import NOISE, URDF
 
 FARTHEST = 400
 """Presses of Tab from anywhere on a page to anywhere else on it."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-from oracles import arm, fourier_motion, pinocchio_torque
+from support.oracles import arm, fourier_motion, pinocchio_torque
 
 ARM = arm("scara")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from oracles import Motion, pinocchio_torque, random_states
+from support.oracles import Motion, pinocchio_torque, random_states
 
 from dynident.effects import ReferenceParameters
 from dynident.estimation import FactorAccumulator, concatenate_reductions
