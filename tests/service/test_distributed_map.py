@@ -1,4 +1,4 @@
-"""What is sent to another worker of a cluster, and to whom; `test_parts_on_a_cluster.py` does it with real ones."""
+"""Parts of jobs on other workers, without a cluster (`test_distributed_map_on_a_cluster.py` has one)."""
 
 from __future__ import annotations
 
